@@ -56,7 +56,7 @@ fn run_verb() -> ExitCode {
     }
 }
 
-/// Returns whom a node lets come: its team, everybody, or nobody from other hosts. Never a team and everybody.
+/// Returns the peers that a node accepts: its team, every host, or no other host. Never a team and every host.
 fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<Reach> {
     let Some(member) = member else {
         ensure!(
@@ -86,8 +86,8 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
     Ok(Reach::Team(Arc::clone(member) as _))
 }
 
-/// How many files a node needs to have open at once: 20 of its own, and for 8 other nodes, 8 commands, 2 programs with 6 each, and
-/// what is open for a moment.
+/// How many files a node needs to have open at once: 20 of its own, and for 8 other nodes, 8 commands, 2 programs with
+/// 6 each, and short-lived ones.
 const FILES_MIN: u64 = 64;
 /// How much address space it needs, in bytes. Its threads and allocators reserve far more than they use.
 const ADDRESSES_MIN: u64 = 1 << 30;
@@ -143,7 +143,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         let announcing = async move {
             if is_ready.wait_for(|ready| *ready).await.is_ok() {
                 told.ready(&name);
-                // A node runs just as well where nobody reads that.
+                // A node runs just as well if this is not read.
                 drop(console::pass(format!("node `{name}` is ready\n").as_bytes()));
             }
         };

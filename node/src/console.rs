@@ -15,7 +15,7 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
-/// The longest line of an error, in characters: what a command was given may stand in it, however long that is.
+/// The longest line of an error, in characters: it may contain an argument of the command, which may be very long.
 const ERROR_LINE_MAX: usize = 1000;
 
 /// Why a result could not be written, the first time.
@@ -23,7 +23,7 @@ static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Notified when a result could not be written, for whatever reason.
 static UNWRITTEN: Notify = Notify::const_new();
 
-/// Why a verb did not do what was asked; each has its exit code.
+/// The reason why a verb failed; each has its exit code.
 #[derive(Debug)]
 pub enum Failure {
     /// The command was refused, or it failed: exit code 1.
@@ -32,11 +32,12 @@ pub enum Failure {
     Reported,
     /// The command names something that does not exist: exit code 2.
     Usage(anyhow::Error),
-    /// Somebody could not be reached: exit code 3.
+    /// A node or program could not be reached: exit code 3.
     Unreachable(anyhow::Error),
-    /// Somebody could not be reached, and that has been printed: exit code 3.
+    /// A node or program could not be reached, and that has been printed: exit code 3.
     ReportedUnreachable,
-    /// A limit was reached before everything was decided, and what was and was not has been said: exit code 4.
+    /// A limit was reached before everything was decided, and the decided and undecided parts have been printed: exit
+    /// code 4.
     Limited,
 }
 
@@ -46,7 +47,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Reads the arguments of this process. What asks for nothing to be done, as `--help`, is answered here.
+/// Reads the arguments of this process. Arguments that ask only for information, such as `--help`, are answered here.
 ///
 /// # Errors
 /// With the exit code, where there is nothing left to do.
@@ -120,18 +121,18 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
+/// Writes a result. If it has no reader any more, this is not reported; any other failure is a failure of the command
 /// ([`failed`]).
 pub fn say(text: &str) {
     let Err(error) = write_result(&mut results(), text) else { return };
     if error.kind() != io::ErrorKind::BrokenPipe {
-        // The first reason is the one that helps.
+        // The first reason is the most helpful one.
         drop(FAILED.set(error));
     }
     UNWRITTEN.notify_one();
 }
 
-/// Waits until a result could not be written: what goes on until somebody ends it need not go on.
+/// Waits until a result could not be written: an endless command need not go on then.
 ///
 /// # Cancellation
 /// Safe.
@@ -156,7 +157,7 @@ pub fn failed() -> Option<&'static io::Error> {
     FAILED.get()
 }
 
-/// Writes what a program has written. Returns whether somebody reads standard output: if not, there is no reason to go on.
+/// Writes the output of a program. Returns whether standard output has a reader: if not, there is no reason to go on.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -178,11 +179,11 @@ pub fn written_out(text: &str) -> String {
 /// Writes a line for a person: a warning, a step that is over.
 pub fn note(text: &str) {
     let (mut err, text) = (io::stderr(), written_out(text));
-    // Where should one say that standard error is gone?
+    // There is no place to report that standard error is gone.
     drop(err.write_all(format!("{}\n", text.trim_end_matches('\n')).as_bytes()).and_then(|()| err.flush()));
 }
 
-/// Writes why a command did not do what was asked.
+/// Writes the reason why a command failed.
 pub fn complain(error: &anyhow::Error) {
     note(&format!("error: {}", complaint(&format!("{error:#}"))));
 }
@@ -204,7 +205,7 @@ fn complaint(text: &str) -> String {
 /// Waits for the first of some tasks to end, and returns how it did.
 ///
 /// # Errors
-/// As the task has ended; one that panicked has failed.
+/// The result of the ended task; a task that panicked has failed.
 ///
 /// # Cancellation
 /// Safe.
@@ -213,7 +214,7 @@ pub async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Result<()
     ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
 }
 
-/// Runs a program, whose stack is as large as usual whatever the caller of the process has limited.
+/// Runs a program with a stack of the usual size, even if the caller of the process has limited it.
 pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
     let no_thread = |error| finish(Err(anyhow!("its main thread cannot be started: {error}").into()));
     stack::on_own_stack(program).unwrap_or_else(no_thread)

@@ -33,10 +33,10 @@ pub(crate) struct Agent {
     socket: PathBuf,
 }
 
-/// The reports so far, and the connection that gets the next ones.
+/// The reports up to now, and the connection that gets the next ones.
 struct Reports {
     made: Vec<String>,
-    /// How many of them an agent was told.
+    /// How many of them were sent to an agent.
     told: usize,
     /// The agent that attached last; at first the agent that started this shim.
     attached: Option<UnixStream>,
@@ -92,7 +92,7 @@ impl Agent {
         is_heard
     }
 
-    /// Returns whether an agent was told every report.
+    /// Returns whether every report was sent to an agent.
     pub(crate) fn is_told(&self) -> bool {
         let reports = lock(&self.reports);
         reports.told == reports.made.len()
@@ -105,7 +105,7 @@ impl Agent {
     }
 }
 
-/// The thread that reads what agents say.
+/// The thread that reads the orders of agents.
 struct Reader {
     reports: Arc<Mutex<Reports>>,
     events: SyncSender<Event>,

@@ -24,7 +24,7 @@ const DATAGRAM_MAX: usize = 512;
 /// How many parents of a sender are looked at.
 const ANCESTORS_MAX: usize = 100;
 
-/// Where the program says that it lives.
+/// The socket for the program's signs of life.
 pub(crate) struct Beats {
     socket: UnixDatagram,
 }

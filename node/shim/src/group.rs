@@ -180,7 +180,7 @@ fn place(controller: Controller) -> Result<Place, String> {
     if !place.is_unified {
         return Ok(place);
     }
-    // The group of a node holds processes, so groups with controllers stand beside it.
+    // The group of a node holds processes, so groups with controllers are made beside it.
     if place.folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with("dca-")) {
         place.folder.pop();
     }

@@ -9,7 +9,7 @@ use std::io::{self, Read as _};
 use std::os::fd::AsRawFd;
 use std::path::PathBuf;
 
-/// The bytes with which the kernel tells a script. Source: execve(2).
+/// The bytes by which the kernel recognises a script. Source: execve(2).
 const SCRIPT: &[u8; 2] = b"#!";
 
 /// The file that was judged, to be executed.
@@ -30,7 +30,7 @@ impl Opened {
 /// Opens the file that was judged, with the rights that the program has.
 ///
 /// # Errors
-/// It is not there any more, or was changed or exchanged since, in a sentence.
+/// Returns a sentence if it is gone, or was changed or exchanged since.
 pub(crate) fn open(judged: &Judged) -> Result<Opened, String> {
     let path = judged.path.display();
     let failed = |error: io::Error| format!("cannot open `{path}`, which the policy has admitted: {}", cause(&error));

@@ -26,7 +26,7 @@ fn is_plain(start: &ShimStart) -> bool {
     start.limits == Limits::default() && start.groups.is_empty() && start.sandbox == Sandbox::default()
 }
 
-/// Returns what to execute instead of the program: itself, unless it has limits or a sandbox.
+/// Returns the command to execute instead of the program: the program itself, unless it has limits or a sandbox.
 pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)> {
     let plain = || start.command.iter().map(OsString::from);
     if is_plain(start) {
@@ -54,7 +54,7 @@ const REASON_MAX: usize = 64 << 10;
 
 /// Becomes the program; returns only if that is refused.
 pub(crate) fn launch(start: &ShimStart) -> ExitCode {
-    // Behind a sandbox it may not be made any more. An empty file is no reason.
+    // The sandbox may forbid making it later. An empty file is not a reason.
     let early =
         (start.sandbox != Sandbox::default()).then(|| file::created(&start.dir.join(REFUSED_FILE), Privacy::Usual));
     let reason = limit(start).map_or_else(|reason| reason, |next| execute(&next, start));
@@ -109,7 +109,7 @@ struct ToExecute<'a> {
     is_launch: bool,
 }
 
-/// Takes the limits, and gives up the rights; returns what to execute.
+/// Takes the limits, and gives up the rights; returns the command to execute.
 fn limit(start: &ShimStart) -> Result<ToExecute<'_>, String> {
     let limits = &start.limits;
     let caps = [
@@ -157,7 +157,8 @@ fn limit(start: &ShimStart) -> Result<ToExecute<'_>, String> {
     }
     others.iter().try_for_each(|group| join(group))?;
     for (resource, value, what) in caps {
-        // At the soft limit of its time a program gets SIGXCPU, which says why it ends; at the hard one SIGKILL.
+        // At the soft limit of its time a program gets SIGXCPU, which shows the reason of its end; at the hard one
+        // SIGKILL.
         let maximum = value.map(|value| value + u64::from(resource == Resource::Cpu));
         let limit = Rlimit { current: value, maximum };
         if let (Some(value), Err(error)) = (value, value.map_or(Ok(()), |_| setrlimit(resource, limit))) {

@@ -97,7 +97,7 @@ Options:
 enum Event {
     Order(ShimOrder),
     AgentGone,
-    /// Another one is there.
+    /// Another agent has attached.
     Attached,
     Ended(Pid, WaitStatus),
     /// The program hangs.
@@ -223,7 +223,8 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; says why not.
+/// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; returns the
+/// reason if it cannot.
 fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group), String> {
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
@@ -247,7 +248,7 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
     Ok((record, group))
 }
 
-/// Waits at the gate, if there is one; says whether it was opened.
+/// Waits at the gate, if there is one; returns whether it was opened.
 fn is_opened(start: &ShimStart, agent: &Agent, events: &Receiver<Event>) -> bool {
     if start.gate == Gate::None {
         return true;
@@ -281,7 +282,7 @@ struct Program {
     pidfd: OwnedFd,
 }
 
-/// Starts the program, or says why not.
+/// Starts the program, or returns the reason why not.
 fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
     let name = start.command.first().ok_or("there is no program")?;
     if !start.working_directory.is_dir() {

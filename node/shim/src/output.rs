@@ -73,7 +73,7 @@ impl Output {
         drop(self.writer.lock().unwrap_or_else(PoisonError::into_inner).take());
     }
 
-    /// Waits until everything written so far is in the file, for `within` at the most.
+    /// Waits until the output up to now is in the file, for at most `within`.
     pub(crate) fn settle(&self, within: Duration) {
         let busy = |state: &mut State| {
             // In this order: bytes that have left the pipe show in the state.
@@ -143,7 +143,7 @@ fn write(mut file: LogFile, queue: &Queue) {
     }
 }
 
-/// Returns what stands where output is missing.
+/// Returns the text for a gap in the output.
 fn gap(dropped: u64) -> Vec<u8> {
     if dropped == 0 {
         return Vec::new();
@@ -165,10 +165,10 @@ impl LogFile {
         Ok(Self { dir: dir.to_owned(), file: Some(file) })
     }
 
-    /// Appends, and loses what does not fit on the disk: the program goes on.
+    /// Appends, and drops output that does not fit on the disk: the program goes on.
     fn append(&mut self, bytes: &[u8]) {
         let path = self.dir.join(OUTPUT_FILE);
-        // A file that was removed cannot be read any more, and would grow without end.
+        // A removed file can no longer be read, and would grow without end.
         drop(self.file.take_if(|file| !file::is_in_place(file, &path)));
         if self.file.is_none() {
             self.file = file::appended_itself(&path, Privacy::Usual).ok();

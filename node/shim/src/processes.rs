@@ -17,7 +17,7 @@ pub struct Stat {
     pub session: i32,
     /// Whether it has ended, and only its parent has not looked yet.
     pub is_zombie: bool,
-    /// Whether it is suspended, by a signal or by a debugger: it does nothing before that lets it go on.
+    /// Whether it is suspended, by a signal or by a debugger, and waits to be resumed.
     pub is_stopped: bool,
 }
 
@@ -93,7 +93,7 @@ fn has_child_lists(pid: i32) -> bool {
     Path::new(&format!("/proc/{pid}/task/{pid}/children")).exists()
 }
 
-/// Each thread has a list of its own.
+/// Each thread has a separate list.
 fn listed_children(pid: i32) -> Vec<Process> {
     stats_of_children(pid).into_iter().map(|stat| stat.process).collect()
 }
@@ -106,7 +106,7 @@ fn stats_of_children(pid: i32) -> Vec<Stat> {
     pids.into_iter().filter_map(stat).collect()
 }
 
-/// Returns whether a process runs: it is there, has the start time given, and has not ended.
+/// Returns whether a process runs: it exists, has the start time given, and has not ended.
 pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
 }

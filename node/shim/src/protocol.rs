@@ -1,8 +1,8 @@
 //! The protocol between an agent and the shim of one program.
 //!
-//! The shim is the parent of the program, so that the agent can be killed and replaced while the program runs on. It is
-//! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
-//! standard output. End of input means that the agent is gone.
+//! The shim is the parent of the program, so that the agent can be killed and replaced while the program keeps running.
+//! Its arguments name the program, it takes orders as lines on its standard input, and reports as lines on its standard
+//! output. End of input means that the agent is gone.
 //!
 //! Another agent then attaches at the socket [`SOCKET_FILE`]. Orders and reports are counted from the start of the
 //! shim, over all connections, so that none is lost and none is carried out twice:
@@ -47,13 +47,13 @@ pub const VARIABLE_PREFIX: &str = "DCA_ENV_";
 pub const LEVELS: &str = "--sandbox-levels";
 /// How the program ended, as the line of the [`ShimReport`]; in place before the report is made.
 pub const EXIT_FILE: &str = "exit";
-/// Where an agent attaches to a shim whose own agent is gone, in the instance directory.
+/// The socket in the instance directory where an agent attaches to a shim that has lost its agent.
 pub const SOCKET_FILE: &str = "shim.sock";
-/// Where the program says that it lives, in the instance directory: datagrams as sd_notify(3) writes them.
+/// The socket for the program's signs of life, in the instance directory: datagrams in the format of sd_notify(3).
 pub const BEAT_FILE: &str = "beat.sock";
 /// The longest line between agent and shim, its end included, in bytes. A longer one ends the connection.
 pub const LINE_MAX: u64 = 8 << 10;
-/// How long a program may take to stop once its agent is gone, unless the start says otherwise.
+/// How long a program may take to stop once its agent is gone, unless the start sets another time.
 pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
 
 /// When the program is executed.

@@ -12,7 +12,7 @@ use std::time::Duration;
 const LOOKS: u32 = 4;
 /// The shortest time between two looks.
 const LOOK_MIN: Duration = Duration::from_millis(1);
-/// After so many late looks in a row late ones count.
+/// After this many late looks in a row, late ones count.
 const LATE_MAX: u32 = 8;
 
 /// The watcher of one program.

@@ -439,7 +439,7 @@ fn real_time_is_given_or_refused_as_the_policy_says() {
     assert!(shim.child.wait().unwrap().success());
 }
 
-/// Output goes on in a new file when the old one is removed or moved away. Two files of 1 MiB are the most in any case.
+/// Output continues in a new file when the old one is removed or moved away. There are at most two files of 1 MiB.
 #[test]
 fn output_goes_on_when_its_file_is_taken_away() {
     // Each line is written before the next order: the test does something with the file in between.

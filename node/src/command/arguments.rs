@@ -51,8 +51,8 @@ pub(crate) struct Arguments {
     /// The engine of a new database on the disk, `redb` or `sled`; a database keeps the engine that it was made on [default: redb]
     #[arg(long, value_name = "ENGINE")]
     pub(super) store: Option<Engine>,
-    /// What tells this boot of the machine from others, for a container that is started anew with the same kernel
-    /// [default: the kernel's own name for it]
+    /// Identifies this boot of the machine, for a container that is restarted with the same kernel [default: the
+    /// kernel's own identifier]
     #[arg(long, value_name = "TEXT", value_parser = boot_id)]
     pub(super) boot_id: Option<String>,
     /// The team whose database this robot has a copy of
@@ -123,8 +123,8 @@ fn peer(text: &str) -> Result<String, &'static str> {
     if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
 }
 
-/// Returns whether a network interface can have this name. What has a meaning in the locators of zenoh is left out. Source: `dev_valid_name`
-/// of Linux.
+/// Returns whether a network interface can have this name. Characters with a meaning in the locators of zenoh are not
+/// allowed. Source: `dev_valid_name` of Linux.
 fn is_interface(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_graphic() && !"/:?#%[]".contains(c);
     (1..=INTERFACE_MAX).contains(&name.len()) && name.chars().all(is_plain)

@@ -109,7 +109,7 @@ fn is_known(user: &str) -> bool {
     asked.is_ok_and(|output| output.status.success())
 }
 
-/// Writes a unit, whole or not at all, unless a person has changed the one that is there.
+/// Writes a unit, completely or not at all, unless a person has changed the present one.
 fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Written> {
     let text = unit.text();
     if fs::metadata(path).is_ok_and(|there| !there.is_file()) {

@@ -1,15 +1,15 @@
-//! Checks that this process was given a standard output that can be written, takes back what was done to its signals, and writes out
-//! what stands in its arguments.
+//! Checks that this process was given a writable standard output, resets its signals, and escapes the text of its
+//! arguments for output.
 //!
-//! Before `main`, the runtime of Rust opens `/dev/null` in the place of a standard stream that is closed; and of one that is open
-//! for reading alone it takes each write for done. So a result would be lost, and nobody would know. Once the runtime has begun, nothing
-//! tells its `/dev/null` from one that the caller has given: Python's `subprocess.DEVNULL` has the same flags. So this is
-//! looked at before: the loader calls what `.init_array` lists ahead of the runtime. Source: System V ABI, "Initialization and
-//! Termination Functions"; `std::sys::pal::unix::init`.
+//! Before `main`, the runtime of Rust opens `/dev/null` in the place of a closed standard stream; and on a stream that
+//! is open only for reading it treats each write as done. So a result would be lost unnoticed. Once the runtime has
+//! begun, its `/dev/null` cannot be told from one that the caller has given: Python's `subprocess.DEVNULL` has the same
+//! flags. So this is checked before: the loader calls the functions in `.init_array` ahead of the runtime. Source:
+//! System V ABI, "Initialization and Termination Functions"; `std::sys::pal::unix::init`.
 //!
-//! Signals that the caller has blocked stay blocked in a program that it starts, and in what that starts: nobody could stop a node by
-//! SIGTERM. Where SIGCHLD is ignored, the kernel forgets how a child has ended. Source: signal(7), "Execution of signal handlers";
-//! sigaction(2). A SIGHUP that is ignored is a wish (`nohup`), and stays so.
+//! Signals that the caller has blocked stay blocked in a program that it starts, and in its children: such a node could
+//! not be stopped by SIGTERM. If SIGCHLD is ignored, the kernel discards the exit status of children. Source:
+//! signal(7), "Execution of signal handlers"; sigaction(2). An ignored SIGHUP is intended (`nohup`), and stays ignored.
 
 use crate::logic::printable::one_line;
 use std::collections::BTreeSet;
@@ -61,8 +61,8 @@ pub(super) fn check() -> io::Result<()> {
     Ok(())
 }
 
-/// What stands between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`. In texts without colours what begins with an escape may
-/// be left out.
+/// The separators between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`. In texts without colours a part
+/// that begins with an escape may be left out.
 const BETWEEN: [char; 7] = [':', '/', '=', '.', ',', ' ', '\x1b'];
 
 /// Returns a text in which the arguments of this process, and the names in them, stand as a terminal may show them.

@@ -1,5 +1,6 @@
-//! Whether messages of other nodes are from whom they say. In a team each is signed with the key of a certificate, and the name in
-//! that is the only one under which its node speaks; elsewhere everybody is believed.
+//! Checks that messages of other nodes come from their claimed sender. In a team each message is signed with the key of
+//! a certificate, and its node may only speak under the name in the certificate. Outside a team every sender is
+//! believed.
 
 use crate::logic::link::Frame;
 use crate::logic::protocol::{Body, Refusal, Relay};
@@ -9,7 +10,7 @@ use comms::logic::{codec, key};
 use std::sync::Arc;
 use team::member::Member;
 
-/// Lets through what is from whom it says.
+/// Lets through the messages that come from their claimed sender.
 #[derive(Clone, Debug)]
 pub(crate) struct Authors {
     member: Option<Arc<Member>>,
@@ -22,10 +23,10 @@ impl Authors {
         Self { member, session: Arc::clone(session), host: host.to_owned() }
     }
 
-    /// Returns whether a message is from `claimed`. If not, that is in the audit log, and who has said it is told.
+    /// Returns whether a message is from `claimed`. If not, this is written to the audit log, and its sender is told.
     pub(crate) fn admits(&self, author: &Author, claimed: &str) -> bool {
         let Some((member, why)) = self.member.as_ref().zip(author.problem(claimed)) else { return true };
-        // Nobody has met it yet: it says so again.
+        // This node does not know its key yet: the sender repeats the message.
         if *author == Author::Stranger {
             tracing::debug!(claimed, "a message of somebody who is not known yet is dropped");
         } else if member.refuse_message(&format!("speak as `{claimed}`"), &why)
@@ -45,7 +46,7 @@ impl Authors {
         }
     }
 
-    /// Signs what this node has passed on to another one by way of the one that the frame is for.
+    /// Signs a message that this node passes on to another one by way of the frame's receiver.
     pub(crate) fn sign_relay(&self, frame: &mut Frame) {
         let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
         if relay.from == self.host {
@@ -54,8 +55,8 @@ impl Authors {
         }
     }
 
-    /// Takes what is passed on to this node out of a frame, unless who it is from has signed it. The frame itself counts: its sender
-    /// would send it again for ever.
+    /// Removes a relayed message for this node from a frame, unless its author has signed it. The frame itself counts:
+    /// its sender would otherwise repeat it for ever.
     pub(crate) fn check_relay(&self, frame: &mut Frame) {
         let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
         if relay.to != self.host {
@@ -72,7 +73,7 @@ impl Authors {
         }
     }
 
-    /// Takes the word of another node that it has refused something which this one has said.
+    /// Takes another node's report that it has refused a message of this one.
     pub(crate) fn hear_refusal(&self, author: &Author, bytes: &[u8]) {
         let Ok(Refusal { by, why }) = codec::decode(bytes) else { return };
         if self.admits(author, &by) {

@@ -1,10 +1,10 @@
 //! Sends the answers to a call, and ends them: complete, or with the reason why not.
 //!
-//! Whoever answers must not wait for a caller that takes nothing, so there is room for so many answers. The first one that
-//! finds no room ends the call, and the caller is told that what it has is not everything. It is told the same when
-//! whoever answers is gone before [`Caller::end`].
+//! A server must not wait for a caller that takes nothing, so there is room for a limited number of answers. The first
+//! answer without room ends the call, and the caller is told that its answers are incomplete. It is told the same when
+//! the server is gone before [`Caller::end`].
 //!
-//! A call may have a witness, who hears what became of the request also when its caller is gone.
+//! A call may have a witness, which hears the outcome of the request even if its caller is gone.
 
 use crate::logic::gate::{Outcome, outcome};
 use crate::logic::protocol::Answer;
@@ -18,13 +18,13 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 const ANSWERS_MAX: usize = 4096;
 /// The error of a caller that has not taken all answers.
 const SLOW: &str = "more came than were taken";
-/// The error of a caller whose answers nobody has ended.
+/// The error of a caller whose answers were never ended.
 const LEFT: &str = "the node went away from them";
 
-/// How the answers have ended, as soon as that is known.
+/// The end of the answers, as soon as it is known.
 type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;
 
-/// The end of whoever answers.
+/// The server's end of a call.
 #[derive(Debug)]
 pub struct Caller {
     answers: Sender<Answer>,
@@ -32,7 +32,7 @@ pub struct Caller {
     witness: Mutex<Option<Witness>>,
 }
 
-/// Hears once what became of a request; nothing if nobody has said that.
+/// Hears the outcome of a request once; none if no answer had it.
 struct Witness(Box<dyn FnOnce(Option<Outcome>) + Send>);
 
 impl fmt::Debug for Witness {
@@ -41,7 +41,7 @@ impl fmt::Debug for Witness {
     }
 }
 
-/// The end of whoever passes the answers on.
+/// The receiving end of the answers, which passes them on.
 #[derive(Debug)]
 pub struct Answers {
     answers: Receiver<Answer>,
@@ -55,7 +55,7 @@ pub fn answers() -> (Caller, Answers) {
 }
 
 impl Caller {
-    /// Has somebody hear what became of the request, once an answer says so, or that no answer has.
+    /// Adds a witness, which hears the outcome of the request once an answer has it, or that none has.
     #[must_use]
     pub(crate) fn witnessed(mut self, witness: impl FnOnce(Option<Outcome>) + Send + 'static) -> Self {
         self.witness = Mutex::new(Some(Witness(Box::new(witness))));
@@ -75,8 +75,8 @@ impl Caller {
         outcome(answer).into_iter().for_each(|outcome| self.tell(Some(outcome)));
     }
 
-    /// Answers without waiting. Returns whether there was room, and somebody who still takes answers; if not, there will be
-    /// no more. A witness takes answers, too, up to the one that says what became of the request.
+    /// Answers without waiting. Returns whether there was room, and a receiver; if not, there will be no more answers.
+    /// A witness also receives answers, up to the one with the outcome of the request.
     pub fn offer(&self, answer: Answer) -> bool {
         self.tell_of(&answer);
         match self.answers.try_send(answer) {
@@ -89,7 +89,7 @@ impl Caller {
         }
     }
 
-    /// Answers, once there is room. Returns whether somebody still takes answers.
+    /// Answers, once there is room. Returns whether there is still a receiver.
     ///
     /// # Cancellation
     /// The answer is lost.
@@ -103,7 +103,7 @@ impl Caller {
         self.answers.max_capacity() - self.answers.capacity()
     }
 
-    /// Waits until nobody takes answers any more.
+    /// Waits until there is no receiver any more.
     ///
     /// # Cancellation
     /// Safe.
@@ -111,7 +111,7 @@ impl Caller {
         self.answers.closed().await;
     }
 
-    /// Says that this was everything; unless there was no room for something.
+    /// Marks the answers as complete, unless there was no room for one.
     pub fn end(self) {
         self.settle(Ok(()));
     }
@@ -123,7 +123,7 @@ impl Caller {
     }
 
     fn settle(&self, end: Result<(), Cow<'static, str>>) {
-        // What was said first stays.
+        // The first end counts.
         self.end.set(end).unwrap_or_default();
     }
 }
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(heard(vec![answer()]), [Some(Err(String::new()))]);
     }
 
-    /// Whoever asked was killed: what it has asked for goes on, and its end is known.
+    /// The caller was killed: its request goes on, and the outcome is known.
     #[tokio::test]
     async fn a_witness_takes_answers_when_the_caller_is_gone() {
         let (told, hears) = std::sync::mpsc::sync_channel(8);

@@ -1,9 +1,9 @@
 //! Makes a control group for this process and everything that it starts, where the system allows it.
 //!
-//! The process moves into a group of its own once, at its start, and whatever it starts is born there: a start costs
-//! nothing more, and no program leaves the group by itself, whatever it does to its parents, session and environment. After
-//! a crash the next run finds the group by the file that names it, and kills what is in it. Only the second version of
-//! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
+//! The process moves into its own group once, at its start, and all of its children are born there. So a start has no
+//! extra cost, and no program can leave the group by changing its parents, session or environment. After a crash the
+//! next run finds the group by the file that names it, and kills its processes. Only the second version of control
+//! groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
 
 use crate::logic::protocol::Containment;
 use comms::io::file;
@@ -25,7 +25,7 @@ const NAME_MAX: usize = 4096;
 static OWN: Mutex<Option<PathBuf>> = Mutex::new(None);
 
 /// Moves this process into a group of its own, unless it is in one, and writes the group's name into `folder`. Nothing
-/// happens where the system does not allow it: in containers, in sessions that are not delegated.
+/// happens if the system does not allow it: in containers, and in sessions that are not delegated.
 pub fn enter(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     if own.is_none() {
@@ -38,12 +38,12 @@ pub fn enter(folder: &Path) {
     }
 }
 
-/// Returns whether a process that is started where this one is could have a group of its own: one is made, and removed.
+/// Returns whether a process started in this group could get its own group: one is made, and removed.
 pub fn is_possible() -> bool {
     let own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(place) = place().filter(|_| own.is_none()) else { return own.is_some() };
     let trial = place.join(format!("{PREFIX}trial-{}", std::process::id()));
-    // Without `cgroup.kill` the kernel is older than what it takes.
+    // Without `cgroup.kill` the kernel is older than required.
     let is_made = takes_groups(&place) && std::fs::create_dir(&trial).is_ok();
     let is_possible = is_made && trial.join("cgroup.kill").exists();
     if is_made {
@@ -52,7 +52,7 @@ pub fn is_possible() -> bool {
     is_possible
 }
 
-/// Moves this process into the group of the earlier run in `folder`, whose programs it takes over.
+/// Moves this process into the group of the earlier run in `folder`, whose programs it adopts.
 pub fn enter_recorded(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     if own.is_none() {
@@ -60,12 +60,12 @@ pub fn enter_recorded(folder: &Path) {
     }
 }
 
-/// Returns the group of this process, if it has one of its own.
+/// Returns the group of this process, if it has its own.
 pub fn own() -> Option<PathBuf> {
     OWN.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// Returns what keeps hold of the programs of this process.
+/// Returns the kind of containment for the programs of this process.
 pub fn containment() -> Containment {
     let is_in_group = OWN.lock().unwrap_or_else(PoisonError::into_inner).is_some();
     if is_in_group { Containment::ControlGroup } else { Containment::Subreaper }
@@ -86,7 +86,8 @@ pub fn recorded(folder: &Path) -> Option<PathBuf> {
     let name = file::bytes(&folder.join(GROUP_FILE), NAME_MAX).ok()?;
     let group = PathBuf::from(String::from_utf8(name).ok()?);
     let process = process_of(&group)?;
-    // One that holds this process, too, cannot be killed as a whole: a program of the earlier run has started it.
+    // A group that also holds this process cannot be killed as a whole: a program of the earlier run has started this
+    // process.
     let holds_this = place().is_none_or(|place| place.starts_with(&group));
     (group.join("cgroup.procs").is_file() && !processes::is_running(process) && !holds_this).then_some(group)
 }
@@ -123,8 +124,9 @@ fn make() -> Option<PathBuf> {
     Some(group)
 }
 
-/// Returns whether groups can be made in this one. With controllers in it, a group of its own would change how much of the
-/// machine this process gets; but those of limits are there for programs of this or an earlier node.
+/// Returns whether groups can be made in this one. If controllers are enabled in it, another group would change this
+/// process's share of the machine. The controllers for limits do not count: they are enabled for programs of this node
+/// or an earlier one.
 fn takes_groups(place: &Path) -> bool {
     let of_limits = ["memory", "pids", "cpu"];
     let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control"));
@@ -161,7 +163,7 @@ fn place() -> Option<PathBuf> {
 }
 
 /// Returns the folder of the group `path` if a line of `/proc/self/mountinfo` is a mount that shows it. Source:
-/// proc_pid_mountinfo(5): fields 4 and 5 are what is mounted and where, the type stands behind ` - `.
+/// proc_pid_mountinfo(5): fields 4 and 5 are the root and the place of the mount, the type follows ` - `.
 fn below_mount(line: &str, path: &str) -> Option<PathBuf> {
     let (before, after) = line.split_once(" - ")?;
     let mut fields = before.split(' ').skip(3);

@@ -1,10 +1,10 @@
 //! Starts and signals programs, and nothing else does. Each program has a shim, which takes lines as orders and reports in
 //! lines.
 //!
-//! A shim that this node has started has its lines in two pipes. One that an earlier run of the node has started is attached
-//! to, at its socket; `shim::protocol` says what is counted then, so that nothing is lost or done twice.
+//! A shim started by this node has its lines in two pipes. A shim started by an earlier run of the node is attached to
+//! at its socket. `shim::protocol` defines the count of lines that makes sure nothing is lost or done twice.
 //!
-//! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
+//! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a living node orders them.
 
 mod executable;
 pub mod leftovers;
@@ -36,7 +36,7 @@ use tokio::sync::mpsc::{Receiver, Sender};
 
 /// How much of a program's output is read to find its last lines, in bytes.
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
-/// How long a shim may take for each step of an attachment: one that is suspended takes none.
+/// How long a shim may take for each step of an attachment; a suspended shim takes no step.
 const ATTACH_WITHIN: Duration = Duration::from_secs(3);
 /// The longest record of an instance, in bytes.
 const RECORD_MAX: usize = 1 << 20;
@@ -49,7 +49,7 @@ const OUTPUT_BEGIN_FILE: &str = "out.begin";
 #[derive(Debug)]
 pub struct ShimOrders {
     channel: OrderChannel,
-    /// What the shim is given before any order.
+    /// The secrets that the shim gets before any order.
     secrets: SecretBytes,
 }
 
@@ -59,26 +59,26 @@ enum OrderChannel {
     Attached(OwnedWriteHalf),
 }
 
-/// The other side of a shim: what it says, until it ends.
+/// The reporting side of a shim, until it ends.
 #[derive(Debug)]
 pub struct ShimReports {
     channel: ReportChannel,
     dir: PathBuf,
-    /// How long the file of output was: what was written before is not this program's.
+    /// The earlier length of the output file: bytes before it do not belong to this program.
     written_before: u64,
 }
 
 #[derive(Debug)]
 enum ReportChannel {
     Started(std::process::Child, ChildStdout),
-    /// What was read with the reply, and what comes behind it.
+    /// The bytes that were read with the reply, and the rest of the stream.
     Attached(Vec<u8>, OwnedReadHalf),
 }
 
 /// A shim that an earlier run of the node has started, and that takes orders of this one now.
 #[derive(Debug)]
 pub struct Attached {
-    /// Where the orders after those that were taken go.
+    /// Takes the orders that follow the ones already taken.
     pub orders: ShimOrders,
     /// Where the reports come that the node did not have.
     pub reports: ShimReports,
@@ -97,11 +97,12 @@ pub struct Attached {
 /// Outside a tokio runtime.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimReports)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
-    // For whoever looks after this node has died here: until the shim is there, these would be of an earlier program.
+    // If this node has just died and been restarted here: until the shim is there, these files would belong to an
+    // earlier program.
     for stale in [EXIT_FILE, SOCKET_FILE] {
         remove_stale(&start.dir.join(stale))?;
     }
-    // Without it old lines stand before those of this program, and only after such a death.
+    // Without this file the output of an earlier program would precede this one's, but only after such a death.
     if let Err(error) = file::write(&start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string().as_bytes()) {
         tracing::debug!(%error, "where the output of a program begins is not kept");
     }
@@ -123,8 +124,8 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
     Ok((ShimOrders { channel: OrderChannel::Started(orders), secrets: SecretBytes::default() }, reports))
 }
 
-/// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are known.
-/// The returned reports begin with the first one that is not known. Blocks, for 10 s at the most.
+/// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are
+/// known. The returned reports begin with the first unknown one. Blocks, for 10 s at most.
 ///
 /// # Errors
 /// `TimedOut`: the shim is there and does not answer; it is suspended, or still has another node. Every other kind: the shim
@@ -160,7 +161,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     })
 }
 
-/// Reads what is there, without waiting for more.
+/// Reads the available bytes, without waiting for more.
 fn read_ready(stream: &mut UnixStream) -> io::Result<Vec<u8>> {
     let (mut ready, mut bytes) = (Vec::new(), [0; 4096]);
     while ready.len() < RECORD_MAX {
@@ -204,7 +205,8 @@ pub fn ended(dir: &Path) -> Option<ShimReport> {
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
-/// Ends what a killed shim has left, for as long as anything is there: what the kernel does not remove may still move something.
+/// Ends the leftovers of a killed shim, for as long as there are any: a process that the kernel does not remove may
+/// still move something.
 async fn end_left(dir: PathBuf) {
     let ending = |round| {
         let folder = dir.clone();
@@ -227,7 +229,7 @@ async fn forget_end(dir: &Path) {
     }
 }
 
-/// Returns the last lines that the program in `dir` has written, for an end that [`ended`] has told.
+/// Returns the last output lines of the program in `dir`, for an end that [`ended`] has returned.
 pub fn ended_output(dir: &Path) -> Vec<String> {
     last_output(dir, output_begin(dir))
 }
@@ -250,10 +252,11 @@ fn remove_stale(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns what the sandbox of this shim takes beyond capabilities, where the kernel has it: `landlock`, `seccomp`. Blocks.
+/// Returns the levels of this shim's sandbox beyond capabilities that the kernel supports: `landlock`, `seccomp`.
+/// Blocks.
 ///
 /// # Errors
-/// The shim cannot be started, or does not say it.
+/// The shim cannot be started, or does not print them.
 pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
     let said = Command::new(shim).arg(LEVELS).stdin(Stdio::null()).stderr(Stdio::null()).env_clear().output()?;
     if !said.status.success() {
@@ -295,10 +298,10 @@ impl ShimOrders {
 }
 
 impl ShimReports {
-    /// Passes every report on, with the last lines of output beside an exit; the last one is always `Gone`.
+    /// Passes every report on, together with the last lines of output at an exit; the last one is always `Gone`.
     ///
     /// # Cancellation
-    /// Not safe: reports are lost. Runs in a task of its own until the shim ends.
+    /// Not safe: reports are lost. Runs in its own task until the shim ends.
     pub async fn listen(self, sink: Sender<(ShimReport, Vec<String>)>) {
         let Self { channel, dir, written_before } = self;
         let (mut child, reports): (_, Box<dyn AsyncRead + Send + Unpin>) = match channel {
@@ -341,13 +344,13 @@ impl ShimReports {
             }
         }
         let reaping = tokio::task::spawn_blocking(move || {
-            // One that was attached to is the child of another process.
+            // A shim that was attached to is the child of another process.
             child.as_mut().map_or(Ok(()), |child| child.wait().map(drop))
         });
-        // It may be traced, by its own program, too: then its end is the tracer's to take note of first.
+        // It may be traced, even by its own program: then the tracer has to collect its end first.
         if !gone {
             end_left(dir).await;
-            // Nobody is left to hear it only when the node itself is leaving.
+            // Only a node that is leaving has no receiver.
             sink.send((ShimReport::Gone, Vec::new())).await.unwrap_or_default();
         }
         drop(sink);
@@ -357,11 +360,11 @@ impl ShimReports {
     }
 }
 
-/// Returns the last lines that a program has written, of what stands in its folder behind the first `before` bytes.
+/// Returns the last lines of a program's output, from the part of the file after the first `before` bytes.
 fn last_output(dir: &Path, before: u64) -> Vec<String> {
     let now = dir.join(OUTPUT_FILE);
     let length = std::fs::metadata(&now).map_or(0, |file| file.len());
-    // A file that is shorter than it was is another: the one before has been put aside.
+    // A file that is shorter than before is a new one: the previous file has been put aside.
     let rotated = length < before;
     let (mut output, cut) = end_of(&now, if rotated { 0 } else { before }).unwrap_or_default();
     if cut || !rotated {
@@ -383,7 +386,7 @@ fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     Ok((end, begin > before))
 }
 
-/// Returns what a spec lets a program use, in the shim's words.
+/// Returns the resources that a spec grants a program, in the shim's form.
 pub fn limits(usage: &Usage) -> Limits {
     let realtime = usage.realtime.map(|one| Realtime { priority: one.priority, is_optional: one.is_optional });
     Limits {

@@ -1,12 +1,13 @@
 //! The thread of a node's database: it owns the replica and the store, and nothing else ever waits for the disk.
 //!
-//! A turn takes everything that waits, as `Groups` gathers it, writes what comes of it in one batch, and then carries out
-//! the rest. What comes in goes into a bounded queue: a caller is refused when it is full, a message of another replica is
-//! dropped, since replicas ask again. What goes out is carried by a task (`wire`) over the node's own session.
+//! A turn takes all waiting inputs, as `Groups` gathers them, writes the results in one batch, and then carries out the
+//! other effects. Inputs go into a bounded queue: when it is full, a caller is refused, and a message of another
+//! replica is dropped, since replicas ask again. Outgoing messages are carried by a task (`wire`) over the node's
+//! session.
 //!
-//! When the disk fails, what was not written is refused, the store is opened anew, and the replica begins again with what
-//! is on the disk: a sync that is tried once more may succeed without having written anything. While the store cannot be
-//! opened either, the database answers questions and takes no writes; it tries again every few seconds.
+//! When the disk fails, unwritten changes are refused, the store is reopened, and the replica starts again from the
+//! disk: a repeated sync may succeed without having written anything. If the store cannot be opened either, the
+//! database answers reads and takes no writes; it tries again every few seconds.
 
 mod notary;
 mod presence;
@@ -57,17 +58,17 @@ pub struct Options {
     pub robot: String,
     /// Name of the team.
     pub team: String,
-    /// Folder for what must survive; none for a database in memory.
+    /// Folder for durable data; none for a database in memory.
     pub folder: Option<PathBuf>,
-    /// Folder for what may be gone with the node: a copy of a store that can only be read.
+    /// Folder for temporary data: a copy of a store that can only be read.
     pub scratch: PathBuf,
     /// The engine of a new one; nothing for the default.
     pub store: Option<Engine>,
     /// The proof that callers on this machine show.
     pub proof: String,
-    /// The node as a member of its team, if it is in one: it signs what it writes.
+    /// The node as a member of its team, if it is in one: it signs its transactions.
     pub member: Option<Arc<Member>>,
-    /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
+    /// Whether it founds a new team at once, like the first of a command's own nodes.
     pub founds: bool,
 }
 
@@ -82,7 +83,7 @@ enum Arrival {
     Leave,
 }
 
-/// The way to a running database. It ends when the last one of these is gone.
+/// The way to a running database, which ends when the last handle is gone.
 #[derive(Clone, Debug)]
 pub struct Handle {
     arrivals: SyncSender<Arrival>,
@@ -112,13 +113,13 @@ struct Worker {
     /// Questions of other replicas that are not answered yet.
     asked: BTreeMap<u64, Box<Request>>,
     asked_next: u64,
-    /// Calls whose answers nobody takes any more.
+    /// Calls without a receiver for their answers.
     gone: Vec<u64>,
     reopen_at: Time,
     check_at: Time,
-    /// Why the store could not be opened, as it was last told.
+    /// The last reported reason why the store could not be opened.
     told: Option<String>,
-    /// Where what the robot's own keys say is shown.
+    /// Publishes the settings under the robot's own keys.
     settings: watch::Sender<Settings>,
 }
 
@@ -170,15 +171,15 @@ impl DatabaseThread {
         &self.handle
     }
 
-    /// Returns what the robot's own keys say, and hears of every change.
+    /// Returns the settings under the robot's own keys, and every later change.
     pub fn settings(&self) -> watch::Receiver<Settings> {
         self.settings.clone()
     }
 
-    /// Ends it. What was acknowledged is on the disk already.
+    /// Ends it. Acknowledged changes are on the disk already.
     ///
     /// # Cancellation
-    /// It ends all the same.
+    /// It ends in any case.
     pub async fn close(self) {
         let Self { handle, thread, mut wire, .. } = self;
         let joined = tokio::task::spawn_blocking(move || {
@@ -227,7 +228,7 @@ impl Handle {
         }
     }
 
-    /// Writes something of the node's own, which nobody waits for.
+    /// Writes a change of the node itself, without an answer.
     pub fn write(&self, commit: Commit) {
         self.call(0, Question::Commit(commit), None);
     }
@@ -237,7 +238,7 @@ impl Handle {
         self.offer(Arrival::Appeared);
     }
 
-    /// Hands over what may be lost.
+    /// Hands over an input that may be lost.
     fn offer(&self, arrival: Arrival) {
         if self.arrivals.try_send(arrival).is_err() {
             tracing::debug!("the database has too much to do; a message of another replica is dropped");
@@ -257,7 +258,7 @@ impl Worker {
         }
     }
 
-    /// Returns everything that waits, after waiting for the first of it; nothing once nobody can send any more.
+    /// Waits for the first input and returns all waiting ones; none once there is no sender any more.
     fn wait(&mut self) -> Option<Vec<Arrival>> {
         let deadline = if self.machine.closed().is_some() { Some(self.reopen_at) } else { self.machine.deadline() };
         self.arrivals.next(deadline)
@@ -294,7 +295,7 @@ impl Worker {
         Some(inputs)
     }
 
-    /// Writes what is to be written, in one batch, and then does the rest.
+    /// Writes the durable effects in one batch, and then carries out the others.
     fn carry_out(&mut self, effects: Vec<Effect>, durable: Durable) {
         let (mut batch, mut rest) = (Batch::default(), Vec::with_capacity(effects.len()));
         for effect in effects {
@@ -400,7 +401,7 @@ impl Worker {
     }
 
     fn send(&self, outgoing: Outgoing) {
-        // Replicas ask again for what was lost; an address that is lost would not be found again, so that waits.
+        // Replicas ask again for lost messages; a lost address would never be found again, so an address waits.
         let sent = if matches!(outgoing, Outgoing::Address(_)) {
             self.outgoing.blocking_send(outgoing).is_ok()
         } else {
@@ -415,7 +416,7 @@ impl Worker {
 /// Returns why a store does not write, for a person.
 fn words(error: &anyhow::Error) -> String {
     let text = format!("{error:#}");
-    // The engine tells the system's errors as a program would print them for itself.
+    // The engine prints the system's errors in its own form.
     if text.contains("StorageFull") || text.contains("No space left") {
         return "the disk that it is on is full; it goes on by itself when there is room again".to_owned();
     }

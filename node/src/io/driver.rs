@@ -77,7 +77,7 @@ pub struct Config {
     pub network: NetworkConfig,
     /// The programs that it runs.
     pub programs: ProgramsConfig,
-    /// Whether it takes over what a node of its name that was killed has left in its folder.
+    /// Whether it adopts the programs that a killed node of its name has left in its folder.
     pub adopts: bool,
     /// A name for this boot of the machine, where the kernel has none.
     pub boot: Option<String>,
@@ -111,7 +111,7 @@ pub struct ProgramsConfig {
     pub controllers: Vec<PathBuf>,
     /// The variables that every program takes over from this process.
     pub inherited: Inherited,
-    /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
+    /// How long programs have to stop when this node is gone; none if they continue, for a node that is restarted.
     pub agent_loss_grace: Option<Duration>,
 }
 
@@ -153,7 +153,7 @@ struct Gate {
     guard: Option<Guard>,
     /// The orders of other nodes that were accepted and are not answered yet.
     accepted: BTreeMap<u64, Attempt>,
-    /// Decides what runs here.
+    /// Decides which programs may run here.
     policy: ExecutionPolicy,
 }
 
@@ -173,9 +173,9 @@ struct Files {
 struct Running {
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
-    /// For each deployment that has programs here what ends with it.
+    /// For each deployment with programs here, a sender that is dropped when the deployment ends.
     living: BTreeMap<Deployment, watch::Sender<()>>,
-    /// What the wires of its programs have lost.
+    /// The losses on the wires of its programs.
     losses: Losses,
     returning: Returning,
     /// Where programs run.
@@ -197,7 +197,8 @@ struct Queues {
 /// # Errors
 /// The folder, the session or a controllers' program cannot be used.
 pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
-    // A file that is too long for the limits of this process is an error of whoever writes it, as a full disk is, not its end.
+    // A file that exceeds the limit of this process is an error of its writer, like a full disk, and does not end the
+    // process.
     let _too_long = signal(SignalKind::from_raw(SIGXFSZ)).context("asking for a signal")?;
     kernel::check().map_err(anyhow::Error::msg)?;
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
@@ -221,7 +222,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
             }
             asked = leave.wait_for(|leave| *leave), if !leaving => {
                 leaving = true;
-                // A sender that is gone leaves nobody to ask, which is the same wish.
+                // If the sender is gone, no one can ask again, which means the same.
                 drop(asked);
                 Some(Input::Leave)
             }
@@ -453,11 +454,12 @@ impl Driver {
         self.queues.pending.push_back(Input::Undelivered { process, why });
     }
 
-    /// Tells the database of a node that has come, drops the link to one that is lost, and tells people of every change, where the log is this node's alone.
+    /// Tells the database of a new node, drops the link to a lost one, and logs every change, if the log belongs to
+    /// this node alone.
     fn peer(&self, change: &Change) {
         match change {
             Change::Appeared { .. } => self.database.handle().appeared(),
-            // It may be suspended: its system still takes what is sent.
+            // It may be suspended: its system still takes messages.
             Change::Lost { host } => self.peers.cut(host),
             Change::Missing { .. }
             | Change::Detour { .. }
@@ -470,7 +472,7 @@ impl Driver {
         }
     }
 
-    /// Has something done beside the loop that nobody waits for.
+    /// Starts a job beside the loop, without waiting for it.
     fn later(&self, job: Job) {
         if let Err(error) = self.queues.jobs.try_send(job) {
             tracing::warn!(%error, "the queue of jobs is full: one is dropped");

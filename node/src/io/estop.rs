@@ -1,5 +1,6 @@
-//! The file `estop` in the folder of a node's state: while it is there, everything is stopped. It has a line with who has stopped it,
-//! and a line with why. One that cannot be read counts: nothing begins before somebody releases it.
+//! The file `estop` in the folder of a node's state: while it exists, everything is stopped. It has a line with the
+//! user who has stopped everything, and a line with the reason. An unreadable file counts: nothing begins before a user
+//! releases it.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::Estop;
@@ -14,21 +15,21 @@ const FILE: &str = "estop";
 /// The longest such file that is read, in bytes.
 const SIZE_MAX: usize = 4096;
 
-/// The file; none for a node whose memory ends with it.
+/// The file; none for a node that keeps nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct EstopFile(Option<Arc<Inner>>);
 
 #[derive(Debug)]
 struct Inner {
     path: PathBuf,
-    /// What is to be in it.
+    /// The intended content.
     wanted: Mutex<Option<Estop>>,
     /// Held while it is written: a later wish never gives way to an earlier one.
     disk: Mutex<()>,
 }
 
 impl EstopFile {
-    /// Returns the file in a folder, and who had stopped everything.
+    /// Returns the file in a folder, and the stop that it records.
     pub(crate) fn open(folder: Option<PathBuf>) -> (Self, Option<Estop>) {
         let Some(path) = folder.map(|folder| folder.join(FILE)) else { return (Self(None), None) };
         let found = match file::bytes(&path, SIZE_MAX) {
@@ -43,14 +44,14 @@ impl EstopFile {
         (Self(Some(Arc::new(inner))), found)
     }
 
-    /// Takes note of what is to be in it.
+    /// Notes the intended content.
     pub(crate) fn want(&self, estop: Option<Estop>) {
         if let Some(inner) = &self.0 {
             *lock(&inner.wanted) = estop;
         }
     }
 
-    /// Writes what is to be in it. Blocks.
+    /// Writes the intended content. Blocks.
     ///
     /// # Errors
     /// The disk refuses; for a person.
@@ -71,9 +72,9 @@ impl EstopFile {
     }
 }
 
-/// Makes the file, to stay over a power cut. That it is there counts; a full disk may leave out its words.
+/// Makes the file, to survive a power cut. Its existence counts; a full disk may leave out its words.
 fn mark(path: &Path, words: &str) -> io::Result<()> {
-    // A file that says it already is never away, not even for a moment.
+    // A file with the same words is never removed, not even for a moment.
     if file::bytes(path, SIZE_MAX).is_ok_and(|there| there == words.as_bytes()) {
         return File::open(path)?.sync_all().and_then(|()| sync_entry(path));
     }

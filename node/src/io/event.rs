@@ -21,7 +21,7 @@ pub(crate) enum Event {
     Arrival(Arrival),
     /// A word from a shim, with the end of the program's output.
     Shim(ProcessId, ShimReport, Vec<String>),
-    /// The shim of a program that a killed node has left was reached, or is gone; what it had to tell has come before.
+    /// The shim of a program that a killed node has left was reached, or is gone; its reports have come before.
     Reached(ProcessId),
     /// A program has connected; its instance path is its own word.
     Program(Connection, ControlSender),
@@ -38,7 +38,7 @@ pub(crate) enum Event {
     Control(Connection, Notice),
     /// The values that wires of a program have lost and its inputs have refused.
     Losses(Connection, Counted),
-    /// What a program has dropped that the other ends of its wires have not sealed.
+    /// The messages that a program has dropped because the other ends of its wires have not sealed them.
     Refused(Connection, Vec<Refused>),
     /// A user wants to call a procedure of a program, which asks under this number whether the user may.
     Judge(Connection, ControlSender, u64, UserCall),
@@ -70,7 +70,7 @@ pub(crate) struct Counted {
 pub(crate) struct Connection {
     pub(crate) deployment: Deployment,
     pub(crate) instance: String,
-    /// No other connection of this node has it: a program that was started again is not taken for the one before.
+    /// Unique among the connections of this node: a restarted program is not taken for the previous one.
     pub(crate) number: u64,
 }
 
@@ -101,8 +101,8 @@ pub(crate) async fn hear_programs(
     }
 }
 
-/// Passes on what a program says, which begins with who it is, until it says no more. What it asks of the database goes there
-/// directly.
+/// Passes on the notices of a program, which begin with its identity, until it sends no more. Its database requests go
+/// to the database directly.
 async fn hear(
     events: Sender<Event>,
     database: ProgramDatabase,
@@ -140,7 +140,7 @@ async fn hear(
         requests.tell_ports();
     }
     requests.follow_secrets();
-    // Who cannot tell the driver need not hear any more: it is gone.
+    // If the driver does not listen any more, it is gone.
     if events.send(event).await.is_err() {
         return Ok(());
     }

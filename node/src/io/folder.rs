@@ -12,7 +12,7 @@ pub enum FolderError {
     /// Something else is where it would be, or where a folder above it would be.
     #[error("{}; choose another with `{option}`", no_folder(.file))]
     File {
-        /// The kind of file that is there.
+        /// The kind of file at the path.
         file: PathBuf,
         /// The option that names another.
         option: &'static str,
@@ -27,12 +27,12 @@ pub enum FolderError {
         /// The option that names another.
         option: &'static str,
     },
-    /// Something that is no file of a node has the name of one, or the system refuses.
+    /// Something else has the name of a node's file, or the system refuses.
     #[error("cannot use the file `{path}`: {cause}; remove it, or choose another folder with `{option}`")]
     Kept {
         /// The path.
         path: PathBuf,
-        /// What it is, or the error of the system.
+        /// The kind of the other file, or the error of the system.
         cause: io::Error,
         /// The option that names another folder.
         option: &'static str,
@@ -46,7 +46,7 @@ impl FolderError {
     }
 }
 
-/// Checks that what a library keeps in a folder is a regular file, or not there.
+/// Checks that a library's file in a folder is a regular file, or absent.
 ///
 /// # Errors
 /// It is something else.
@@ -54,7 +54,7 @@ pub fn check_kept(path: &Path, option: &'static str) -> Result<(), FolderError> 
     file::check(path).map_err(|cause| FolderError::kept(path, cause, option))
 }
 
-/// Puts what a folder says of a file on the disk: that the file was made, has another name now, or is gone.
+/// Syncs a folder's entry of a file to the disk: that the file was made, renamed or removed.
 ///
 /// # Errors
 /// The system refuses.
@@ -67,7 +67,7 @@ pub(crate) fn sync_entry(file: &Path) -> io::Result<()> {
 pub(crate) struct StartFolder(PathBuf);
 
 impl StartFolder {
-    /// Returns the present one of this process, or the root if it has none any more.
+    /// Returns the present folder of this process, or the root if it has none any more.
     pub(crate) fn here() -> Self {
         Self(std::env::current_dir().unwrap_or_else(|_gone| PathBuf::from("/")))
     }
@@ -112,12 +112,12 @@ pub(crate) fn check_directory(folder: &Path) -> Result<(), String> {
     }
 }
 
-/// Says that a file stands where a folder is expected.
+/// Returns the text that a file is in the place of a folder.
 pub fn no_folder(file: &Path) -> String {
     format!("`{}` is a file, where a folder is expected", file.display())
 }
 
-/// Checks that nothing else stands where a folder is, or is going to be.
+/// Checks that nothing else is in the place of a present or future folder.
 ///
 /// # Errors
 /// Something does.

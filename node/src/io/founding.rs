@@ -1,4 +1,4 @@
-//! The first node of a team begins the team's database: the ceremony of joining has said that it is the first.
+//! The first node of a team founds the team's database: it learned from the joining ceremony that it is the first.
 
 use crate::io::caller;
 use crate::io::database::Handle;
@@ -14,10 +14,10 @@ const CALL: u64 = (1 << 63) - 1;
 /// Until it tries again, where the disk takes nothing or a member of another database is heard.
 const AGAIN_AFTER: Duration = Duration::from_secs(10);
 
-/// Begins the database, if this node is to do that, and forgets that it is once the database is there.
+/// Founds the database, if this node is to do that, and clears the mark once the database exists.
 ///
 /// # Cancellation
-/// Safe: it begins anew with the next start of the node.
+/// Safe: the founding starts again with the next start of the node.
 pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
     let Some(member) = member.filter(|member| member.founds()) else { return };
     let mut told = None;

@@ -1,6 +1,6 @@
 //! The gate of a node in a team, with its clock, its ledger on the disk and its audit log.
 //!
-//! `STATE/r1/team/accepted` is the ledger. It is on the disk before what it says was accepted is done.
+//! `STATE/r1/team/accepted` is the ledger. An accepted request is on the disk before it is carried out.
 
 mod ledger_file;
 
@@ -16,7 +16,7 @@ use trust::audit::Decision;
 /// The name of the file.
 const FILE: &str = "accepted";
 
-/// The gate of a node, and what it needs to decide.
+/// The gate of a node, and the state that it needs to decide.
 #[derive(Clone, Debug)]
 pub(crate) struct Guard(Arc<Inner>);
 
@@ -29,7 +29,7 @@ struct Inner {
 }
 
 impl Guard {
-    /// Opens the gate of a member with what it has accepted before.
+    /// Opens the gate of a member with the requests it has accepted before.
     ///
     /// # Errors
     /// The ledger cannot be read, or is missing although the node has accepted requests: it is not known which were here before.
@@ -48,7 +48,7 @@ impl Guard {
         Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, ledger: Mutex::new(file) })))
     }
 
-    /// Decides about a call; `epoch_of` says which epoch of a deployment runs here.
+    /// Decides about a call; `epoch_of` returns the epoch of a deployment that runs here.
     ///
     /// # Errors
     /// It is refused: why, for a person. That is in the audit log.
@@ -57,7 +57,7 @@ impl Guard {
         passed.map_err(|refused| self.refused(refused))
     }
 
-    /// Decides about a call of a user that has come to a program of this node.
+    /// Decides about a user's call of a program of this node.
     ///
     /// # Errors
     /// As of [`Guard::call`].
@@ -75,7 +75,7 @@ impl Guard {
         passed.map_err(|refused| self.refused(refused))
     }
 
-    /// Decides whether a deployment of this home may begin again after a reboot; the audit log says so.
+    /// Decides whether a deployment of this home may begin again after a reboot; writes this to the audit log.
     ///
     /// # Errors
     /// As of [`Guard::call`].
@@ -84,7 +84,7 @@ impl Guard {
         passed.map(|attempt| self.note(&attempt)).map_err(|refused| self.refused(refused))
     }
 
-    /// Writes down what was accepted. Blocks.
+    /// Writes an accepted request to the ledger. Blocks.
     ///
     /// # Errors
     /// The disk refuses: why it is not done, for a person. That is in the audit log.
@@ -105,12 +105,12 @@ impl Guard {
         }
     }
 
-    /// Puts into the audit log what is done without a signature.
+    /// Writes an unsigned action to the audit log.
     pub(crate) fn note(&self, attempt: &Attempt) {
         self.record(attempt, Decision::Done, "");
     }
 
-    /// Puts into the audit log what became of something that was accepted; nothing if nobody has said that.
+    /// Writes the outcome of an accepted request to the audit log; none if no answer had it.
     pub(crate) fn ended(&self, attempt: &Attempt, outcome: Option<&Outcome>) {
         match outcome {
             Some(Ok(())) => self.record(attempt, Decision::Done, ""),

@@ -1,5 +1,6 @@
-//! Members sign where the audit logs of others have come to. A node tells all others of its team where its own log is, each of them
-//! signs that, keeps it, and gives it back. `team::member::heads` has what is signed, and when it is not.
+//! Members sign the positions of each other's audit logs. A node tells all others of its team the position of its own
+//! log. Each of them signs the position, keeps it, and returns it. `team::member::heads` defines the signed bytes, and
+//! the conditions.
 //!
 //! ```text
 //! r1 ──AuditHead, signed by r1──▶ r2: compares it with what it has signed before, signs it, keeps it
@@ -26,26 +27,27 @@ use trust::audit::{Decision, Head, Position};
 use trust::heads::HeadError;
 use trust::name::Name;
 
-/// How long after a record its place is told, unless it was told less than [`TELL_EVERY`] ago.
+/// How long after a record its position is published, unless the last one was published less than [`TELL_EVERY`] ago.
 const TELL_AFTER: Duration = Duration::from_secs(1);
-/// How often a log that goes on is told.
+/// How often the position of a growing log is published.
 const TELL_EVERY: Duration = Duration::from_secs(60);
-/// How many words of others wait; they say them again.
+/// How many messages of others wait; they are repeated.
 const HEADS_MAX: usize = 64;
-/// Of how many nodes it is remembered what was wrong with their logs.
+/// For how many nodes an error in their logs is remembered.
 const WRONG_MAX: usize = 1024;
 
-/// What this task works with.
+/// The state of this task.
 struct Countersigning {
     member: Arc<Member>,
     session: Arc<Session>,
     authors: Authors,
     host: String,
-    /// What was wrong with the log of a node, so that it is written down once.
+    /// The error in a node's log, so that it is written down once.
     wrong: BTreeMap<String, String>,
 }
 
-/// Begins to tell where the log of this node is, when it has grown or `appeared` says that somebody has come, and to sign for others.
+/// Begins to publish the position of this node's log, when it has grown or `appeared` reports a new node, and to sign
+/// for others.
 ///
 /// # Errors
 /// The session is closed.
@@ -93,7 +95,7 @@ impl Countersigning {
                     let soon = clock::now() + TELL_AFTER;
                     due = due.or(Some(told_at.map_or(soon, |at| soon.max(at + TELL_EVERY))));
                 }
-                // One that it has missed is one that has come, too.
+                // A missed message also means that a node has come.
                 Ok(()) | Err(Lagged(_)) = appeared.recv() => due = Some(clock::now() + TELL_AFTER),
                 () = super::driver::until(due) => {
                     (due, told_at) = (None, Some(clock::now()));
@@ -162,7 +164,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + 
     tokio::task::spawn_blocking(work).await?
 }
 
-/// Waits until the log has grown; for ever where there is none.
+/// Waits until the log has grown; for ever if there is none.
 ///
 /// # Cancellation
 /// Safe.

@@ -9,9 +9,9 @@
 //! 2nd record  NodeState: the checkpoint
 //! then        (time, input), each written before the agent has it
 //! ```
-//! A torn record at the end is ignored: nothing was done with its input. The file is not synced, since with the kernel all that it
-//! speaks of is gone, too: a log of another boot of the kernel does not count. When the file has grown, a checkpoint takes its
-//! place. While there is nothing to take over there is no file.
+//! A torn record at the end is ignored: its input had no effects. The file is not synced, because its content is void
+//! after a reboot: a log of another boot of the kernel does not count. When the file has grown, a checkpoint replaces
+//! it. While there is nothing to adopt there is no file.
 
 use crate::logic::agent::Input;
 use crate::logic::node_state::NodeState;
@@ -25,7 +25,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
+/// The form of the log. It goes up with every change of the types of the agent and its inputs: another form is not
+/// read.
 const FORM: u32 = 1;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
@@ -53,17 +54,17 @@ pub struct InputLog {
     /// None while there is nothing to take over, and after the disk has refused.
     file: Option<File>,
     size: u64,
-    /// The size at which it is begun anew.
+    /// The size at which it is rewritten.
     limit: u64,
     /// When the disk has refused last, unless it has taken something since.
     refused: Option<Time>,
-    /// Whether nobody takes over.
+    /// Whether no successor adopts its programs.
     is_off: bool,
 }
 
 impl InputLog {
-    /// Returns a log in the folder of a node, without a file; it never gets one if nobody takes over. `machine` names the boot of
-    /// the kernel and the network.
+    /// Returns a log in the folder of a node, without a file; it never gets one if no successor adopts its programs.
+    /// `machine` names the boot of the kernel and the network.
     pub fn new(folder: &Path, machine: &str, is_wanted: bool) -> Self {
         let head = Head { form: FORM, version: env!("CARGO_PKG_VERSION").to_owned(), machine: machine.to_owned() };
         Self { path: folder.join(FILE), head, file: None, size: 0, limit: SIZE_MAX, refused: None, is_off: !is_wanted }
@@ -116,7 +117,7 @@ impl InputLog {
         }
     }
 
-    /// Begins the log, begins it anew, or removes it, as the agent is: to be called after its effects are carried out.
+    /// Begins, rewrites or removes the log, depending on the agent: to be called after its effects are carried out.
     pub fn keep_up(&mut self, state: &NodeState) {
         let is_wanted = state.is_engaged();
         match &self.file {
@@ -129,7 +130,7 @@ impl InputLog {
         }
     }
 
-    /// Puts a log that begins with the present in the place of the one before.
+    /// Replaces the log by one that begins with the present state.
     pub fn begin(&mut self, state: &NodeState) {
         match self.try_begin(state) {
             Ok((file, size)) => {
@@ -154,13 +155,13 @@ impl InputLog {
         Ok((file, (head.len() + state.len()) as u64))
     }
 
-    /// Goes on without: a log with a gap would make another agent. It is begun anew when the disk takes one.
+    /// Goes on without a log: a log with a gap would give another agent. It is written again when the disk takes one.
     fn refuse(&mut self, error: &io::Error, at: Time) {
         if self.refused.replace(at).is_none() {
             let log = self.path.display();
             tracing::error!(%log, %error, "the inputs cannot be written down: if this node is killed, its programs end");
         }
-        // What was written of it takes room.
+        // The partial file takes room.
         drop(fs::remove_file(self.unfinished()));
         self.remove();
     }
@@ -271,7 +272,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A log with a gap is no log, so there is none while the disk is full. Then it begins with the state as it is.
+    /// A log with a gap is useless, so there is none while the disk is full. Then it begins with the present state.
     #[test]
     fn after_a_full_disk_the_log_begins_again() {
         let text = "module A(host) { exec \"true\"; plain; done; }

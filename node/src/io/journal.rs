@@ -1,15 +1,15 @@
 //! The journal: the epochs that this node has given out. Each is durable before the first process of its deployment runs.
 //!
-//! One line each: `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed its end: what is not
-//! over when a node starts is asked for. Behind a tab each has its checksum. A torn last line (power cut) is ignored, but its number
-//! is not given again: who knows whether it was torn, or damaged later. A file with any other damage is put aside
-//! (`journal.aside-1`), and a new one begins with an epoch that no journal has reached: the seconds since 1970, if they are more
-//! than what can be read. Writing blocks for as long as the disk takes,
-//! so the driver does it beside its loop, while programs start.
+//! One line each: `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed its end. When
+//! a node starts, it asks for the deployments that are not over. Behind a tab each line has its checksum. A torn last
+//! line (power cut) is ignored, but its number is not given again, because it may also have been damaged later. A file
+//! with any other damage is put aside (`journal.aside-1`), and a new one begins with an epoch that no journal has
+//! reached: the seconds since 1970, if they are more than the greatest readable epoch. Writing blocks for as long as
+//! the disk takes, so the driver does it beside its loop, while programs start.
 //!
-//! After a failure nobody knows what of the file is on the disk: a sync that has failed once may succeed the next time
-//! without having written anything. So the next commit writes a new file and puts it in the place of the old one, as it does
-//! when somebody has removed the file or put another in its place: what is written to a file without a name is lost.
+//! After a failure it is unknown which part of the file is on the disk: a sync that has failed once may succeed the
+//! next time without having written anything. So the next commit writes a new file and puts it in the place of the old
+//! one. It does the same when the file has been removed or replaced, because writes to a file without a name are lost.
 
 use crate::io::folder::sync_entry;
 use crate::logic::absence::ENDS_MAX;
@@ -31,7 +31,7 @@ const OPEN_MAX: usize = 4 * ENDS_MAX;
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
-    /// None until the first commit, and after one that has failed.
+    /// None until the first commit, and after a failed one.
     file: Option<File>,
     epoch: u64,
     /// The deployments that are not over, with their hosts.
@@ -41,10 +41,10 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Reads a journal, which need not be there. One that is damaged is put aside, and said so.
+    /// Reads a journal, which need not exist. A damaged one is put aside and reported.
     ///
     /// # Errors
-    /// The file is there and cannot be read.
+    /// The file exists and cannot be read.
     pub fn open(path: &Path) -> io::Result<Self> {
         let found = match file::bytes(path, SIZE_MAX) {
             Ok(bytes) => Found::in_bytes(&bytes),
@@ -63,7 +63,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Puts a damaged file aside, and begins a new one at once: a node that is started anew must not find none.
+    /// Puts a damaged file aside, and begins a new one at once: a node that is restarted must find one.
     fn put_aside(&mut self, damage: &str) {
         let mut asides = (1..).map(|number| self.path.with_extension(format!("aside-{number}")));
         let aside = asides.find(|aside| std::fs::symlink_metadata(aside).is_err()).unwrap_or_default();
@@ -96,7 +96,7 @@ impl Journal {
     /// Writes an epoch; it is on the disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses: then it may or may not be there after a power cut. The next commit begins with a file of its own.
+    /// The disk refuses: then the line may or may not be there after a power cut. The next commit writes a new file.
     pub fn commit(&mut self, deployment: &Deployment, hosts: &[String]) -> io::Result<()> {
         let hosts = if self.early.remove(&deployment.epoch) { &[] } else { hosts };
         self.append(&begun(deployment, hosts))?;
@@ -149,7 +149,7 @@ impl Journal {
     }
 }
 
-/// Writes an epoch into a journal that others use, too. Blocks for as long as the disk takes.
+/// Writes an epoch into a shared journal. Blocks for as long as the disk takes.
 ///
 /// # Errors
 /// The disk refuses; the words are for a person.
@@ -158,7 +158,7 @@ pub fn commit(journal: &Mutex<Journal>, deployment: &Deployment, hosts: &[String
     journal.commit(deployment, hosts).map_err(|error| error.to_string())
 }
 
-/// Writes the end of a deployment into a journal that others use, too. Blocks for as long as the disk takes.
+/// Writes the end of a deployment into a shared journal. Blocks for as long as the disk takes.
 pub fn settle(journal: &Mutex<Journal>, deployment: &Deployment) {
     if let Err(error) = journal.lock().unwrap_or_else(PoisonError::into_inner).settle(deployment.epoch) {
         tracing::warn!(%deployment, %error, "its end cannot be written down: its hosts are asked again at the next start");
@@ -193,7 +193,7 @@ fn body(line: &str) -> Option<&str> {
     number.parse::<u64>().is_ok().then_some(body)
 }
 
-/// What can be read of a journal.
+/// The readable content of a journal.
 #[derive(Debug, Default)]
 struct Found {
     /// The highest epoch in it.
@@ -259,7 +259,7 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         let aside = |number: u32| folder.join(format!("journal.aside-{number}"));
         let mut asides = 0;
-        // Each byte in turn is another one; cut off, the file is empty at last.
+        // Each byte in turn is changed; shortened step by step, the file is finally empty.
         for at in 0..=whole.len() {
             let mut bytes = whole.clone();
             match bytes.get_mut(at) {
@@ -307,7 +307,7 @@ mod tests {
         assert!(journal.commit(&deployment(4), &[]).is_err(), "its folder is gone: nothing can be written down");
     }
 
-    /// A folder in the place of the new file stands for a disk that refuses.
+    /// A folder in the place of the new file acts as a disk that refuses.
     #[test]
     fn what_could_not_be_written_is_not_there_and_later_epochs_are() {
         let folder = std::env::temp_dir().join(format!("dca-journal-{}", std::process::id()));
@@ -344,7 +344,7 @@ mod tests {
         journal.settle(2).unwrap();
         let expected = [(named, hosts(&["c1", "c3"])), (deployment(1), hosts(&["c1", "c2"]))];
         assert_eq!(Journal::open(&path).unwrap().open_ends(), expected);
-        // The first line of a new run makes a new file, which knows them, too.
+        // The first line of a new run makes a new file, which also has these deployments.
         let mut journal = Journal::open(&path).unwrap();
         journal.settle(1).unwrap();
         journal.settle(9).unwrap();

@@ -1,8 +1,9 @@
-//! What survives a reboot of deployments that have their home here: the folder `running` of a node's state, with a file for each. And
-//! the file `stopped` beside it, with the tombstones for homes that are away.
+//! The state that survives a reboot, of deployments that have their home here: the folder `running` of a node's state,
+//! with a file for each; and the file `stopped` beside it, with the tombstones for homes that are away.
 //!
-//! A file of a deployment begins with the boot of the machine, by which the next node sees whether that was rebooted since. It is
-//! there from before its first program runs until it is to end. A damaged one is told, and removed: what it says is not begun.
+//! A file of a deployment begins with the boot of the machine, by which the next node detects a reboot. It exists from
+//! before its first program runs until it is to end. A damaged file is reported and removed: its deployment is not
+//! resumed.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::{Before, Deployment, Earlier, Kept, Tombstone};
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The folder with what runs.
+/// The folder with the running deployments.
 const RUNNING: &str = "running";
 /// The file with the tombstones.
 const STOPPED: &str = "stopped";
@@ -30,10 +31,10 @@ const BEGIN: &[u8] = b"dca kept 1 ";
 const SIZE_MAX: usize = 64 << 20;
 /// How many deployments are read: as many as a node takes part in.
 const RUNNING_MAX: usize = 64;
-/// How long a tombstone is kept whose home has not come back.
+/// How long a tombstone is kept whose home has not returned.
 const STOPPED_FOR: Duration = Duration::from_secs(30 * 24 * 3600);
 
-/// What a file of a deployment says.
+/// The content of a deployment's file.
 #[derive(Debug, Serialize, Deserialize)]
 struct Running {
     boot: String,
@@ -47,7 +48,7 @@ struct Stopped {
     tombstone: Tombstone,
 }
 
-/// The files; none for a node whose memory ends with it.
+/// The files; none for a node that keeps nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct KeptFiles(Option<Arc<Inner>>);
 
@@ -61,12 +62,12 @@ struct Inner {
     disk: Mutex<BTreeMap<Tombstone, u64>>,
 }
 
-/// What is to be written.
+/// The intended content.
 #[derive(Debug, Default)]
 struct Wanted {
-    /// By epoch; nothing for what is to be removed.
+    /// By epoch; none for a file to be removed.
     running: BTreeMap<u64, Option<Vec<u8>>>,
-    /// Whether what is not named is to be removed.
+    /// Whether files without an entry are to be removed.
     is_all: bool,
     tombstones: Option<Vec<Tombstone>>,
 }
@@ -85,7 +86,7 @@ impl Wanted {
 }
 
 impl KeptFiles {
-    /// Returns the files in the folder of a node's state, and what is in them. Blocks.
+    /// Returns the files in the folder of a node's state, and their content. Blocks.
     pub(crate) fn open(state: Option<PathBuf>, boot: &str) -> (Self, Earlier) {
         let Some(state) = state else { return (Self(None), Earlier::default()) };
         let now = unix_time().as_secs();
@@ -103,7 +104,7 @@ impl KeptFiles {
         lock(&inner.wanted).running.insert(kept.deployment.epoch, Some(bytes(&running)));
     }
 
-    /// Takes note of a deployment that is not to be there any more.
+    /// Notes that the files of a deployment are to be removed.
     pub(crate) fn unkeep(&self, deployment: &Deployment) {
         if let Some(inner) = &self.0 {
             lock(&inner.wanted).running.insert(deployment.epoch, None);
@@ -205,7 +206,7 @@ fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     written().with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Removes a file, so that it is gone after a power cut, too.
+/// Removes a file, and syncs the removal.
 fn remove(path: &Path) -> anyhow::Result<()> {
     let removed = std::fs::remove_file(path).and_then(|()| sync_entry(path));
     match removed {
@@ -214,7 +215,7 @@ fn remove(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// Returns what is in a folder, in order.
+/// Returns the entries of a folder, in order.
 fn names(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut names: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -227,7 +228,7 @@ fn number(path: &Path) -> Option<u64> {
     path.file_name().and_then(OsStr::to_str)?.parse().ok()
 }
 
-/// Returns the deployments that ran: of many those of the latest epochs.
+/// Returns the deployments that ran, at most those of the latest epochs.
 fn running(folder: &Path, boot: &str) -> Vec<Before> {
     let mut found = Vec::new();
     let mut paths: Vec<(u64, PathBuf)> =
@@ -321,7 +322,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("dca-kept-refused-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let (files, _) = KeptFiles::open(Some(folder.clone()), "first");
-        // A file stands where the folder would be.
+        // A file is in the place of the folder.
         std::fs::write(folder.join(RUNNING), "").unwrap();
         files.keep(&kept(1));
         files.keep(&kept(2));

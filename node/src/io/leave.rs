@@ -6,7 +6,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 /// The number of SIGHUP. Source: signal(7), Linux.
 const HANGUP: u32 = 1;
 
-/// SIGTERM, SIGINT, and SIGHUP unless whoever started this process has it ignored, as nohup(1) does.
+/// SIGTERM, SIGINT, and SIGHUP unless the parent of this process had it ignored, as nohup(1) does.
 #[derive(Debug)]
 pub(crate) struct Leave {
     terminate: Signal,
@@ -20,7 +20,7 @@ impl Leave {
     /// # Errors
     /// The system gives no signals.
     pub(crate) fn new() -> io::Result<Self> {
-        // A process that cannot know it keeps what it has inherited.
+        // If this is unknown, the inherited action is kept.
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let hang_up = match is_ignored(&status, HANGUP) {
             Some(false) => Some(signal(SignalKind::hangup())?),
@@ -48,7 +48,7 @@ impl Leave {
     }
 }
 
-/// Returns whether a process ignores a signal, as its `status` says. Source: proc_pid_status(5), `SigIgn`.
+/// Returns whether a process ignores a signal, from its `status`. Source: proc_pid_status(5), `SigIgn`.
 fn is_ignored(status: &str, signal: u32) -> Option<bool> {
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
     let mask = u64::from_str_radix(mask.trim(), 16).ok()?;

@@ -20,7 +20,7 @@ pub struct Log {
     usual: &'static str,
 }
 
-/// Sends the program's own log to standard error; what is logged is set by `RUST_LOG`, and without it by `usual`.
+/// Sends the program's own log to standard error; `RUST_LOG` sets the filter, and without it `usual`.
 pub fn start(usual: &'static str) -> Log {
     let (filter, handle) = reload::Layer::new(from_environment(usual));
     let colours = std::io::stderr().is_terminal();
@@ -31,16 +31,17 @@ pub fn start(usual: &'static str) -> Log {
     Log { handle, usual }
 }
 
-/// Tells people what has become of another node.
+/// Logs a change of another node.
 pub fn peer(change: &Change) {
     if change.is_good() { tracing::info!("{change}") } else { tracing::warn!("{change}") }
 }
 
 impl Log {
-    /// Logs what passes a filter such as `info,zenoh=error` from now on; without one, what the process was started with.
+    /// Logs from now on with a filter such as `info,zenoh=error`; without one, with the filter that the process was
+    /// started with.
     ///
     /// # Errors
-    /// If it is no filter; nothing has changed then.
+    /// If it is not a filter; nothing has changed then.
     pub fn filter(&self, filter: Option<&str>) -> anyhow::Result<()> {
         let filter = match filter {
             Some(text) => EnvFilter::try_new(text).with_context(|| format!("reading the filter `{text}`"))?,

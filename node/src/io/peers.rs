@@ -30,15 +30,15 @@ use tokio::task::JoinSet;
 const FRAMES_MAX: usize = 4096;
 /// How long callers have to take the last answers of a node that leaves.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
-/// How many words about revocations wait; nodes say them again when they meet.
+/// How many messages about revocations wait; nodes repeat them when they meet.
 const REVOKED_MAX: usize = 64;
-/// How many words of other nodes of this name wait; they say it again every second.
+/// How many messages of other nodes of this name wait; they are repeated every second.
 const NAMESAKES_MAX: usize = 64;
 /// How many rounds of questions are remembered, to see how long answers take.
 const ROUNDS_MAX: usize = 64;
-/// How many words about what others have refused wait; they say it again.
+/// How many refusals by others wait; they are repeated.
 const REFUSED_MAX: usize = 16;
-/// In how many rounds a node of a team shows who it is after another one has come.
+/// In how many rounds a node of a team introduces itself after another one has come.
 const SHOWN_ROUNDS: u64 = 5;
 
 /// The open session of a node.
@@ -49,13 +49,13 @@ pub struct Peers {
     calls: BTreeMap<u64, Caller>,
     own: Arc<Own>,
     authors: Authors,
-    /// Who is to have beats, and that others send theirs.
+    /// The hosts that get beats, and that are to send theirs.
     beaten: watch::Sender<BTreeSet<String>>,
     _beats: Beats,
 }
 
-/// The answers of this node about itself. A task of its own gives them, so that a node whose driver is busy does not
-/// look gone.
+/// The answers of this node about itself. A separate task gives them, so that a node whose driver is busy does not look
+/// gone.
 #[derive(Debug)]
 struct Own {
     host: String,
@@ -68,9 +68,9 @@ struct Own {
     sessions: Sessions,
     /// When the last rounds of questions went out.
     rounds: Mutex<VecDeque<(u64, Time)>>,
-    /// In how many rounds it still shows who it is.
+    /// In how many more rounds it introduces itself.
     shows: AtomicU64,
-    /// Says that somebody has come.
+    /// Reports that a node has come.
     appeared: broadcast::Sender<()>,
 }
 
@@ -164,7 +164,8 @@ impl Peers {
         Ok(Self { session, token, calls: BTreeMap::new(), own, authors, beaten, _beats: beats })
     }
 
-    /// Asks other nodes whether they are there: those of some names, or all. `shows` to those who may not know this node.
+    /// Asks other nodes whether they are there: those with some names, or all. If `shows`, introduces this node to
+    /// those that may not know it.
     pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>, shows: bool) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
         let mut rounds = self.own.rounds();
@@ -174,7 +175,7 @@ impl Peers {
         drop(rounds);
         let keys =
             only.map_or_else(|| vec![key::ping(&ping.from)], |hosts| hosts.iter().map(|to| key::asked(to)).collect());
-        // Who has just come does not know yet who this is.
+        // A node that has just come does not know this one yet.
         let shows = self.own.is_to_show() || shows;
         for key in keys {
             let sent = codec::encode(&ping).map_err(anyhow::Error::from).and_then(|bytes| {
@@ -187,7 +188,7 @@ impl Peers {
         }
     }
 
-    /// Tells another node of this one's name what runs here.
+    /// Tells another node of this one's name which deployments run here.
     pub fn greet(&self, namesake: &Namesake) {
         let sent = codec::encode(namesake).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::namesake(&self.own.host), bytes)?));
@@ -196,7 +197,7 @@ impl Peers {
         }
     }
 
-    /// Tells those who ask from now on which boot of their name this node deals with.
+    /// From now on tells asking nodes the boot of their name that this node deals with.
     pub fn hold(&self, holders: BTreeMap<String, u64>) {
         self.own.sessions.keep(&holders);
         *self.own.holders() = holders;
@@ -214,7 +215,7 @@ impl Peers {
         session.into_iter().for_each(|session| self.session.cut(&session));
     }
 
-    /// Sends a frame; one that is lost is sent again by its link.
+    /// Sends a frame; a lost frame is sent again by its link.
     pub fn send(&self, to: &str, frame: &Frame) {
         let mut frame = Cow::Borrowed(frame);
         if matches!(&frame.message, Some((_, message)) if matches!(message.body, Body::Relay(_))) {
@@ -232,8 +233,8 @@ impl Peers {
         self.calls.insert(call, caller);
     }
 
-    /// Answers a call. Returns whether the caller is still there, and takes its answers; one that does not must not hold the
-    /// node up.
+    /// Answers a call. Returns whether the caller is still there and takes its answers; a caller that does not must not
+    /// delay the node.
     pub fn answer(&self, call: u64, answer: Answer) -> bool {
         self.calls.get(&call).is_some_and(|caller| caller.offer(answer))
     }
@@ -248,7 +249,7 @@ impl Peers {
         &self.session
     }
 
-    /// Gives no more answers, and waits until callers have taken those that there are.
+    /// Gives no more answers, and waits until callers have taken the existing ones.
     pub async fn answered(&mut self) {
         self.calls.clear();
         if tokio::time::timeout(ANSWERED_WITHIN, self.session.answered()).await.is_err() {
@@ -271,13 +272,13 @@ impl Own {
         self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns whether a round shows who this node is, since another one has come.
+    /// Returns whether this node introduces itself in a round, since another one has come.
     fn is_to_show(&self) -> bool {
         self.shows.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok()
     }
 
     fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
-        // A map of plain values is valid whatever happened to the thread that held it.
+        // A map of plain values is valid even if the thread that held it panicked.
         self.holders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -297,7 +298,7 @@ struct Speaking {
     authors: Authors,
 }
 
-/// Answers every other node that asks whether this one is there.
+/// Answers every other node's presence question.
 async fn answer_pings(mut pings: Subscription, Speaking { session, own, authors }: Speaking, sink: Sender<Arrival>) {
     while let Some((key, bytes, author)) = pings.next_signed().await {
         let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
@@ -403,7 +404,8 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
     }
 }
 
-/// Tells all others who is revoked whenever this node hears of more, from whomever; and ends the tunnels of those.
+/// Tells all others the revoked keys whenever this node learns of more, from any source, and ends the tunnels of their
+/// owners.
 async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, session: Arc<Session>, own: Arc<Own>) {
     let mut changes = member.changes();
     loop {
@@ -421,7 +423,7 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
                 }
             }
             told = revoked.next() => match told {
-                // What is new comes back as a change.
+                // New revocations come back as a change.
                 Some((_, sets)) => drop(member.hear(&sets)),
                 None => return,
             },

@@ -1,8 +1,8 @@
 //! The execution policy of this host, as its files say it: `/etc/dca/policy.toml` for all nodes of the machine, else `policy.toml`
 //! beside the state of the node.
 //!
-//! The file is read anew each time that a program is started, so a change of it holds from the next start on, also for a program that
-//! is started again. Nothing else says what may run here, and nobody changes it from afar.
+//! The file is read again each time that a program is started, so a change applies from the next start on, also for a
+//! restarted program. No other setting decides what may run here, and it cannot be changed from another host.
 
 mod place;
 
@@ -35,16 +35,16 @@ pub const FILE: &str = "policy.toml";
 /// How many hashes of programs are kept.
 const HASHES_MAX: usize = 256;
 
-/// A policy, and where it stands.
+/// A policy, and its path.
 #[derive(Debug)]
 pub struct PolicyFile {
     /// Its path.
     pub path: PathBuf,
-    /// What it says.
+    /// Its content.
     pub policy: Policy,
 }
 
-/// Returns the policy that holds for a node whose state is in this folder; none if there is none. Blocks.
+/// Returns the policy for a node whose state is in this folder; none if there is none. Blocks.
 ///
 /// # Errors
 /// There is one, and it cannot be used: why, with its path and line.
@@ -53,7 +53,7 @@ pub fn find(state: Option<&Path>) -> anyhow::Result<Option<PolicyFile>> {
     for path in places {
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
-            // What is there and cannot be read is not the same as nothing.
+            // A file that exists and cannot be read is not the same as no file.
             _ => {
                 let read = read(&path).with_context(|| format!("the policy `{}` cannot be used", path.display()));
                 return read.map(|policy| Some(PolicyFile { path, policy }));
@@ -86,7 +86,7 @@ pub(crate) struct Admitted {
     pub(crate) environment: Vec<(String, String)>,
 }
 
-/// An executable file that is looked at. It stays open, so it is one file whatever happens to its names.
+/// An executable file under examination. It stays open, so it is the same file even if its names change.
 struct Looked {
     file: File,
     path: PathBuf,
@@ -94,7 +94,7 @@ struct Looked {
 }
 
 impl Looked {
-    /// Opens a program, by whatever links.
+    /// Opens a program, through any links.
     fn open(program: &Path) -> io::Result<Self> {
         let file = File::from(rustix::fs::open(program, OFlags::PATH | OFlags::CLOEXEC, Mode::empty())?);
         let stamp = Stamp::of(&file.metadata()?);
@@ -113,7 +113,7 @@ fn descriptor(file: &File) -> PathBuf {
     format!("/proc/self/fd/{}", file.as_raw_fd()).into()
 }
 
-/// Decides what runs on this host.
+/// Decides which programs run on this host.
 #[derive(Clone, Debug)]
 pub(crate) struct ExecutionPolicy(Arc<Inner>);
 
@@ -123,7 +123,7 @@ struct Inner {
     /// Has the audit log, if the node is in a team.
     member: Option<Arc<Member>>,
     hashes: Mutex<BTreeMap<Stamp, [u8; 32]>>,
-    /// What held when it was read last.
+    /// The policy that was read last.
     in_use: Mutex<Option<PolicyInUse>>,
 }
 
@@ -227,7 +227,7 @@ impl ExecutionPolicy {
         }
     }
 
-    /// Returns the hash of a program, which is taken once as long as nobody changes the file.
+    /// Returns the hash of a program, which is computed once until the file changes.
     fn hash(&self, program: &Looked) -> anyhow::Result<[u8; 32]> {
         let failed = || format!("reading `{}`", program.path.display());
         let stamp = program.stamp;
@@ -237,7 +237,7 @@ impl ExecutionPolicy {
         }
         let file = program.read().with_context(failed)?;
         let hash = hash_of(&file).with_context(failed)?;
-        // Bytes that were written while it was read are not those that were hashed.
+        // If the file was written during the read, the hash does not match its content.
         let after = Stamp::of(&file.metadata().with_context(failed)?);
         ensure!(after == stamp, "`{}` was changed while it was looked at", program.path.display());
         let mut hashes = self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -317,7 +317,7 @@ fn words_of(limits: &Limits) -> policy::Limits {
     }
 }
 
-/// Returns the limits that a program asks for, with those of the policy.
+/// Returns the limits that a program asks for, combined with those of the policy.
 fn with(asked: Limits, admitted: &policy::Limits) -> Limits {
     Limits {
         memory: admitted.memory,

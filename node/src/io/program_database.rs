@@ -1,6 +1,7 @@
 //! Asks the database for the programs of this node, beside its loop: a task for each request and each watch of a program.
 //!
-//! The tasks of a program end with its channel. A transaction that was handed to the database is carried out all the same, whole.
+//! The tasks of a program end with its channel. A transaction that was handed to the database is still carried out
+//! completely.
 
 use crate::io::caller;
 use crate::io::database::Handle;
@@ -22,7 +23,8 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::task::{AbortHandle, JoinSet};
 
-/// Until a watch begins anew that the database has ended: its disk has failed, or too many watch.
+/// The pause before a watch is repeated that the database has ended: its disk has failed, or there are too many
+/// watches.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// The first number of calls for programs; those of command lines are below, and those of the node itself above.
 const FIRST_CALL: u64 = 1 << 63;
@@ -37,7 +39,7 @@ pub(crate) struct ProgramDatabase {
     connected: Arc<Mutex<BTreeMap<Deployment, BTreeMap<String, Connected>>>>,
 }
 
-/// What one program is connected with in the database.
+/// The keys of the database that one program is connected with.
 #[derive(Clone, Debug, Default)]
 struct Connected {
     ports: Arc<[KeyPort]>,
@@ -65,7 +67,7 @@ impl Connected {
     }
 }
 
-/// What one program has asked and not heard yet.
+/// The open requests of one program.
 #[derive(Debug)]
 pub(crate) struct ProgramRequests {
     way: ProgramDatabase,
@@ -97,7 +99,7 @@ impl ProgramDatabase {
         Self { database, access: Arc::new(access), next, secrets, connected: Arc::default() }
     }
 
-    /// Takes note of what a program is connected with, before it is started or comes back.
+    /// Notes the keys that a program is connected with, before it is started or returns.
     pub(crate) fn connect(&self, order: &SpawnOrder) {
         let mut all = self.connected.lock().unwrap_or_else(PoisonError::into_inner);
         let of_deployment = all.entry(order.process.deployment.clone()).or_default();
@@ -129,7 +131,7 @@ impl ProgramDatabase {
         answer(self.ask(question))
     }
 
-    /// Tells a program what a watch brings, from the beginning again and again when it ends.
+    /// Sends a program the news of a watch, and starts the watch again when it ends.
     async fn follow(self, question: Question, number: u64, sender: ControlSender, room: Arc<Semaphore>) {
         loop {
             if !tell(&sender, number, DatabaseAnswer::Begin, &room).await {
@@ -163,7 +165,7 @@ impl ProgramDatabase {
         }
     }
 
-    /// Tells a program a secret as it is now. Returns whether the program still can be reached.
+    /// Sends a program the present value of a secret. Returns whether the program can still be reached.
     async fn tell_secret(&self, SecretParameter { name, key }: &SecretParameter, sender: &ControlSender) -> bool {
         let value = match self.secrets.secret(key).await {
             Ok(secret) => SecretBytes::new(secret.expose().to_vec()),
@@ -205,7 +207,7 @@ fn send(sender: &ControlSender, number: u64, answer: DatabaseAnswer) -> bool {
 }
 
 impl ProgramRequests {
-    /// Tells a new program which of its ports are connected with keys; one that comes back knows.
+    /// Tells a new program which of its ports are connected with keys; a program that reconnects knows them.
     pub(crate) fn tell_ports(&self) {
         let ports = &self.connected.ports;
         if !ports.is_empty()
@@ -215,7 +217,7 @@ impl ProgramRequests {
         }
     }
 
-    /// Tells the program its secrets from now on, whenever they change.
+    /// Sends the program its secrets from now on, after each change.
     pub(crate) fn follow_secrets(&mut self) {
         for secret in self.connected.secrets.iter().cloned() {
             self.followers.spawn(self.way.clone().follow_secret(secret, self.sender.clone()));

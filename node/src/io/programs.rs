@@ -1,4 +1,4 @@
-//! Asks executables what they are, such as which controller types they offer.
+//! Asks executables about themselves, such as for the controller types they offer.
 
 use anyhow::Context;
 use comms::logic::human::span;
@@ -18,7 +18,7 @@ const INTERFACE_MAX: u64 = 4 << 20;
 const INTERFACE: &str = "--dca-interface";
 /// The most that is read of the standard error of a failing program, in bytes.
 const TROUBLE_MAX: u64 = 64 << 10;
-/// How many lines of that people are shown.
+/// How many lines of its output are shown to people.
 const TROUBLE_LINES: usize = 5;
 /// How long a program in Python may take for an answer.
 const PYTHON_WITHIN: Duration = Duration::from_secs(5);
@@ -82,13 +82,13 @@ pub enum ProgramsError {
     },
 }
 
-/// Returns the executable that stands beside this one.
+/// Returns the executable in the folder of this one.
 pub fn beside(name: &str) -> PathBuf {
     let here = std::env::current_exe().ok().and_then(|exe| exe.parent().map(Path::to_path_buf));
     here.unwrap_or_default().join(name)
 }
 
-/// Checks that `dca-shim`, without which no program starts, stands beside this executable.
+/// Checks that `dca-shim`, without which no program starts, is in the folder of this executable.
 ///
 /// # Errors
 /// Names the path at which it is missing or cannot be executed.
@@ -98,7 +98,7 @@ pub fn check_shim() -> anyhow::Result<()> {
     access(&shim, Access::EXEC_OK).with_context(why)
 }
 
-/// Returns the executables to ask: those given, or `dca-controller` beside this one if it is there.
+/// Returns the executables to ask: the given ones, or `dca-controller` in the folder of this one if it exists.
 pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
     let own = beside("dca-controller");
     if given.is_empty() && own.is_file() { vec![own] } else { given.to_vec() }
@@ -158,12 +158,12 @@ fn checked(command: Command, program: &Path, within: Duration) -> Result<Answer,
     }
 }
 
-/// Returns what a program has said at last, behind how it ended.
+/// Returns the last output of a program, to be appended to its end.
 fn ends(trouble: &str) -> String {
     if trouble.is_empty() { String::new() } else { format!(":\n{trouble}") }
 }
 
-/// Runs a program; returns what it prints and how it ends. One that has not ended within this time is killed.
+/// Runs a program; returns its output and its exit status. A program that has not ended within this time is killed.
 ///
 /// # Errors
 /// `TimedOut`: it has not ended in time. Else it cannot be run, or prints no text.
@@ -200,24 +200,24 @@ fn run(mut command: Command, within: Duration) -> io::Result<Answer> {
     let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
     let (heard_tx, heard) = sync_channel(1);
     let hearing = move || drop(heard_tx.send(hear(child)));
-    // Nobody joins it: what the child has started may hold its output open for longer than anybody waits.
+    // The thread is not joined: children of the program may hold its output open for a long time.
     let started = std::thread::Builder::new().name("ask".to_owned()).spawn(hearing);
     let answer = started.map(|_| heard.recv_timeout(within).ok());
     if !matches!(answer, Ok(Some(_))) {
-        // One that has just ended needs no signal.
+        // A program that has just ended needs no signal.
         pidfd_send_signal(&pidfd, Signal::KILL).unwrap_or_default();
     }
     let silent = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer within {}", span(within)));
     answer?.ok_or_else(silent)?
 }
 
-/// Reads what a program says until its end, and how that was.
+/// Reads the output of a program until its end, and returns its status.
 fn hear(mut child: Child) -> io::Result<Answer> {
     let (mut text, mut trouble) = (String::new(), Vec::new());
     let (out, errors) = (child.stdout.take(), child.stderr.take());
     let read = std::thread::scope(|scope| {
         scope.spawn(|| errors.map(|errors| errors.take(TROUBLE_MAX).read_to_end(&mut trouble)));
-        // Dropping the pipe ends a program that says more.
+        // Dropping the pipe ends a program that prints more.
         out.map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text))
     });
     let status = child.wait()?;

@@ -1,4 +1,4 @@
-//! Waits until a node is ready: everybody who may call it can.
+//! Waits until a node is ready: every permitted client can call it.
 
 use crate::io::peers::Peers;
 use comms::io::session::Reach;

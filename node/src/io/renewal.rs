@@ -19,16 +19,16 @@ use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError::Lagged;
 use tokio::task::JoinSet;
 
-/// How often a node asks that nobody has renewed yet.
+/// How often a node asks again for a renewal.
 const ASK_EVERY: Duration = Duration::from_secs(60);
-/// How long it waits at most before it looks at the calendar again, which may be set meanwhile.
+/// How long it waits at most before it reads the calendar again, which may have been set in the meantime.
 const LOOK_EVERY: Duration = Duration::from_secs(3600);
-/// How soon after somebody has come it asks.
+/// How soon it asks after a node has come.
 const ASK_AFTER: Duration = Duration::from_secs(1);
-/// How many words of others wait; they say them again.
+/// How many messages of others wait; they are repeated.
 const WAITING_MAX: usize = 64;
 
-/// What this task works with.
+/// The state of this task.
 struct Renewals {
     member: Arc<Member>,
     session: Arc<Session>,
@@ -36,7 +36,8 @@ struct Renewals {
     host: String,
 }
 
-/// Begins to ask others to renew this node when that is due, also when `appeared` says that somebody has come, and to renew others.
+/// Begins to ask others to renew this node when that is due, also when `appeared` reports a new node, and to renew
+/// others.
 ///
 /// # Errors
 /// The session is closed.

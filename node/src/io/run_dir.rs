@@ -20,7 +20,7 @@
 //!     door_opening.1/       control.sock for them
 //!       12/                 0700, of that user: data.sock, data.wire, beat.sock
 //! ```
-//! With such programs whoever knows its name may enter BASE.
+//! With such programs every user who knows its name may enter BASE.
 
 mod names;
 mod sockets;
@@ -58,34 +58,34 @@ pub const OPTION: &str = "--run-dir";
 /// The folder of a node that a service manager keeps running.
 const SERVICE: &str = "/run/dca";
 
-/// The file that says that somebody is on this machine.
+/// The file that proves that a client is on this machine.
 const PROOF: &str = "proof";
 /// The longest proof, in bytes.
 const PROOF_MAX: usize = 64;
 
-/// The file with what programs know of the team.
+/// The file with the programs' credentials for the team.
 pub(crate) const PROGRAMS: &str = "programs";
-/// The file with what those show to programs of other hosts who look at them.
+/// The file with the credentials that visitors show to programs of other hosts.
 pub const VISITORS: &str = "visitors";
 
 /// How the name of the folder ends that has the sockets of programs of another user; the node's name comes first. Names of nodes have no
 /// `+`.
 const OTHERS: &str = "+u";
-/// The file there with what programs know of the team.
+/// The file there with the programs' credentials for the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
-/// The variable that tells a program where it talks to its node.
+/// The variable with the path of a program's socket to its node.
 pub(crate) const CONTROL_VARIABLE: &str = "DCA_CONTROL";
-/// The variable that tells it where its data session listens.
+/// The variable with the path of its data session's socket.
 pub(crate) const DATA_VARIABLE: &str = "DCA_DATA_SOCKET";
-/// The variable that tells it where the file is with what it knows of its team.
+/// The variable with the path of a program's credentials for its team.
 pub(crate) const TEAM_VARIABLE: &str = "DCA_TEAM";
 /// The socket of a data session.
 pub(crate) const DATA_SOCKET: &str = "data.sock";
 /// The socket where the programs of a deployment talk to the node.
 const CONTROL_SOCKET: &str = "control.sock";
-/// What a data session leaves when it is killed.
+/// The files that a killed data session leaves.
 const DATA_FILES: [&str; 3] = [DATA_SOCKET, "data.sock.lock", "data.wire"];
-/// Whoever may enter a folder and not look into it.
+/// All users may enter a folder, but not list it.
 const ENTER: u32 = 0o711;
 
 /// Why a folder cannot be used.
@@ -102,7 +102,7 @@ pub enum RunDirError {
     /// A file is in its place.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// The folder belongs to somebody else, so its sockets cannot be trusted.
+    /// The folder belongs to another user, so its sockets cannot be trusted.
     #[error(
         "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another with `--run-dir`"
     )]
@@ -112,7 +112,7 @@ pub enum RunDirError {
         /// The user id of the owner.
         owner: u32,
     },
-    /// The folder is a link: who made it can lead it elsewhere.
+    /// The folder is a link: its maker can lead it elsewhere.
     #[error("the folder `{path}` is a link; name the folder itself with `--run-dir`")]
     Link {
         /// The path.
@@ -166,7 +166,7 @@ pub fn default_base() -> PathBuf {
     }
 }
 
-/// Returns the user who has the folder of a node which the service manager keeps running, if that is another one.
+/// Returns the user who owns the folder of a node which the service manager keeps running, if it is another user.
 pub fn user_of_service() -> Option<u32> {
     let found = fs::symlink_metadata(SERVICE).ok().filter(fs::Metadata::is_dir)?;
     Some(found.uid()).filter(|owner| *owner != getuid().as_raw())
@@ -185,7 +185,7 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries
-        // One of the two may have been taken away.
+        // One of the two may have been removed.
         .filter(|entry| ["lock", "node.sock.lock"].iter().any(|lock| is_locked(&entry.path().join(lock))))
         .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path().join("node.sock")))
         .collect();
@@ -193,7 +193,8 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     Ok(nodes)
 }
 
-/// Returns what a command shows to the node `name` of this machine; nothing if there is no such node, or it is another user's.
+/// Returns the proof that a command shows to the node `name` of this machine; none if there is no such node, or it
+/// belongs to another user.
 pub fn proof(base: &Path, name: &str) -> Option<String> {
     // A name comes from the network or from a person: it must not lead elsewhere.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
@@ -201,14 +202,15 @@ pub fn proof(base: &Path, name: &str) -> Option<String> {
     String::from_utf8(proof).ok()
 }
 
-/// Returns the file with what a node in a team gives those who look at programs from its machine; nothing if it is in none.
+/// Returns the file with the credentials that a node in a team gives to clients that watch programs from its machine;
+/// none if it is not in a team.
 pub fn visitors_identity(base: &Path, name: &str) -> Option<PathBuf> {
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
     Some(base.join(name).join(VISITORS)).filter(|file| plain && file.is_file())
 }
 
-/// Returns the folders of nodes that see each other: `base`, and one for each command that runs nodes of its own, oldest
-/// first. Folders of other users are left out: whoever listens there is a stranger.
+/// Returns the folders of nodes that see each other: `base`, and one for each command that runs its own nodes, oldest
+/// first. Folders of other users are left out, because their nodes are strangers.
 pub fn groups(base: &Path) -> Vec<PathBuf> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(&base).into_iter().flatten().flatten();
@@ -220,7 +222,7 @@ pub fn groups(base: &Path) -> Vec<PathBuf> {
     std::iter::once(base).filter(|base| is_own(base)).chain(commands).collect()
 }
 
-/// Returns whether a folder belongs to this user, and is no link to another.
+/// Returns whether a folder belongs to this user, and is not a link to another.
 fn is_own(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|folder| folder.is_dir() && folder.uid() == getuid().as_raw())
 }
@@ -316,8 +318,8 @@ impl RunDir {
     /// Removes the socket of an earlier run.
     ///
     /// # Errors
-    /// It cannot be removed, or its lock is none that zenoh could take: it would wait for ever to open a pipe. Or a node holds that, whose
-    /// own lock was taken away.
+    /// It cannot be removed, or its lock is not a file that zenoh could lock: opening a pipe would wait for ever. Or
+    /// another node holds the lock, whose own lock was removed.
     pub fn remove_socket(&self) -> Result<(), RunDirError> {
         let socket = self.socket();
         if is_locked(&socket.with_extension("sock.lock")) {
@@ -328,7 +330,7 @@ impl RunDir {
         Ok(folder::check_kept(&socket.with_extension("sock.lock"), OPTION)?)
     }
 
-    /// Returns what only this user of this machine can read.
+    /// Returns the proof, which only this user of this machine can read.
     pub fn proof(&self) -> &str {
         &self.proof
     }
@@ -338,7 +340,7 @@ impl RunDir {
         self.path.join("node.sock")
     }
 
-    /// Returns the file of what was committed.
+    /// Returns the file of committed deployments.
     pub fn journal(&self) -> PathBuf {
         self.path.join("journal")
     }
@@ -364,7 +366,7 @@ fn deepest_socket() -> String {
     format!("{OTHERS}/{}.{}/10000/data.sock", "d".repeat(NAME_MAX), u64::MAX)
 }
 
-/// Returns the folder, beside that of a node, for programs that run as another user: nobody but the node enters its own.
+/// Returns the folder, beside that of a node, for programs that run as another user: only the node may enter its own.
 fn of_others(node: &Path) -> PathBuf {
     let mut name = node.file_name().unwrap_or_default().to_owned();
     name.push(OTHERS);
@@ -382,8 +384,8 @@ pub(crate) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
     (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
 }
 
-/// Makes the folder for the sockets of a program that runs as another user, who alone may look into it; the group of that user may enter
-/// those above it.
+/// Makes the folder for the sockets of a program that runs as another user, who alone may list it; the group of that
+/// user may enter the folders above it.
 ///
 /// # Errors
 /// The file system refuses, or this is not root.
@@ -416,7 +418,7 @@ pub fn make_process(path: &Path) -> io::Result<()> {
     DATA_FILES.iter().try_for_each(|name| remove_leftover(&path.join(name)))
 }
 
-/// Writes a number that nobody can guess where nobody else can read it.
+/// Writes a secret random number to a file that only this user can read.
 fn write_proof(path: &Path) -> io::Result<String> {
     let proof = format!("{:032x}", u128::from_le_bytes(entropy::bytes()?));
     let mut file = file::created(path, Privacy::Own)?;
@@ -424,25 +426,25 @@ fn write_proof(path: &Path) -> io::Result<String> {
     Ok(proof)
 }
 
-/// Makes a folder of this user, to which nobody else can write; one that is there already has to be so.
+/// Makes a folder of this user, to which no other user can write; an existing folder has to meet the same conditions.
 ///
 /// # Errors
-/// It cannot be made, is a link, or belongs to somebody else.
+/// It cannot be made, is a link, or belongs to another user.
 pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
     folder::check(path, OPTION)?;
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
     match (check_own(path), made) {
-        // That it is not there says less than why it could not be made.
+        // "It does not exist" is less helpful than the reason why it could not be made.
         (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
             Err(unusable(why))
         }
-        // A fault of a folder that is there says more than that it cannot be made.
+        // A fault of an existing folder is more helpful than that it cannot be made.
         (checked, made) => checked.and_then(|()| made.map_err(unusable)),
     }
 }
 
-/// Checks that a folder is this user's own and nobody else can put anything into it.
+/// Checks that a folder belongs to this user and no other user can write to it.
 fn check_own(path: &Path) -> Result<(), RunDirError> {
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let found = fs::symlink_metadata(path).map_err(unusable)?;
@@ -502,7 +504,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A node clears its folders when it starts, and a command those of commands that were killed.
+    /// A node clears its folders when it starts, and a command clears those of killed commands.
     #[test]
     fn no_node_has_the_name_of_a_folder_that_others_clear() {
         let base = Path::new("/run/dca");
@@ -523,7 +525,7 @@ mod tests {
 
     #[test]
     fn a_folder_that_cannot_be_made_says_why() {
-        // Nobody makes anything there, root included.
+        // Even root cannot make anything there.
         let error = RunDir::take(Path::new("/proc/1/dca"), "c1").unwrap_err().to_string();
         assert!(error.contains("cannot use the folder `/proc/1/dca`"), "{error}");
         let made = fs::create_dir("/proc/1/dca").unwrap_err();

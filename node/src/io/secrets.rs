@@ -21,13 +21,13 @@ use zeroize::Zeroizing;
 /// How long the database has to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// Opens what the database has sealed for this node.
+/// Opens the values that the database has sealed for this node.
 #[derive(Debug)]
 pub(crate) struct Secrets {
     member: Option<Arc<Member>>,
     database: Handle,
     host: String,
-    /// Numbers its questions downwards, apart from those of the node's callers.
+    /// Numbers its requests downwards, apart from those of the node's callers.
     next: AtomicU64,
 }
 
@@ -39,7 +39,7 @@ impl Secrets {
     /// Returns the secrets at these keys, as a shim reads them.
     ///
     /// # Errors
-    /// This node cannot read one of them; why, and what to do.
+    /// If this node cannot read one of them: the reason, and advice.
     ///
     /// # Cancellation
     /// Safe.
@@ -48,7 +48,7 @@ impl Secrets {
         for key in keys {
             secrets.push(self.secret(key).await?);
         }
-        // In one piece from the start: what grows leaves copies behind.
+        // Allocated at full size from the start: a buffer that grows leaves copies behind.
         let size = secrets.iter().map(|secret| secret.expose().len() + size_of::<u32>()).sum();
         let mut bytes = Zeroizing::new(Vec::with_capacity(size));
         secrets.iter().for_each(|secret| protocol::secret(secret.expose(), &mut bytes));
@@ -87,7 +87,7 @@ impl Secrets {
         })
     }
 
-    /// Returns what a key holds.
+    /// Returns the value of a key.
     async fn stored(&self, key: Key) -> anyhow::Result<Option<Datum>> {
         let (caller, mut answers) = caller::answers();
         self.database.call(self.next.fetch_sub(1, Ordering::Relaxed), Question::Get { key }, Some(caller));

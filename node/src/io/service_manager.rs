@@ -19,9 +19,9 @@ const SIGNS_PER_INTERVAL: u32 = 3;
 #[derive(Clone, Debug, Default)]
 pub struct ServiceManager {
     socket: Option<Arc<UnixDatagram>>,
-    /// How often it is told that the loop turns.
+    /// How often the turn of the loop is reported.
     every: Option<Duration>,
-    /// When it is told the next time.
+    /// The time of the next report.
     due: Option<Time>,
 }
 
@@ -29,7 +29,7 @@ impl ServiceManager {
     /// Returns the manager that the environment of this process names.
     ///
     /// # Errors
-    /// It names one that cannot be reached.
+    /// If it names a socket that cannot be reached.
     pub fn of_environment() -> io::Result<Self> {
         let Some(socket) = std::env::var_os("NOTIFY_SOCKET") else { return Ok(Self::default()) };
         let variable = |name| std::env::var(name).ok();
@@ -55,12 +55,12 @@ impl ServiceManager {
         self.tell(&format!("READY=1\nSTATUS=the node `{name}` is ready"));
     }
 
-    /// Says that the node ends what it has started, and then itself.
+    /// Reports that the node ends its programs, and then itself.
     pub fn leaving(&self) {
         self.tell("STOPPING=1");
     }
 
-    /// Returns when [`ServiceManager::turn`] wants to be called; never where nobody watches.
+    /// Returns when [`ServiceManager::turn`] wants to be called; never if no manager watches.
     pub fn due(&self) -> Option<Time> {
         self.due
     }

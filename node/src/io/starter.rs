@@ -1,5 +1,5 @@
-//! Starts programs, and closes and removes what they leave, one after the other and beside the loop of the node: a file system
-//! may take long.
+//! Starts programs, and closes and removes their remains, one after the other and beside the loop of the node: a file
+//! system may take long.
 
 mod others;
 
@@ -38,13 +38,13 @@ pub(crate) enum Job {
     Start(Box<Start>),
     /// A program that a killed node has left.
     Adopt(Box<Adopted>),
-    /// Nobody of this deployment connects any more; its folder, and that of the node.
+    /// No program of this deployment will connect any more; its folder, and that of the node.
     Close {
         deployment: Deployment,
         folder: PathBuf,
         node: PathBuf,
     },
-    /// Its output is not wanted any more.
+    /// Its output is no longer needed.
     Remove(PathBuf),
     /// The shim of the program with this folder has not ended it in time.
     Kill(PathBuf),
@@ -72,7 +72,7 @@ pub(crate) struct Start {
 pub(crate) struct Adopted {
     /// How it is started, if it never was.
     pub(crate) start: Start,
-    /// Its fate so far.
+    /// Its fate up to now.
     pub(crate) program: Attachment,
 }
 
@@ -86,7 +86,7 @@ pub(crate) struct Starter {
     events: Sender<Event>,
     /// How many programs have connected.
     connected: Arc<AtomicU64>,
-    /// By the socket, too: programs that run as another user have their own.
+    /// Also by the socket: programs that run as another user have a separate one.
     listeners: BTreeMap<(Deployment, PathBuf), AbortHandle>,
     tasks: JoinSet<()>,
     /// Programs of a killed node that are being reached.
@@ -117,7 +117,7 @@ impl Starter {
     /// Does jobs until there are no more.
     ///
     /// # Cancellation
-    /// What it has started is heard no more.
+    /// The programs it has started are not heard any more.
     pub(crate) async fn run(mut self, mut jobs: Receiver<Job>) {
         loop {
             while self.tasks.try_join_next().is_some() {}
@@ -136,13 +136,13 @@ impl Starter {
                     self.database.forget(&deployment);
                     let ended = self.listeners.extract_if(.., |(of, _), _| *of == deployment);
                     ended.for_each(|(_, listener)| listener.abort());
-                    // Here, so that no other program is started in its folder meanwhile.
+                    // In this task, so that no other program is started in its folder at the same time.
                     let removing = tokio::task::spawn_blocking(move || run_dir::remove_sockets(&node, &folder));
                     if let Err(error) = removing.await {
                         tracing::error!(%error, "the sockets of a deployment cannot be removed");
                     }
                 }
-                // Here, so that no other program is started in its folder meanwhile.
+                // In this task, so that no other program is started in its folder at the same time.
                 Job::Kill(dir) => {
                     if let Err(error) = tokio::task::spawn_blocking(move || leftovers::kill_shim(&dir)).await {
                         tracing::error!(%error, "a shim cannot be killed");
@@ -157,11 +157,11 @@ impl Starter {
         }
     }
 
-    /// Reaches a program again; one that never came to be is started.
+    /// Reaches a program again; a program that never started is started.
     fn adopt(&mut self, adopted: Adopted) {
         let Start { process, order, shim, control, node, .. } = &adopted.start;
         self.database.connect(order);
-        // Where it talks to its node it was told when it was started.
+        // Its socket to the node was given to it at its start.
         let user = run_dir::user_of(node, &shim.dir);
         let control = control.as_ref().map(|path| user.map_or_else(|| path.clone(), |_| run_dir::other(node, path)));
         let at = (process.deployment.clone(), control.unwrap_or_default());
@@ -175,7 +175,7 @@ impl Starter {
         self.attaching.spawn_blocking(move || (adopted, reach(&dir, reports)));
     }
 
-    /// Goes on with a program that was reached again, or with what is known of its end.
+    /// Goes on with a program that was reached again, or with its known end.
     async fn reached(&mut self, adopted: Adopted, reached: Reached) {
         let Adopted { start, program } = adopted;
         let process = start.process.clone();
@@ -274,7 +274,8 @@ fn not_started(error: io::Error, shim: &Path) -> anyhow::Error {
     error.context(format!("starting {}", shim.display()))
 }
 
-/// Passes on what a shim says, until it is gone. One that was attached to is reached once it has told the `missed` reports.
+/// Passes on the reports of a shim, until it is gone. A shim that was attached to counts as reached once it has sent
+/// the `missed` reports.
 async fn hear(process: ProcessId, reports: ShimReports, mut missed: Option<usize>, events: Sender<Event>) {
     let (sink, mut arriving) = mpsc::channel(16);
     let forwarding = async {

@@ -1,4 +1,4 @@
-//! The state directory: what must survive a node, in a folder of the user with a folder for each node.
+//! The state directory: the data that must survive a node, in a folder of the user with a folder for each node.
 //!
 //! ```text
 //! BASE/                     /var/lib/dca for root; $XDG_STATE_HOME/dca or ~/.local/state/dca for others; or `--state`
@@ -27,7 +27,7 @@ const TOLD: &str = "state";
 /// The longest path of it, in bytes. Source: limits.h, Linux.
 const TOLD_MAX: usize = 4096;
 
-/// Returns the folder of a node below `base`, or below the one that the system has for such things; makes it.
+/// Returns the folder of a node below `base`, or below the system's folder for state; makes it.
 ///
 /// # Errors
 /// There is no such folder, or it cannot be made, though the disk can be written.
@@ -39,7 +39,7 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     let folder = std::path::absolute(&base)?.join(name);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(&folder);
     match made {
-        // A node that can write nothing still runs: its database says why it takes no writes.
+        // A node that can write nothing still runs: its database reports why it takes no writes.
         Err(error) if error.kind() == ErrorKind::ReadOnlyFilesystem => {}
         made => made.map_err(|cause| folder::refused(&folder, cause, OPTION))?,
     }
@@ -72,8 +72,8 @@ pub(crate) fn tell(run: &Path, state: &Path) -> Result<(), FolderError> {
     written.map_err(|cause| FolderError::kept(&path, cause, run_dir::OPTION))
 }
 
-/// Returns where the state of the node `name` is, as it has said in its run folder below `base`; nothing if no such node has run there,
-/// or it has none.
+/// Returns the place of the node's state, as noted in its run folder below `base`; none if no such node has run there,
+/// or it has no state.
 pub fn told(base: &Path, name: &str) -> Option<PathBuf> {
     // A name comes from a person: it must not lead elsewhere.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);

@@ -1,7 +1,7 @@
 //! Sends the output of programs to a caller, as it grows.
 //!
-//! A program's output is a file that is put aside when it is long, twice that at most (`dca-shim`). A `Reader` holds what
-//! it reads open, so that nothing is lost when that happens while it reads.
+//! A program's output is a file that is put aside when it is long, so there are at most two (`dca-shim`). A `Reader`
+//! keeps its file open, so that nothing is lost when the file is put aside during the read.
 
 use crate::io::caller::Caller;
 use crate::logic::output_lines::GAP;
@@ -27,7 +27,7 @@ const CHUNK: usize = 64 * 1024;
 pub struct DeploymentEnd(Option<watch::Receiver<()>>);
 
 impl DeploymentEnd {
-    /// Returns what tells when `living` is dropped; without it the deployment is over already.
+    /// Returns a handle that ends when `living` is dropped; without it the deployment is already over.
     pub fn new(living: Option<&watch::Sender<()>>) -> Self {
         Self(living.map(watch::Sender::subscribe))
     }
@@ -47,12 +47,12 @@ impl DeploymentEnd {
     }
 }
 
-/// Reads the output of one program from its beginning, as far as that is kept.
+/// Reads the kept output of one program from its beginning.
 #[derive(Debug)]
 struct Reader {
     dir: PathBuf,
     file: Option<File>,
-    /// Whether the file has been put aside, so that nothing is added to it any more.
+    /// Whether the file has been put aside, so that nothing more is added to it.
     is_aside: bool,
 }
 
@@ -61,7 +61,7 @@ impl Reader {
         Self { dir, file: None, is_aside: false }
     }
 
-    /// Returns what comes next; nothing when nothing more was written yet.
+    /// Returns the next bytes; empty if there is no further output yet.
     fn read(&mut self) -> io::Result<Vec<u8>> {
         let mut chunk = vec![0; CHUNK];
         loop {
@@ -80,7 +80,7 @@ impl Reader {
             }
             let this = id(&file.metadata()?);
             if self.is_aside {
-                // What was put aside after it comes next, else the file of now.
+                // The next file is the one that was put aside after it, else the current one.
                 let old = self.open(OUTPUT_FILE_OLD)?;
                 let missed = old.filter(|old| old.metadata().is_ok_and(|old| id(&old) != this));
                 let is_aside = missed.is_some();
@@ -94,7 +94,7 @@ impl Reader {
                 }
             } else if self.is_current(this) {
                 if file_is_shorter(self.file.as_mut())? {
-                    // Somebody has emptied it.
+                    // The file has been truncated.
                     continue;
                 }
                 return Ok(Vec::new());
@@ -110,7 +110,7 @@ impl Reader {
     }
 
     fn open(&self, name: &str) -> io::Result<Option<File>> {
-        // The folder is the program's, too: what it links to is not shown.
+        // The program can also write to the folder: the target of a link is not shown.
         match file::opened_itself(&self.dir.join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -119,7 +119,7 @@ impl Reader {
     }
 }
 
-/// Goes back to the beginning of a file that has become shorter than the part that was read; says whether it has.
+/// Goes back to the beginning of a file that has become shorter than the part that was read; returns whether it has.
 fn file_is_shorter(file: Option<&mut File>) -> io::Result<bool> {
     let Some(file) = file else { return Ok(false) };
     let is_shorter = file.metadata()?.len() < file.stream_position()?;
@@ -133,13 +133,13 @@ fn id(file: &std::fs::Metadata) -> (u64, u64) {
     (file.dev(), file.ino())
 }
 
-/// Sends the output of the program in `dir`, and with `follow` what comes, until its deployment is over.
+/// Sends the output of the program in `dir`, and with `follow` its further output, until its deployment is over.
 ///
 /// # Cancellation
 /// Safe: nothing is owned but the file.
 pub async fn tail(dir: PathBuf, follow: bool, over: DeploymentEnd, caller: Caller) {
     let over = if follow { over } else { DeploymentEnd(None) };
-    // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
+    // An empty output is sent as well: a call that ends without any answer looks as if it had not arrived.
     if caller.send(Answer::Output(Vec::new())).await {
         send(vec![Reader::new(dir)], over, caller, |_, bytes| Answer::Output(bytes)).await;
     }
@@ -159,8 +159,9 @@ pub async fn all(programs: Vec<(String, PathBuf)>, over: DeploymentEnd, caller: 
     }
 }
 
-/// Sends what the readers find: of each a chunk at a time, so that one which writes much does not hold the others up. A file
-/// that cannot be read is left out from there on, and the caller is told in the end that this was not everything.
+/// Sends the output that the readers find, a chunk of each at a time, so that a program with much output does not delay
+/// the others. A file that cannot be read is left out from there on, and the caller is told at the end that the output
+/// is incomplete.
 async fn send(
     readers: Vec<Reader>,
     mut over: DeploymentEnd,
@@ -172,13 +173,14 @@ async fn send(
     let mut interval = tokio::time::interval(LOOK_EVERY);
     loop {
         if caller.waiting() > BACKLOG_MAX {
-            // Who asked takes it more slowly than it is written: the files can wait, this node's memory cannot grow.
+            // The caller takes it more slowly than it is written: the files can wait, but this node's memory must not
+            // grow.
             tokio::select! {
                 _ = interval.tick() => continue,
                 () = caller.closed() => return,
             }
         }
-        // In this order: what was written before the end is found after it.
+        // In this order: output written before the end is found after it.
         let is_over = over.is_over();
         let reading = tokio::task::spawn_blocking(move || {
             let found = readers.iter_mut().map(|(index, reader)| (*index, reader.read())).collect::<Vec<_>>();
@@ -286,7 +288,7 @@ mod tests {
         folder.rotate();
         folder.write("c");
         assert_eq!((read(), read(), read()), ("b".into(), "c".into(), String::new()));
-        // Twice between two looks: what was put aside last is there still, and others may have been before it.
+        // Rotated twice between two looks: the last file put aside is still there, and others may have been before it.
         folder.write("d");
         folder.rotate();
         folder.write("e");
@@ -297,7 +299,7 @@ mod tests {
         assert_eq!((read(), whole(&folder.0)), ("f".into(), b"ef".to_vec()));
     }
 
-    /// A folder stands where the file should be: it opens, and cannot be read.
+    /// A folder is in the place of the file: it opens, and cannot be read.
     #[tokio::test(flavor = "multi_thread")]
     async fn what_cannot_be_read_is_told_and_does_not_hide_the_others() {
         let (one, other) = (Folder::new("unreadable"), Folder::new("readable"));

@@ -4,7 +4,7 @@ use crate::logic::protocol::{Answer, TeamOfNode};
 use team::member::Member;
 use trust::revocation::RevokedSet;
 
-/// Takes in what somebody of this machine, or another node, says that the team has revoked.
+/// Takes in the revocations that a client on this machine, or another node, reports.
 pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     let read = RevokedSet::from_bytes(set).map_err(anyhow::Error::from);
@@ -14,7 +14,7 @@ pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     }
 }
 
-/// Takes in such sets, and says all that this node holds.
+/// Takes in such sets, and returns all that this node holds.
 pub(super) fn revocations(member: Option<&Member>, told: &[Vec<u8>]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     match member.tell_revoked(told) {

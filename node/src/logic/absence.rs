@@ -1,12 +1,14 @@
 //! The absent: hosts that do not answer, and deployments that have ended without the word of every host.
 //!
-//! A host that is lost may still run what it was told to. So a deployment that is over at its home stays here as an *open end*
-//! until each host that has not said so has confirmed that nothing of it is left. Its home asks: when the host is there again,
-//! and once in a while after that. The journal knows the ends, too, so that a home that is started again goes on asking.
+//! A lost host may still run its programs. So a deployment that is over at its home stays here as an *open end* until
+//! each host that has not reported its end has confirmed that nothing of the deployment is left. The home asks such a
+//! host when the host returns, and at intervals after that. The journal records the open ends, so a home that is
+//! restarted keeps asking.
 //!
-//! While the home itself cannot be reached, who took part in a deployment keeps its end open instead; that is over when the
-//! home is there again, which then answers for itself. A host that could not end everything says so each time it is asked, until the
-//! last program has ended after all; or its node is started anew, which ends what the earlier one has left.
+//! While the home itself cannot be reached, each participant of a deployment keeps its end open instead. That end is
+//! closed when the home returns, since the home then answers for itself. A host that could not end every program says
+//! so each time it is asked, until the last program has ended. A restart of the host's node also closes the end,
+//! because the new node ends what its predecessor has left.
 //!
 //! A node that ends as it was told to says so to the others, which do not list its host, and never say that something may run there.
 //!
@@ -57,10 +59,11 @@ pub struct Absence {
 }
 
 impl Absence {
-    /// Returns what the node `host` knows at its start: the deployments of its journal that were not over, with their hosts.
+    /// Returns the open ends that the node `host` knows at its start: the deployments of its journal that were not
+    /// over, with their hosts.
     pub fn new(host: &str, open: Vec<(Deployment, Vec<String>)>, now: Time) -> Self {
         let end = |hosts: Vec<String>| {
-            // What an earlier node of this host has left was ended before this one began.
+            // This node ended everything its predecessor on this host had left before it began.
             let others = hosts.into_iter().filter(|other| other != host);
             End { home: host.to_owned(), hosts: others.map(|other| (other, Why::Restarted)).collect(), since: now }
         };
@@ -68,7 +71,8 @@ impl Absence {
         Self { host: host.to_owned(), gone: BTreeMap::new(), left: BTreeSet::new(), ends, ask_at: now }
     }
 
-    /// Takes the word of a node that it ends and that nothing it has started is left: nobody has to mind that it does not answer.
+    /// Takes the message of a node that leaves after ending everything it started. The silence of that node then needs
+    /// no attention.
     pub fn leaves(&mut self, host: &str) {
         self.gone.remove(host);
         self.left.insert(host.to_owned());
@@ -99,7 +103,7 @@ impl Absence {
     pub fn appeared(&mut self, now: Time, host: &str) {
         self.gone.remove(host);
         self.left.remove(host);
-        // From now on it answers for what has its home there.
+        // From now on the node answers for the deployments whose home it is.
         self.ends.retain(|_, end| end.home != host);
         self.ask_at = self.ask_at.min(now);
     }
@@ -138,7 +142,7 @@ impl Absence {
         self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()
     }
 
-    /// Does what is due: asks hosts that are there, and drops what is over.
+    /// Asks hosts that are there when it is time, and drops the ends that are closed.
     pub fn tick(&mut self, reaches: impl Fn(&str) -> bool, out: &mut Out<'_>) {
         self.gone.retain(|_, gone| gone.heard + HOSTS_KEPT > out.now);
         while self.ends.len() > ENDS_MAX {
@@ -176,12 +180,12 @@ impl Absence {
         self.gone.keys().map(String::as_str)
     }
 
-    /// Returns the hosts that are looked for: those that do not answer, and those that have not confirmed an end.
+    /// Returns the wanted hosts: those that do not answer, and those that have not confirmed an end.
     pub fn wanted(&self) -> impl Iterator<Item = &str> {
         self.hosts().chain(self.ends.values().flat_map(|end| end.hosts.keys().map(String::as_str)))
     }
 
-    /// Returns what people are told, but for the processes.
+    /// Returns the report for users, without the processes.
     pub fn report(&self, now: Time) -> Absent {
         let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));
         let host = |(host, gone): (&String, &LostHost)| AbsentHost {

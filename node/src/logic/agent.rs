@@ -56,7 +56,8 @@ const LINGER_MAX: Duration = Duration::from_secs(1);
 /// How many deployments that are over are remembered, and keep their programs' output.
 pub const OVER_MAX: usize = 8;
 
-/// How long a successor still takes over the end of a deployment: whoever waits for it may not have heard it, and asks again.
+/// How long a successor still takes over the end of a deployment: a caller that waits for the end may not have heard
+/// it, and asks again.
 const END_KEPT: Duration = Duration::from_secs(10);
 
 /// The facts that an agent is given once, at its start.
@@ -76,9 +77,9 @@ pub struct Identity {
     pub open: Vec<(Deployment, Vec<String>)>,
     /// Whether it is in a team: then what others order is judged before it starts anything.
     pub is_guarded: bool,
-    /// Who had stopped everything when an earlier run ended.
+    /// The user who stopped everything, if the previous run ended in that state.
     pub estop: Option<Estop>,
-    /// What ran before, and what was stopped elsewhere.
+    /// The deployments that ran before, and those that were stopped elsewhere.
     pub earlier: Earlier,
 }
 
@@ -125,7 +126,7 @@ struct Peers {
     rivalry: Rivalry,
 }
 
-/// The deployments that have not begun, and those that shall not.
+/// The deployments that have not begun, and those that must not begin.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Pending {
     /// The requests that were made, by number.
@@ -168,7 +169,7 @@ struct UnendedPrograms {
     home: String,
     /// Indices into `Plan::leaves`.
     leaves: BTreeSet<u32>,
-    /// What the deployment held here, which nobody else has before they have ended.
+    /// The devices that the deployment held here. They stay reserved until its programs have ended.
     claims: Claims,
 }
 
@@ -176,7 +177,7 @@ struct UnendedPrograms {
 #[derive(Debug, Serialize, Deserialize)]
 struct AwaitingHosts {
     until: Time,
-    /// Who has asked for it; nobody for one that is resumed.
+    /// The call that asked for it; none for a deployment that is resumed.
     call: Option<u64>,
     plan: Plan,
     /// The user who wants it, such as `ann@c1`.
@@ -188,7 +189,7 @@ struct AwaitingHosts {
 }
 
 impl Agent {
-    /// Returns an agent that knows of nobody else yet.
+    /// Returns an agent that knows no other node yet.
     pub fn new(mut identity: Identity, programs: Programs, now: Time) -> Self {
         let open = std::mem::take(&mut identity.open);
         let stopped = Self::stopped_before(identity.estop.take());
@@ -221,7 +222,7 @@ impl Agent {
         }
     }
 
-    /// Takes one input; appends what is to be done, in order.
+    /// Takes one input; appends the effects in order.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         if let Input::Calendar { origin } = input {
             self.run.calendar = origin;
@@ -230,11 +231,11 @@ impl Agent {
         let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
         let mut out = Out { now, since_1970, effects, messages: &mut more };
         self.check_in(&mut out);
-        // Who asks at once hears of it, too.
+        // A caller whose question is the first input hears of it.
         self.look_back(&mut out);
         self.take(input, &mut out);
         self.tick(&mut out);
-        // Messages to this node may cause more of them; each is handled after the one that caused it.
+        // Messages to this node may cause further ones; each is handled after the message that caused it.
         let mut messages = VecDeque::from(std::mem::take(&mut more));
         loop {
             while let Some((to, message)) = messages.pop_front() {
@@ -271,7 +272,7 @@ impl Agent {
         self.identity.boot
     }
 
-    /// Returns what the calendar clock showed at [`Time::ZERO`], as far as it was told.
+    /// Returns the time of the calendar clock at [`Time::ZERO`], if it is known.
     pub fn calendar(&self) -> Duration {
         self.run.calendar
     }
@@ -409,7 +410,8 @@ impl Agent {
         self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
     }
 
-    /// Takes a word from a controller. One that owns what another deployment holds is refused at its hello.
+    /// Takes a message from a controller. A controller that owns a device which another deployment holds is refused at
+    /// its hello.
     fn hear(&mut self, process: &ProcessId, notice: Notice, out: &mut Out<'_>) {
         let ProcessId { deployment, leaf } = process;
         let mut conflicts = Vec::new();
@@ -457,7 +459,7 @@ impl Agent {
         }
     }
 
-    /// Returns what is known of hosts that do not answer.
+    /// Returns the state of hosts that do not answer.
     fn absent(&self, now: Time) -> Absent {
         let mut absent = self.peers.absence.report(now);
         self.tell_unended(&mut absent.ends);

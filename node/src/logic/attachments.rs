@@ -1,9 +1,9 @@
 //! The attachments of an agent to the world: programs with their channels, open calls, and epochs on their way to the disk.
 //!
-//! An agent that was killed is made again from its inputs (`io/input_log`), and so are its effects, which have happened already.
-//! What of them has arrived is a matter of numbers: everything that goes over the channels of a program is counted from its start,
-//! at both ends. A program that was reached again says how many orders it has, a node how many notices; the rest is sent again.
-//! Orders are kept until a notice shows that they were taken.
+//! The state of a killed agent is rebuilt from its inputs (`io/input_log`). Its effects are rebuilt as well, although
+//! they have happened already. Numbers show which of them have arrived: every message on the channels of a program is
+//! counted from its start, at both ends. A program that was reached again says how many orders it has, a node says how
+//! many notices; only the rest is sent again. Orders are kept until a notice shows that they were taken.
 
 use crate::logic::agent::Input;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
@@ -16,14 +16,14 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// How many orders to one program are kept that no notice shows as taken. A program that has missed more cannot go on.
 const KEPT_MAX: usize = 1024;
 
-/// A program, from the order to start it until nothing of it is left and nobody asks for it.
+/// A program, from the order to start it until nothing of it is left and no caller asks for it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Attachment {
     /// How it was started.
     pub order: SpawnOrder,
     /// How many reports of its shim were taken.
     pub reports: u64,
-    /// Whether one of them said how it has ended.
+    /// Whether one of them reported how it ended.
     pub has_ended: bool,
     /// Whether the last of them said that nothing of it is left.
     pub is_gone: bool,
@@ -103,7 +103,7 @@ impl Attachments {
     pub fn given(&mut self, effect: &Effect) {
         match effect {
             Effect::Spawn(order) => {
-                // A part that was over may begin anew, in the same epoch and the same folder.
+                // A part that was over may begin again, in the same epoch and the same folder.
                 self.buried.retain(|buried| *buried != order.process.deployment);
                 self.programs.insert(order.process.clone(), Attachment::new((**order).clone()));
             }
@@ -162,7 +162,7 @@ impl Attachments {
         });
     }
 
-    /// Returns the program that says who it is by this word: [`SpawnOrder::word`].
+    /// Returns the program that introduces itself by this word: [`SpawnOrder::word`].
     pub fn find(&self, deployment: &Deployment, word: &str) -> Option<&ProcessId> {
         let (path, number) = word.rsplit_once('#').map_or((word, None), |(path, number)| (path, Some(number)));
         let leaf: Option<u32> = number.and_then(|number| number.parse().ok());
@@ -190,7 +190,7 @@ impl Attachments {
         self.programs.get(process)
     }
 
-    /// Returns every program, those of deployments that are over included.
+    /// Returns every program, including those of deployments that are over.
     pub fn programs(&self) -> impl Iterator<Item = (&ProcessId, &Attachment)> {
         self.programs.iter()
     }

@@ -1,7 +1,8 @@
 //! The devices of this host that deployments hold. No two deployments may move one arm.
 //!
-//! A device is held by whoever `claims` it in the spec, from `Prepare` on, and by the controller that says at its `Hello` that
-//! the device's keys are its own. Any number may hold one `(read)`. It is held until nothing of the deployment is left.
+//! A device is held by a program that `claims` it in the spec, from `Prepare` on, and by a controller that names the
+//! device's keys as its own in its `Hello`. Any number of programs may hold a device as `(read)`. A device is held
+//! until nothing of the deployment is left.
 
 use crate::logic::executer::leaf_host;
 use crate::logic::protocol::{Deployment, DeviceName};
@@ -23,7 +24,7 @@ struct Holder {
 }
 
 impl Claims {
-    /// Returns what the spec claims on `host`.
+    /// Returns the claims of the spec on `host`.
     pub fn of(plan: &Plan, host: &str) -> Self {
         let mut claims = Self::default();
         for claim in plan.claims.iter().filter(|claim| leaf_host(plan, claim.leaf) == Some(host)) {
@@ -34,7 +35,7 @@ impl Claims {
         claims
     }
 
-    /// Returns what the spec claims for a leaf.
+    /// Returns the claims of the spec for a leaf.
     pub fn of_leaf(plan: &Plan, leaf: u32) -> Self {
         let mut claims = Self::default();
         let path = plan.leaves.get(leaf as usize).map_or("", |leaf| leaf.path.as_str());
@@ -44,7 +45,7 @@ impl Claims {
         claims
     }
 
-    /// Returns what a controller at `path` holds whose devices these are.
+    /// Returns the claims of a controller at `path` that owns these devices.
     pub fn of_owner(path: &str, devices: &[String]) -> Self {
         let mut claims = Self::default();
         devices.iter().for_each(|device| claims.hold(device, path, true));
@@ -68,7 +69,7 @@ impl Claims {
         })
     }
 
-    /// Returns why these cannot be held beside what `holder` has, one sentence for each device.
+    /// Returns why these cannot be held at the same time as those of `holder`, one sentence for each device.
     pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         self.both(theirs).map(|(device, path)| held(device, holder, path)).collect()
     }

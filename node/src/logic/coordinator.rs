@@ -301,7 +301,7 @@ impl Coordinator {
         }
     }
 
-    /// Its node was gone and could not hear any answer, so all answers get that much more time.
+    /// Takes note that its node was gone and could not hear any answer: all answers get that much more time.
     pub fn adopted(&mut self, away: Duration) {
         match &mut self.phase {
             Phase::Starting(start) => start.adopted(away),

@@ -1,12 +1,12 @@
 //! The database of a node: a replica and its callers.
 //!
-//! [`Database::handle`] takes what has come since the last time, all of it at once, and says what is to be done, in order.
-//! Its driver is a thread of its own (`io::database`): it writes all [`Effect::Persist`] of one turn together, and carries
-//! out the rest only when they are on the disk. So callers that wait at the same time share one flush, nobody hears of
-//! what could be forgotten, and the loop that supervises programs never waits for a disk.
+//! [`Database::handle`] takes all inputs since the previous call and returns the effects in order. Its driver is a
+//! separate thread (`io::database`). It writes all [`Effect::Persist`] of one turn together, and carries out the rest
+//! only when they are on the disk. So callers that wait at the same time share one flush, no caller hears of data that
+//! could be lost, and the loop that supervises programs never waits for a disk.
 //!
-//! When the disk fails, the database is *closed*: it answers questions, and refuses to write with the disk's own words.
-//! It takes nothing from peers meanwhile, since it could not keep it.
+//! When the disk fails, the database is *closed*: it answers questions, and refuses to write with the disk's error. It
+//! takes nothing from peers during that time, since it could not keep it.
 
 mod alarms;
 mod author;
@@ -52,15 +52,15 @@ const REPLY_SIZE_MAX: usize = 256 << 10;
 /// An input of the database.
 #[derive(Debug)]
 pub enum Input {
-    /// Somebody asks something; the answers bear this number. Number 0 is the node itself, which wants none.
+    /// A question; the answers bear this number. Number 0 is the node itself, which wants none.
     Call(u64, Question),
-    /// Somebody on another machine asks something: what is local to this one is none of theirs.
+    /// A question from another machine: it gets no keys that are local to this one.
     Elsewhere(u64, Question),
     /// Another replica has told something.
     Envelope(Envelope),
     /// Another replica has asked something, under this number; [`Effect::ReplyToPeer`] ends it.
     Asked(u64, Envelope),
-    /// A node has come, or come back: its replica and this one compare what they have.
+    /// A node has arrived, or returned: its replica and this one compare their transactions.
     Appeared,
     /// The caller with this number takes no more answers.
     Gone(u64),
@@ -89,9 +89,9 @@ pub enum Effect {
     Alarm(String),
     /// The robot's settings for its node have changed to this.
     Settings(Settings),
-    /// Something was refused that nobody may write.
+    /// A write that is allowed to no user was refused.
     Refused {
-        /// Who has sent it.
+        /// The sender.
         from: String,
         /// Why, for a person.
         why: String,
@@ -112,7 +112,7 @@ pub struct Database {
     other_team: OtherTeam,
     alarms: VecDeque<String>,
     wall: Wall,
-    /// Whether what the own keys say to the node has changed in this turn.
+    /// Whether the settings for the node in its own keys have changed in this turn.
     resettled: bool,
     derived: Derived,
 }
@@ -190,7 +190,7 @@ impl Database {
         }
     }
 
-    /// Takes what has come; appends what is to be done, in order.
+    /// Takes the inputs; appends the effects in order.
     pub fn handle(&mut self, now: Time, wall: Wall, inputs: Vec<Input>, effects: &mut Vec<Effect>) {
         self.wall = wall;
         self.announce(effects);
@@ -288,8 +288,8 @@ impl Database {
         }
     }
 
-    /// Makes room for one that was heard of: strangers give way to members, and of several whoever was not heard of for
-    /// longest.
+    /// Makes room for a replica that was heard of: strangers give way to members; among several strangers, the one not
+    /// heard of for longest.
     fn has_room_for(&mut self, from: ReplicaId) -> bool {
         if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
             return true;
@@ -301,7 +301,7 @@ impl Database {
         gives_way.is_some_and(|(.., origin)| self.heard.remove(&origin).is_some())
     }
 
-    /// Returns what the replica is asked to commit.
+    /// Returns the transaction that the replica is asked to commit.
     fn request(
         &mut self,
         now: Time,
@@ -334,7 +334,7 @@ impl Database {
         }
         let schemas = self.derived.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
         let breaches: Vec<String> = schemas.check(draft).iter().map(ToString::to_string).collect();
-        // What the node itself writes is no affair of people's.
+        // The node's own writes do not concern users.
         (call != 0 && !breaches.is_empty()).then(|| format!("nothing was written: {}", breaches.join("; ")))
     }
 
@@ -382,7 +382,7 @@ impl Database {
         effects.push(Effect::End(call));
     }
 
-    /// Gives the replica an input, and makes what it wants ours.
+    /// Gives the replica an input, and translates its effects.
     fn feed(&mut self, now: Time, input: replica::Input, asked: &mut Asked, effects: &mut Vec<Effect>) {
         if self.disk.closed.is_some() {
             return;
@@ -424,7 +424,7 @@ impl Database {
                 self.calls.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
-            // The status says it for as long as it is so; the log says when it began.
+            // The status shows it for as long as it lasts; the log shows when it began.
             replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) => {
                 let is_new = self.other_team.hear(now, origin, &robot);
                 let alarm = Alarm::OtherTeam(origin, robot);
@@ -434,7 +434,7 @@ impl Database {
         }
     }
 
-    /// Forgets what was worked out from keys that a transaction has written.
+    /// Drops cached results that depend on keys which a transaction has written.
     fn visible(&mut self, frame: &EncodedTxn) {
         for write in frame.open().map(|txn| txn.writes).unwrap_or_default() {
             self.resettled |= Settings::concern(&self.place.robot, &write.key);
@@ -450,7 +450,7 @@ impl Database {
             replica::Answer::Refused(TxnError::NotOwner { owner, .. }) => Reply::NotOwner { owner },
             replica::Answer::Refused(why) => refuse::unmet_or_refused(&why),
         };
-        // Whoever waits for more than the local disk hears a second time.
+        // A caller that waits for more than the local disk gets a second answer.
         let more = matches!(reply, Reply::Committed(_)) && self.calls.waiting.contains(&call);
         effects.push(Effect::AnswerCaller(call, reply));
         if !more {

@@ -30,7 +30,7 @@ pub struct SpawnOrder {
     pub process: ProcessId,
     /// Absolute path of the instance.
     pub path: String,
-    /// Whether the plan has had another program of this path, which may be there, too.
+    /// Whether the plan has had another program of this path, which may still be there.
     pub is_next: bool,
     /// Executable and its arguments.
     pub command: Vec<String>,
@@ -40,7 +40,7 @@ pub struct SpawnOrder {
     pub devices: Vec<String>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
-    /// Its policy: what it may use, and what happens when its agent is gone.
+    /// Its policy: the resources it may use, and the action on loss of its agent.
     pub policy: Policy,
     /// The keys of the database that it is connected with.
     pub keys: Vec<KeyBinding>,
@@ -49,14 +49,15 @@ pub struct SpawnOrder {
 }
 
 impl SpawnOrder {
-    /// Returns the word by which the program says who it is: its path, with its number where another one may have that, too.
+    /// Returns the name by which the program introduces itself: its path, followed by its number if another program may
+    /// have the same path.
     pub fn word(&self) -> String {
         if self.is_next { format!("{}#{}", self.path, self.process.leaf) } else { self.path.clone() }
     }
 }
 
-/// A word of a command that is a secret of the database. Nothing here holds its value: that is looked up when the program is started,
-/// each time anew.
+/// A word of a command that is a secret of the database. The value is not held here: it is looked up each time the
+/// program is started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SecretArgument {
     /// Which word of the command; the path of a file with the value is appended to it.
@@ -79,18 +80,18 @@ pub enum Effect {
     Ping {
         /// Numbers the question.
         round: u64,
-        /// The names of those who are asked; none for all.
+        /// The names of the nodes asked; none for all.
         only: Option<BTreeSet<String>>,
         /// Whether some may not know yet who asks.
         shows: bool,
     },
-    /// Tell another node of this one's name what runs here.
+    /// Tell another node of this one's name which deployments run here.
     Greet(Box<Namesake>),
-    /// Tell those who ask from now on which boot has their name.
+    /// Tell the nodes that ask from now on which boot has their name.
     Holders(BTreeMap<String, u64>),
-    /// Let these hosts hear of this node all the time from now on, and no others: a cut is noticed by what does not arrive.
+    /// Let only these hosts hear of this node all the time from now on: they notice a cut by missing heartbeats.
     Beat(BTreeSet<String>),
-    /// Tell people, and whoever else wants to know, what has become of another node.
+    /// Tell users and other listeners about a change of another node.
     Peer(Change),
     /// Start a program under a shim.
     Spawn(Box<SpawnOrder>),
@@ -101,8 +102,8 @@ pub enum Effect {
         /// The order.
         order: ShimOrder,
     },
-    /// Kill a shim that has not ended its program in time: it may be suspended. What it leaves is ended, and told as gone once
-    /// nothing of that is there any more.
+    /// Kill a shim that has not ended its program in time: it may be suspended. Everything it leaves is ended, and
+    /// reported as gone once nothing of it is there any more.
     KillShim {
         /// The program.
         process: ProcessId,
@@ -124,8 +125,8 @@ pub enum Effect {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk or cannot be. Nothing waits
-    /// meanwhile.
+    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk or cannot be. Nothing
+    /// waits in the meantime.
     ///
     /// [`Input::Committed`]: crate::logic::agent::Input::Committed
     PersistEpoch {
@@ -148,17 +149,17 @@ pub enum Effect {
         /// The order.
         order: Box<ToParticipant>,
     },
-    /// See whether the user who has signed a deployment of this home may still have it, and give [`Input::Resumable`]: it is to begin
-    /// again after a reboot.
+    /// Check whether the signer of a deployment of this home may still have it, and give [`Input::Resumable`]: it is to
+    /// be resumed after a reboot.
     ///
     /// [`Input::Resumable`]: crate::logic::agent::Input::Resumable
     JudgeResumed {
-        /// The one that ran before the reboot.
+        /// The deployment that ran before the reboot.
         deployment: Deployment,
-        /// What the user has signed.
+        /// The request that the user has signed.
         signed: Option<Arc<Signed>>,
     },
-    /// Take note of what became of an order that was judged and accepted.
+    /// Note the outcome of an order that was judged and accepted.
     OrderEnded {
         /// As judged.
         number: u64,
@@ -176,19 +177,19 @@ pub enum Effect {
         /// How each would be started.
         programs: Vec<SpawnOrder>,
     },
-    /// Write down that every host has confirmed the end of a deployment; nobody waits for it.
+    /// Write down that every host has confirmed the end of a deployment. No input waits for it.
     Settled {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Write down that everything is stopped, and by whom, or that it is not any more; nobody waits for it.
+    /// Write down that everything is stopped, and by which user, or that the stop was released. No input waits for it.
     KeepEstop {
         /// Numbers the write; answered by [`Input::EstopKept`](crate::logic::agent::Input::EstopKept).
         number: u64,
-        /// Who has stopped everything; none lets programs begin.
+        /// The user who has stopped everything; none lets programs begin.
         estop: Option<Estop>,
     },
-    /// Write down what a node needs to know of a deployment that begins after a reboot; nobody waits for it.
+    /// Write down the data that a node needs about a deployment that begins after a reboot. No input waits for it.
     Keep(Box<Kept>),
     /// Remove that from the disk: the deployment is to end. Answered by [`Input::Unkept`](crate::logic::agent::Input::Unkept).
     Unkeep {
@@ -229,7 +230,7 @@ pub enum Effect {
         /// Its programs here: leaf and absolute path.
         programs: Vec<(u32, String)>,
     },
-    /// Write something of this node's own into the database; nobody waits for it.
+    /// Write a transaction of the node itself into the database. No caller waits for it.
     WriteDatabase(Box<Commit>),
     /// Nothing is left on this host: the node may leave.
     Leave,
@@ -240,12 +241,12 @@ pub enum Effect {
     },
 }
 
-/// Where a machine puts what it wants: effects for the driver, messages for nodes (this one included).
+/// The outputs of a machine: effects for the driver, messages for nodes (this one included).
 #[derive(Debug)]
 pub struct Out<'a> {
     /// The time of the input being handled.
     pub now: Time,
-    /// The same on the calendar clock of this host, as time since 1970: for people, nothing is decided by it.
+    /// The same on the calendar clock of this host, since 1970: only for users, nothing is decided by it.
     pub since_1970: Duration,
     /// For the driver.
     pub effects: &'a mut Vec<Effect>,

@@ -1,7 +1,7 @@
 //! The way in which the kernel would execute a file, by the bytes that it begins with. Sources: execve(2), elf(5),
 //! fs/binfmt_script.c and fs/binfmt_elf.c in Linux.
 
-/// How many bytes the kernel looks at to find out what a file is.
+/// How many bytes the kernel reads to determine the kind of a file.
 pub const BEGIN_SIZE: usize = 256;
 /// How an executable in the format of Linux begins.
 const ELF: &[u8] = b"\x7fELF";
@@ -11,7 +11,8 @@ const SCRIPT: &[u8] = b"#!";
 const EXECUTABLE: [u16; 2] = [2, 3];
 /// The type of a program header that names the loader: `PT_INTERP`.
 const LOADER: u64 = 3;
-/// Processors that execute the programs of another one, where the kernel is built for that: x86-64 those of i386, and AArch64 those of ARM.
+/// Processors that execute the programs of another one, if the kernel is built for that: x86-64 those of i386, and
+/// AArch64 those of ARM.
 const COMPATIBLE: [(u16, u16); 2] = [(62, 3), (183, 40)];
 
 /// The format of a file.
@@ -105,7 +106,7 @@ fn number(bytes: &[u8], at: usize, size: usize, is_little: bool) -> Option<u64> 
 }
 
 impl Elf {
-    /// Returns whether it is a program, and not an object file or the memory of one that has crashed.
+    /// Returns whether it is a program, rather than an object file or the memory image of a crashed program.
     pub fn is_executable(&self) -> bool {
         EXECUTABLE.contains(&self.kind) && self.headers.count > 0
     }

@@ -1,9 +1,9 @@
 //! The supervisor of one process group: feeds events to the algebra and turns its commands into orders.
 //!
-//! Commands go out at once and in the algebra's order, but for one: an activation waits until the wires that were opened for
-//! its member are confirmed by their producers, so that a consumer never runs on closed wires. Nothing else waits with it: a
-//! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one. And an activation waits
-//! for as long as a lost host may still use what it takes (`fence`).
+//! Commands are carried out at once and in the algebra's order, with one exception: an activation waits until the wires
+//! that were opened for its member are confirmed by their producers, so that a consumer never runs on closed wires.
+//! Nothing else waits with it: a stop on contact must not be delayed by a slow host. Wires are counted, since two sets
+//! may share one. An activation also waits for as long as a lost host may still use its resources (`fence`).
 
 mod actions;
 mod activity;
@@ -52,7 +52,7 @@ const VALUE_MAX: usize = 8 << 20;
 pub struct ExecContext<'a> {
     /// The deployment.
     pub deployment: &'a Deployment,
-    /// Its home, which tells the people who watch.
+    /// Its home, which informs the users who watch.
     pub home: &'a str,
     /// Its plan.
     pub plan: &'a Plan,
@@ -89,7 +89,7 @@ pub struct Executer {
     consumers: BTreeMap<u32, u32>,
     /// How many open sets have each wire.
     open: BTreeMap<u32, u32>,
-    /// The wires of each set, as they are used now.
+    /// The wires of each set in current use.
     sets: Vec<Vec<u32>>,
     /// How often each set is open.
     open_sets: BTreeMap<u32, u32>,
@@ -109,7 +109,7 @@ pub struct Executer {
     switches: BTreeMap<u64, Switch>,
     /// The open sets of members that a person has switched, by slot.
     switched_to: BTreeMap<u32, Vec<u32>>,
-    /// The leaf that is the member of a slot: during a change it may be the one of the plan before.
+    /// The leaf that is the member of a slot: during a change it may be a leaf of the previous plan.
     acting: BTreeMap<u32, u32>,
     /// The leaf that is so from its next activation on, of members that were being stopped.
     acting_next: BTreeMap<u32, u32>,
@@ -119,7 +119,7 @@ pub struct Executer {
     succession: Option<Succession>,
     /// Steps that are not recorded yet, and how many came before them.
     steps: (u64, Vec<StepRecord>),
-    /// What its tests make it do wrong.
+    /// The fault that a test plants.
     #[cfg(test)]
     #[serde(skip)]
     planted: Option<planted::Fault>,
@@ -211,7 +211,7 @@ impl Executer {
         self.running
     }
 
-    /// Ends the group without waiting for anything: its node leaves. What runs for it is still to end.
+    /// Ends the group without waiting, because its node leaves. Its activities are still to end.
     pub fn abandon(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         (self.running, self.is_abandoned) = (false, true);
         self.waiting.clear();
@@ -248,11 +248,11 @@ impl Executer {
         let event = match ending {
             Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
             Ending::Aborted(mut failure) => {
-                // Of one that is not current people know.
+                // Users have already been told about activations that are no longer current.
                 if current && failure.origin.is_empty() {
                     self.complete(slot, &mut failure, context, out);
                 }
-                // What nobody could confirm inside a group stays unconfirmed at its boundary.
+                // An unconfirmed stop inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
                 if current {
                     self.failures.insert(slot, failure);
@@ -269,13 +269,13 @@ impl Executer {
         self.react(event, context, out)
     }
 
-    /// Does what is due. Returns how the group ended, if it did.
+    /// Lets time pass. Returns how the group ended, if it did.
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
         self.tick_switches(context, out);
         let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
         for (due, timer, number) in due {
-            // An earlier one of them may have cancelled it.
+            // An earlier timer may have cancelled it.
             if !self.timers.remove(&(due, timer, number)) {
                 continue;
             }
@@ -295,8 +295,8 @@ impl Executer {
         open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
     }
 
-    /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and tells the people who
-    /// watch: nobody else does.
+    /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and reports it to
+    /// the users who watch: no other part of the system does.
     fn complete(&self, slot: u32, failure: &mut Failure, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         failure.origin = member_path(context.plan, group, slot).unwrap_or_default();
@@ -341,7 +341,7 @@ impl Executer {
         self.escalate(ending)
     }
 
-    /// Has its steps recorded, for those who compare them later with the spec: several at once, since nothing waits for them.
+    /// Has its steps recorded, for a later comparison with the spec: several at once, since nothing waits for them.
     fn record(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let (group, number, steps) = (self.group, self.steps.0, std::mem::take(&mut self.steps.1));
         self.steps.0 += steps.len() as u64;
@@ -369,7 +369,7 @@ impl Executer {
             |slot: &u32, waiting: &mut Waiting| waiting.ready_at() <= out.now && fences.against(*slot).is_none();
         let ready: Vec<(u32, Waiting)> = self.waiting.extract_if(.., is_ready).collect();
         for (member, waiting) in ready {
-            // Who has not confirmed within the time is not waited for by others either.
+            // Once the time is over, no other member waits for a member that has not confirmed.
             self.confirm(&waiting.wires);
             self.activate_member((member, waiting.activation), waiting.value, context, out);
         }
@@ -444,7 +444,7 @@ impl Executer {
         self.end_member(process, ending, context, out);
     }
 
-    /// Says what a member that was never told to run would have to say, after the commands that are being carried out.
+    /// Reports the end of a member that was never told to run, after the commands that are being carried out.
     fn end_member(&self, process: (Target, u32), ending: Ending, context: ExecContext<'_>, out: &mut Out<'_>) {
         let (target, activation) = process;
         if let Some(here) = group_host(context.plan, self.group) {

@@ -1,11 +1,12 @@
-//! The gate of a node in a team: what starts, stops or changes something passes only if a user has signed it who may do that.
+//! The gate of a node in a team: a request that starts, stops or changes something passes only if it is signed by a
+//! user who may do that.
 //!
 //! ```text
 //! dca ──Signed(Deploy)──▶ gate of the home ──▶ Coordinator ──Ordered(Prepare)──▶ gate of each host ──▶ Participant
 //! ```
-//! The home passes on what the user has signed, and each host compares what it is ordered with that. So a home or a relay that
-//! lies starts nothing. A request counts once on each node. Its number is in the [`Ledger`], which is on the disk before anything is
-//! done.
+//! The home passes on the request that the user has signed, and each host compares its orders with it. So a home or a
+//! relay that lies starts nothing. A request counts once on each node. Its number is in the [`Ledger`], which is on the
+//! disk before anything is done.
 //!
 //! The ends of activations, and the order to end everything, need no signature: they follow from the plan that was signed.
 
@@ -37,16 +38,16 @@ pub struct Gate {
     node: KeyId,
     name: Name,
     ledger: Ledger,
-    /// The records of what was accepted since they were taken last.
+    /// The records of requests accepted since the last call of [`Gate::take_news`].
     news: Vec<u8>,
 }
 
-/// Who wants what, for the audit log.
+/// A user and an action, for the audit log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attempt {
-    /// The user, as far as that is known.
+    /// The user, if known.
     pub who: String,
-    /// What is wanted.
+    /// The action.
     pub what: String,
 }
 
@@ -55,14 +56,14 @@ pub struct Attempt {
 pub enum Passed {
     /// It needs no signature.
     Open(Request),
-    /// It is signed by somebody who may ask for it. The ledger has to be on the disk before it is done.
+    /// It is signed by a user who may ask for it. The ledger has to be on the disk before it is carried out.
     Signed(Attempt, Box<Signed>),
 }
 
 /// Something was refused: nothing is done, and nothing has changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// Who wanted what.
+    /// The user and the action.
     pub attempt: Attempt,
     /// The reason.
     pub why: Refusal,
@@ -71,32 +72,32 @@ pub struct Refused {
 /// Why something was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
-    /// Nobody has signed it.
+    /// It is not signed.
     #[error("nobody has signed it: in a team, to {0} needs the key of a user (`dca team key`)")]
     Unsigned(Action),
-    /// What was signed is no request, or one that is not signed.
+    /// The signed payload is not a request, or not one that needs a signature.
     #[error("what was signed is no request that is signed")]
     Unreadable,
     /// It is signed for something else.
     #[error("it is signed to {signed}, and asks to {asked}")]
     Action {
-        /// What was signed.
+        /// The signed action.
         signed: Action,
-        /// What is asked for.
+        /// The requested action.
         asked: Action,
     },
     /// A program is called in another way than was signed.
     #[error("another call was signed than the one that has come")]
     OtherCall,
-    /// What is ordered is not what was signed.
+    /// The order differs from the signed request.
     #[error("what `{0}` orders is not what was signed")]
     Altered(String),
     /// The epoch is outdated.
     #[error("it is of epoch {found}, but epoch {known} is known")]
     Epoch {
-        /// That of the order.
+        /// The epoch of the order.
         found: u64,
-        /// The highest one that was accepted.
+        /// The highest epoch that was accepted.
         known: u64,
     },
     /// The signature, its time, its number, or the role of the signer.
@@ -149,12 +150,12 @@ impl Gate {
         Self { node, name, ledger, news: Vec::new() }
     }
 
-    /// Returns what was accepted.
+    /// Returns the accepted requests.
     pub const fn ledger(&self) -> &Ledger {
         &self.ledger
     }
 
-    /// Takes the records of what was accepted since this was called last, to be added to the ledger on the disk.
+    /// Takes the records of requests accepted since the last call, to be added to the ledger on the disk.
     pub fn take_news(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.news)
     }
@@ -189,7 +190,7 @@ impl Gate {
         }
     }
 
-    /// Decides about a call of a user that has come to a program of this node.
+    /// Decides about a user's call of a program of this node.
     ///
     /// # Errors
     /// It is refused.
@@ -282,7 +283,8 @@ impl Gate {
             return Err(Refusal::Epoch { found: epoch, known });
         }
         let Self { node, name, ledger, news } = self;
-        // What was accepted for this very deployment goes on: its number is spent, and its time may be over.
+        // A request that was accepted for this very deployment stays valid: its number is spent, and it may have
+        // expired.
         let before = ledger.accepted(&place, epoch, mark.0, mark.1).filter(|_| !is_first).or(resumed);
         let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
         let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
@@ -346,7 +348,7 @@ impl Gate {
     }
 }
 
-/// Returns who says to have signed, for people.
+/// Returns the claimed signer, for users.
 fn signer(signed: &Signed) -> String {
     request::Request::peek(&signed.head).map_or_else(|_unreadable| "somebody".to_owned(), |(_, name)| name.to_string())
 }
@@ -357,7 +359,7 @@ fn check_action(signed: &Signed, asked: Action) -> Result<u64, Refusal> {
     if head.action == asked { Ok(head.epoch) } else { Err(Refusal::Action { signed: head.action, asked }) }
 }
 
-/// Returns whether an order is what a request asks for.
+/// Returns whether an order follows from a request.
 fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool {
     let change = if let Request::Change(change) = request { Some(&**change) } else { None };
     if change.is_some_and(|change| change.epoch != epoch || change.name != signed.name) {
@@ -379,7 +381,7 @@ fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool 
     }
 }
 
-/// Returns whether the change says of each of these leaves that its program is to be started anew.
+/// Returns whether the change asks for the program of each of these leaves to be started again.
 fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool {
     let is_named = |leaf: &u32| {
         let leaf = plan.leaves.get(*leaf as usize);
@@ -388,10 +390,10 @@ fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool
     again.iter().all(is_named)
 }
 
-/// Returns whether a plan is the one that was signed, but for its numbers: those of a plan that has changed while it ran are of the
-/// plan before. What was taken away from it is still there, and nothing of that is started.
+/// Returns whether a plan is the signed one, apart from its numbers: a plan that was changed at run time keeps the
+/// numbers of the previous plan. Leaves that were removed are still listed, and are not started.
 fn is_same(plan: &Plan, signed: &Plan) -> bool {
-    // One that has a path twice could hide something behind the other; of those with one path that have run, one is started.
+    // A leaf with a duplicate path could hide another one. Of several leaves of one path that have run, one is started.
     let live = plan.live_leaves();
     let paths = live.iter().filter_map(|number| plan.leaves.get(*number as usize)).map(|leaf| leaf.path.as_str());
     let has_no_more = paths.collect::<BTreeSet<&str>>().len() == live.len()

@@ -1,5 +1,5 @@
-//! The reports of a deployment so far: for callers that watch it, were cut off and come back, and for those that listen
-//! to everything.
+//! The reports of a deployment so far: for callers that watch it, were cut off and return, and for those that listen to
+//! everything.
 
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Answer, Deployment, Event, Report};
@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How many reports are kept: the first ones and the latest. Those between them are left out, and counted.
+/// How many reports are kept: the first ones and the latest. Reports between them are left out, and counted.
 const REPORTS_MAX: usize = 20_000;
-/// How many of the first ones are kept whatever comes later: how the deployment began.
+/// How many of the first reports are always kept: they show how the deployment began.
 const FIRST_MAX: usize = 1000;
 /// How many of the plans that changes have adopted are kept.
 const PLANS_MAX: usize = 16;
@@ -45,7 +45,7 @@ pub struct History {
     count: u64,
 }
 
-/// A report, and what people want to know of it.
+/// A report, with the data that users ask for.
 #[derive(Debug, Serialize, Deserialize)]
 struct Entry {
     number: u64,
@@ -98,9 +98,9 @@ impl History {
         plans.skip(PLANS_MAX - 1).for_each(|entry| entry.report = Report::Omitted { count: 1 });
     }
 
-    /// Repeats the reports that somebody who has the first `seen` of them has missed.
+    /// Repeats the reports that are missing for a caller who has the first `seen` of them.
     pub fn tell_missed(&self, call: u64, seen: u64, out: &mut Out<'_>) {
-        // The end is told in any case: it is what ends the watch.
+        // The end is always reported, because it ends the watch.
         let end = self.entries.back().filter(|last| is_last(&last.report));
         let mut next = end.map_or(seen, |end| seen.min(end.number));
         let mut tell = |report| {
@@ -118,7 +118,7 @@ impl History {
         }
     }
 
-    /// Tells somebody who listens to everything what has happened so far.
+    /// Reports all events so far to a caller who listens to everything.
     pub fn tell(&self, call: u64, out: &mut Out<'_>) {
         let (mut events, mut next) = (Vec::new(), 0);
         for entry in &self.entries {
@@ -140,12 +140,12 @@ impl History {
         self.hosts.get(entry.host as usize).cloned().unwrap_or_default()
     }
 
-    /// Returns a report as it is told to those who listen to everything; nothing if it is none of their business.
+    /// Returns a report in the form for callers who listen to everything, or nothing if it does not concern them.
     fn event(&self, entry: &Entry, now: Time) -> Option<Event> {
-        // Where programs can be dialled, each step of a supervisor, and plans are for those who follow one mission.
+        // Addresses of programs, steps of supervisors and plans are for callers that follow one mission.
         let report = match &entry.report {
             Report::Programs { .. } | Report::Stepped { .. } | Report::Replanned { .. } => return None,
-            // What takes the place of a plan is none of their business either.
+            // The replacement of a plan does not concern them either.
             Report::Omitted { .. } => return None,
             Report::Go { took, .. } => Report::Go { took: *took, signals: Vec::new() },
             Report::Accepted { .. }
@@ -234,7 +234,7 @@ mod tests {
         assert_eq!((whole[0], whole[FIRST_MAX - 1]), ((0, 0), (first - 1, 0)));
         assert_eq!(whole[FIRST_MAX], (first + 500, 500));
         assert_eq!(whole.last(), Some(&(all + 499, 0)));
-        // Who was there for the beginning misses fewer; who has seen what was left out misses none.
+        // A caller who saw the beginning misses fewer reports; a caller who has seen the omitted ones misses none.
         assert_eq!(missed(&history, first + 100)[0], (first + 500, 400));
         assert_eq!(missed(&history, first + 700)[0], (first + 700, 0));
         assert_eq!(missed(&history, all + 499), [(all + 499, 0)]);

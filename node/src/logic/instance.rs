@@ -5,10 +5,10 @@
 //!     any ─program ended, nothing left─▶ Dead          any ─leave─▶ Leaving ─▶ Dead
 //!     after the first Idle: any ─program ended─▶ Waiting ─▶ Starting …, as `restarts` allows, else Dead
 //! ```
-//! Invariants: exactly one ending for each activation (`finish` takes away what it ends), and only when the controller has
-//! finished its `Stop()` or when nothing of the program is left; a stop is bounded by `stop_within`, then by the grace
-//! after SIGTERM, then by the time the kernel has to remove what was killed. An activation outlives its program: while that
-//! is started again, its supervisor hears nothing.
+//! Invariants: exactly one ending for each activation (`finish` takes away the activation it ends), and only when the
+//! controller has finished its `Stop()` or when nothing of the program is left. A stop is bounded by `stop_within`,
+//! then by the grace after SIGTERM, then by the time the kernel has to remove the killed processes. An activation
+//! outlives its program: while the program is started again, its supervisor hears nothing.
 
 mod note;
 mod program;
@@ -32,7 +32,7 @@ use shim::protocol::ShimOrder;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long a program has to make its links: it waits 18 s for who it hears, and 18 s for who hears it.
+/// How long a program has to make its links: it waits 18 s for its sources, and 18 s for its receivers.
 pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(38);
 /// How long a program has between SIGTERM and SIGKILL.
 pub(super) const GRACE: Duration = Duration::from_secs(1);
@@ -40,7 +40,7 @@ pub(super) const GRACE: Duration = Duration::from_secs(1);
 const VALUE_MAX: usize = 1 << 20;
 /// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
 pub(super) const KILL_WITHIN: Duration = Duration::from_secs(15);
-/// How long it may take then, once its shim was killed, too: that may be suspended.
+/// How long the removal may take after its shim was killed: the shim may be suspended.
 pub(super) const SHIM_KILL_WITHIN: Duration = Duration::from_secs(5);
 
 /// Whether an activation has failed of the death of a program: each death is told once.
@@ -72,7 +72,8 @@ enum Stage {
         forced: bool,
     },
     Dead,
-    /// The program has died, and is started again then; one that was ended by force at a stop, with its next activation.
+    /// The program has died, and is started again at this time. A program that was ended by force at a stop is started
+    /// with its next activation.
     Waiting {
         until: Option<Time>,
     },
@@ -96,7 +97,7 @@ pub struct Instance {
     start: Start,
     stage: Stage,
     current: Option<Current>,
-    /// Whether its links have stood once: from then on it is started again rather than refused.
+    /// Whether its links have been up once: from then on it is started again rather than refused.
     joined: bool,
     restarts: Restarts,
     /// The restarts of the previous program.
@@ -238,7 +239,7 @@ impl Instance {
         self.program.pid.filter(|_| self.stage != Stage::Dead || self.is_unconfirmed())
     }
 
-    /// Returns what it does when hosts are lost.
+    /// Returns its reaction to the loss of hosts.
     pub fn link_loss(&self) -> LinkLoss {
         self.start.order.policy.link_loss
     }
@@ -305,7 +306,7 @@ impl Instance {
         true
     }
 
-    /// Takes note that its node was gone: its program could not answer meanwhile.
+    /// Takes note that its node was gone: its program could not answer in the meantime.
     pub fn adopted(&mut self, away: Duration) {
         self.program.clearing = self.program.clearing.map(|at| at + away);
         match &mut self.stage {
@@ -368,7 +369,7 @@ impl Instance {
                 self.stage = Stage::Dead;
                 self.left(context);
             }
-            // One that has not said hello has no channel for an order yet.
+            // A program that has not said hello has no channel for an order yet.
             Stage::Starting { .. } | Stage::Removing { .. } | Stage::Replacing { .. } | Stage::Refused => {
                 (self.next, self.probation) = (None, None);
                 self.force_out(context);
@@ -456,7 +457,7 @@ impl Instance {
         }
     }
 
-    /// Stops an activation; one that is over is left to the ending already sent.
+    /// Stops an activation. For an activation that is over, the ending already sent is enough.
     pub fn stop(&mut self, activation: u32, context: &mut InstanceContext<'_>) {
         if self.current.as_ref().is_none_or(|current| current.number != activation) {
             return;
@@ -488,7 +489,8 @@ impl Instance {
         }
     }
 
-    /// Stops what runs because `host` is lost, which then counts as its failure; nothing new begins until [`Self::reach`].
+    /// Stops the running activation because `host` is lost, which then counts as its failure; nothing new begins until
+    /// [`Self::reach`].
     pub fn cut(&mut self, host: &str, context: &mut InstanceContext<'_>) {
         self.hold(host);
         if matches!(self.stage, Stage::Stopping { .. } | Stage::Leaving { .. }) {

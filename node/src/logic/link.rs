@@ -1,12 +1,12 @@
 //! In-order, exactly-once messages between two running nodes.
 //!
-//! Zenoh keeps nothing for a peer that is away. So each side keeps what the other has not acknowledged, and sends it again
-//! (go-back-N): the oldest of it, later each time until something is acknowledged, then the next.
+//! Zenoh keeps nothing for a peer that is away. So each side keeps the unacknowledged messages, and sends them again
+//! (go-back-N): first the oldest, after a longer wait each time, until something is acknowledged, then the next.
 //!
-//! A link belongs to one pair of boots. When either node restarts, both sides begin anew at 1, because the state that the
-//! old messages spoke of is gone. So they do when one side has forgotten the link, as that of a boot which others of its name have
-//! taken the place of: each side says since when its link is there, and the other one begins anew when that is later. Invariant: a
-//! message is delivered once, after all earlier ones.
+//! A link belongs to one pair of boots. When either node restarts, both sides restart at 1, because the state that the
+//! old messages refer to is gone. The same happens when one side has discarded the link, for example because newer
+//! boots of that name evicted it. Each side reports since when its link exists, and the other side restarts when that
+//! time is later. Invariant: a message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message};
 use comms::logic::codec::{Enveloped, Kind};
@@ -41,16 +41,16 @@ pub struct Frame {
     pub message: Option<(u64, Message)>,
 }
 
-/// Since when each end of a link is there, on the clock of its own node.
+/// Since when each end of a link exists, on the clock of its own node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ends {
-    /// That of the sender.
+    /// The clock of the sender.
     pub own: Time,
-    /// That of the receiver, once the sender has heard of it.
+    /// The clock of the receiver, once the sender has heard it.
     pub peer: Option<Time>,
 }
 
-/// What comes of a frame.
+/// The result of a frame.
 #[derive(Debug, Default, PartialEq)]
 pub struct Received {
     /// The message that it delivers.
@@ -80,7 +80,7 @@ pub struct Link {
     /// How long the next answer is waited for.
     patience: Duration,
     resend_at: Option<Time>,
-    /// The last message that was sent when something had to be sent again, and the last one that was.
+    /// The last message that was sent when a resend was needed, and the last one that was sent again.
     recovering: (u64, u64),
     /// Whether the peer counts as lost: then it is only probed.
     lost: bool,
@@ -91,7 +91,8 @@ pub struct Link {
 struct Unacknowledged {
     number: u64,
     message: Message,
-    /// When it was sent for the first time; none once it was sent again, since nobody knows which one is acknowledged.
+    /// When it was sent for the first time; none once it was sent again, since it is unknown which copy is
+    /// acknowledged.
     sent: Option<Time>,
 }
 
@@ -131,15 +132,16 @@ impl Link {
         Some(self.frame(Some((self.sent, message))))
     }
 
-    /// Empties the messages that have not arrived: the peer counts as lost, and must not act on them when it is back. What is
-    /// final stays: a peer that has not lost this node waits for it. Until it is reached again it is only probed.
+    /// Drops the messages that have not arrived: the peer counts as lost, and must not act on them when it returns.
+    /// Final messages stay, since a peer that has not lost this node waits for them. Until the peer is reached again it
+    /// is only probed.
     pub fn abandon(&mut self) {
         self.lost = true;
         let others = self.backlog.iter_mut().map(|kept| &mut kept.message).filter(|message| !message.is_final());
         others.for_each(|message| message.body = Body::Tombstone);
     }
 
-    /// Takes note that the peer is there again: what it has not acknowledged is sent at once.
+    /// Takes note that the peer is there again: the unacknowledged messages are sent at once.
     pub fn reached(&mut self, now: Time) {
         self.lost = false;
         self.patience = self.patience_first();
@@ -155,7 +157,7 @@ impl Link {
             return Received::default();
         }
         if frame.ends.peer.is_some_and(|own| own != self.ends.own) {
-            // It is for the link that was here before, and that has counts of its own.
+            // The frame belongs to the previous link, which has counts of its own.
             return Received { answer: Some(self.frame(None)), ..Received::default() };
         }
         let is_anew = self.ends.peer.replace(frame.ends.own).is_some_and(|known| known < frame.ends.own);
@@ -171,7 +173,8 @@ impl Link {
         Received { message, answer: Some(self.frame(None)), is_anew }
     }
 
-    /// Counts from 1 again. The peer has lost this node, so it is told what is final, and nothing else that it has not acknowledged.
+    /// Counts from 1 again. The peer has lost this node, so it gets the final messages, and no other unacknowledged
+    /// ones.
     fn begin_anew(&mut self, now: Time) {
         self.backlog.retain(|kept| kept.message.is_final());
         (self.sent, self.received, self.recovering) = (0, 0, (0, 0));
@@ -200,7 +203,7 @@ impl Link {
         if progress {
             self.patience = self.patience_first();
             let (sent_before, sent_again) = self.recovering;
-            // What was sent behind a gap was dropped by the peer: it is sent again as soon as the gap is filled.
+            // The peer has dropped the frames after a gap: they are sent again as soon as the gap is filled.
             let next_round = oldest <= sent_before && acknowledged >= sent_again;
             self.resend_at = Some(if next_round { now } else { now + self.patience });
         }
@@ -210,7 +213,7 @@ impl Link {
         self.round_trip.map_or(RESEND_AFTER, |took| (took * 2).clamp(RESEND_AFTER, RESEND_AFTER_MAX))
     }
 
-    /// Returns what has to be sent again by now.
+    /// Returns the frames that are due to be sent again.
     pub fn resend(&mut self, now: Time) -> Vec<Frame> {
         if self.resend_at.is_none_or(|at| at > now) {
             return Vec::new();
@@ -367,8 +370,8 @@ mod tests {
         assert_eq!(b.receive(Time::ZERO, frame), Received::default());
     }
 
-    /// One side forgets the link now and then, over a line that loses, repeats and delays frames: both go on, what is sent from then on
-    /// arrives in order and once, and what is final is not lost by the side that has not forgotten.
+    /// One side discards the link now and then, over a line that loses, repeats and delays frames. Both sides recover:
+    /// later messages arrive in order and once, and the other side loses no final message.
     #[test]
     fn a_link_that_one_side_has_forgotten_begins_anew() {
         for seed in 0..500_u64 {
@@ -387,7 +390,7 @@ mod tests {
                 now = now + Duration::from_millis(50);
                 if step == forgets {
                     b = Link::new(now, "b", 2, 1);
-                    // What had arrived is another matter.
+                    // Earlier deliveries do not count.
                     got.clear();
                 }
                 // The last comes when both have found each other again.

@@ -1,15 +1,17 @@
 //! The table of other nodes: which are there, which are missing, and which are lost.
 //!
-//! A node is there because it has answered: this one asks others, in numbered rounds, and each answers with the number of the
-//! round. Those that matter now are asked about once a second, the others seldom: see `attention`. A token that appears or
-//! vanishes, a second node of the same name, or a word of somebody who is not listed is only a reason to ask nodes of that name at
-//! once, and nobody else: of 32 nodes one that comes would have all others ask all others. Tokens get lost, they come in any order,
-//! and anybody can make one. What speaks against a node is cleared by its answer to a later round, never by one to an earlier.
+//! A node is there because it has answered: this one asks others, in numbered rounds, and each answers with the number
+//! of the round. Important nodes are asked about once a second, the others seldom: see `attention`. Some events make
+//! this node ask all nodes of one name at once: a token that appears or vanishes, a second node of the same name, or a
+//! message of an unlisted node. Only nodes of that name are asked. Otherwise one arriving node would make all 32 nodes
+//! query each other. Tokens get lost, arrive in any order, and can be made by anyone. Evidence against a node is
+//! cleared by its answer to a later round, never by one to an earlier round.
 //!
-//! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that was
-//! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
-//! as long as it is not lost, the second is refused until then. The next boot of a node that was killed has its name at once: it
-//! comes from the same folder of the same machine, which two nodes never have at once. Never acts on a wall clock.
+//! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that
+//! was suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the
+//! name for as long as it is not lost, and the second is refused until then. The next boot of a node that was killed
+//! has its name at once: it has the same folder of the same machine, which two nodes never have at once. This module
+//! never acts on a wall clock.
 
 mod attention;
 mod change;
@@ -123,7 +125,7 @@ pub struct NameServer {
     close: BTreeSet<String>,
     /// Until when a person looks.
     watched_until: Time,
-    /// When it was looked at last, and when that is due again.
+    /// When it was last inspected, and when the next inspection is due.
     seen: Time,
     due: Time,
     changes: Vec<Change>,
@@ -177,12 +179,12 @@ impl NameServer {
         self.ask_soon(now, host);
     }
 
-    /// Returns whether all others, whom it asks every second when it is new, have had time to hear of this node.
+    /// Returns whether all others, which a new node asks every second, have had time to hear of this node.
     pub fn is_known(&self, now: Time) -> bool {
         now.since(self.started) > KNOWN_WITHIN
     }
 
-    /// Takes note of a word of a node that is no answer: one that is not listed is asked at once.
+    /// Takes note of a message of a node that is not an answer: an unlisted node is asked at once.
     pub fn heard_of(&mut self, now: Time, host: &str, boot: u64) {
         let is_own = host == self.host && boot == self.boot;
         let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Boot::is_there);
@@ -216,7 +218,7 @@ impl NameServer {
             life.there_since = now;
         }
         if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
-            // Who deals with another node of this one's name is not there for this one.
+            // A node that deals with another node of this one's name does not count as there.
             if life.is_there() {
                 life.reach = Reach::Missing { since: now };
             }
@@ -243,7 +245,7 @@ impl NameServer {
         self.rest(now, &pong.from, boot);
     }
 
-    /// Returns whether one more node can be remembered; forgets one of the same name that is lost if that helps.
+    /// Returns whether one more node can be remembered; forgets a lost node of the same name if that helps.
     fn has_room(&mut self, host: &str, boot: u64) -> bool {
         let Some(peer) = self.peers.get_mut(host) else { return self.peers.len() < NAMES_MAX };
         if peer.lives.contains_key(&boot) || peer.lives.len() < LIVES_MAX {
@@ -310,7 +312,8 @@ impl NameServer {
         }
     }
 
-    /// Returns when a node has answered last, or its link stood: one that is seldom asked has answered long before it was cut off.
+    /// Returns when a node has answered last, or its link was last up: a node that is seldom asked may have answered
+    /// long before it was cut off.
     pub fn heard(&self, host: &str) -> Option<Time> {
         let life = self.held(host)?;
         let before = |since: Time| Time::ZERO + since.since(Time::ZERO).saturating_sub(SILENCE_MISSING);

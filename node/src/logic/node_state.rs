@@ -24,7 +24,7 @@ impl NodeState {
         Self { at, agent, attachments: Attachments::default() }
     }
 
-    /// Takes one input; appends what is to be done, in order.
+    /// Takes one input; appends the effects in order.
     pub fn take(&mut self, at: Time, input: Input, effects: &mut Vec<Effect>) {
         self.at = at;
         self.attachments.taken(&input);

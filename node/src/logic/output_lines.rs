@@ -18,9 +18,9 @@ pub fn last_lines(output: &[u8], is_cut: bool) -> Vec<String> {
     lines.into_iter().map(|line| plain(line).chars().take(LAST_LINE_MAX).collect()).collect()
 }
 
-/// Returns a line of a program's output as a terminal would leave it, without what it may do to a terminal.
+/// Returns a line of a program's output as a terminal would show it, without control sequences.
 pub fn plain(line: &str) -> String {
-    // A progress bar draws over itself: the last is what is seen.
+    // A progress bar overwrites itself: only the last state is visible.
     let line = line.trim_end_matches('\r');
     let line = line.rsplit('\r').next().unwrap_or(line);
     let (mut text, mut chars) = (String::with_capacity(line.len()), line.chars().peekable());

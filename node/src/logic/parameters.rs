@@ -1,4 +1,4 @@
-//! Parameters of running programs: which there are, their values, and whether a key of the database is one of them.
+//! Parameters of running programs: their names, their values, and whether a key of the database is one of them.
 
 use crate::logic::database::settings::{parameter_key, stands_for};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
@@ -10,13 +10,13 @@ use std::collections::BTreeMap;
 pub enum Verdict {
     /// The name is a parameter, and takes the value.
     Fits,
-    /// Nobody can say now; the sentence says why.
+    /// It is unknown at present; the sentence gives the reason.
     Unknown(String),
-    /// The name is no parameter, or does not take the value; the sentence says why.
+    /// The name is not a parameter, or the parameter does not take the value; the sentence gives the reason.
     Refused(String),
 }
 
-/// Returns the parameters of an instance with what its plan gives them.
+/// Returns the parameters of an instance with the values from its plan.
 pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterStatus> {
     let mut places = parameters.iter().map(|parameter| parameter.name.as_str());
     let values: BTreeMap<&str, &Constant> = arguments
@@ -30,14 +30,15 @@ pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterS
     parameters.iter().map(status).collect()
 }
 
-/// Returns the parameters of a plain program that somebody may ask for: its secrets. It is told nothing else while it runs.
+/// Returns the parameters of a plain program that users may ask for: its secrets. The program gets no other value while
+/// it runs.
 pub fn of_plain(arguments: &[Argument]) -> Vec<Parameter> {
     let secrets = arguments.iter().filter(|argument| matches!(argument.value, Constant::Secret(_)));
     secrets.filter_map(|argument| Some(Parameter { name: argument.name.clone()?, accepts: Accepts::Secret })).collect()
 }
 
-/// Returns parameters of the database as their program gets them: quantities as numbers in SI units. What the program does not
-/// take stays as it is; the program refuses it.
+/// Returns parameters of the database in the form for their program: quantities as numbers in SI units. A value that
+/// the program does not take is unchanged; the program refuses it.
 pub fn in_si(declared: &[Parameter], mut stored: Vec<(String, String)>) -> Vec<(String, String)> {
     for (name, text) in &mut stored {
         let declared = declared.iter().find(|parameter| parameter.name == *name);
@@ -54,8 +55,8 @@ pub fn robot_of(key: &str) -> Option<&str> {
     (below == "params" || below.starts_with("params/")).then_some(robot)
 }
 
-/// Looks whether a key is a parameter of a program that runs on its robot, and takes a value; `known` is what the robot's node
-/// says of its programs.
+/// Checks whether a key is a parameter of a program that runs on its robot, and takes a value. `known` is the report of
+/// the robot's node about its programs.
 pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     let Some((robot, deployment, instance, name)) = parameter_key(key) else {
         return Verdict::Refused(format!("`{key}` is no parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`"));

@@ -116,7 +116,8 @@ struct Roll {
 }
 
 impl Participant {
-    /// Starts every program of `host`, idle. `seen` is what runs here of the processes of other deployments that it uses. Answers with `Prepared` or `Refused` when all have reported.
+    /// Starts every program of `host`, idle. `seen` is the state here of the processes of other deployments that it
+    /// uses. Answers with `Prepared` or `Refused` when all have reported.
     pub fn prepare(
         deployment: Deployment,
         plan: Arc<Plan>,
@@ -161,7 +162,7 @@ impl Participant {
         participant
     }
 
-    /// Starts each program of this host, unless something is against one of them, or another deployment runs it.
+    /// Starts each program of this host, unless there is a reason against one of them, or another deployment runs it.
     fn start_programs(&mut self, host: &str, offered: &Programs, out: &mut Out<'_>) {
         let starts = match self.starts(&self.site.plan, host, offered) {
             Ok(starts) if self.roll.reasons.is_empty() => starts,
@@ -258,7 +259,7 @@ impl Participant {
                     self.with_instance(leaf, out, |instance, context| instance.renew(&with, context));
                 }
             }
-            // What a change starts is known to the agent: `take_change`.
+            // The agent has already taken the programs that a change starts: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
                 if leaf_host(&self.site.plan, facts.leaf) == Some(from) {
@@ -283,7 +284,7 @@ impl Participant {
         }
     }
 
-    /// Returns what it holds on this host.
+    /// Returns the devices it holds on this host.
     pub fn claims(&self) -> &Claims {
         &self.claims
     }
@@ -317,17 +318,17 @@ impl Participant {
         self.with_instance(leaf, out, |instance, context| instance.undelivered(why, context));
     }
 
-    /// Returns what it is a part of.
+    /// Returns the plan that it is a part of.
     pub fn plan(&self) -> &Plan {
         &self.site.plan
     }
 
-    /// Takes note that its node was gone: no program could answer it meanwhile.
+    /// Takes note that its node was gone: no program could answer it in the meantime.
     pub fn adopted(&mut self, away: Duration) {
         self.instances.each(|_, instance| instance.adopted(away));
     }
 
-    /// Does what is due.
+    /// Lets time pass.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_loss(out);
         self.tick_check_in(out);
@@ -407,7 +408,7 @@ impl Participant {
             }
             Note::EndedLate(activation) => {
                 self.happened(target, Change::EndedLate, out);
-                // What is not current any more decides nothing: it only frees what was taken.
+                // The end of an activation that is not current decides nothing; it only releases resources.
                 self.tell_supervisor(target, activation, Ending::Stopped, out);
             }
             Note::Changed(change) => {

@@ -8,7 +8,7 @@ pub struct Printable {
 }
 
 impl Printable {
-    /// Returns a piece as it may be shown, less what has to wait for the next one.
+    /// Returns the printable form of a piece, except for an end that has to wait for the next piece.
     pub fn push(&mut self, bytes: &[u8]) -> String {
         self.rest.extend_from_slice(bytes);
         let bytes = std::mem::take(&mut self.rest);
@@ -17,7 +17,7 @@ impl Printable {
         printable(&String::from_utf8_lossy(&bytes[..whole]))
     }
 
-    /// Returns what has waited.
+    /// Returns the rest that has waited.
     pub fn finish(&mut self) -> String {
         printable(&String::from_utf8_lossy(&std::mem::take(&mut self.rest)))
     }
@@ -41,7 +41,7 @@ pub fn printable(text: &str) -> String {
     shown
 }
 
-/// Returns a text on one line: as [`printable`], with line ends and tabs written out, too.
+/// Returns a text on one line: as [`printable`], with line ends and tabs also written out.
 pub fn one_line(text: &str) -> String {
     printable(&text.replace('\n', "\\n").replace('\t', "\\t"))
 }

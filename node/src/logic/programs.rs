@@ -14,7 +14,7 @@ pub struct Programs {
     parameters: BTreeMap<String, Vec<Parameter>>,
     /// The types of their ports, by port.
     ports: BTreeMap<String, BTreeMap<String, String>>,
-    /// What the types export: procedures and states, with their signatures.
+    /// The exports of the types: procedures and states, with their signatures.
     exports: BTreeMap<String, BTreeMap<String, String>>,
 }
 
@@ -47,7 +47,7 @@ impl Programs {
         }
     }
 
-    /// Returns the parameters of a type; none if no program here says what they are.
+    /// Returns the parameters of a type; none if no program here declares them.
     pub fn parameters(&self, module: &str) -> Option<&[Parameter]> {
         self.parameters.get(module).map(Vec::as_slice)
     }
@@ -57,7 +57,7 @@ impl Programs {
         self.ports.get(module)?.get(port).map(String::as_str)
     }
 
-    /// Returns the procedures and states of a controller type; none if no program here says what they are.
+    /// Returns the procedures and states of a controller type; none if no program here declares them.
     pub fn exports(&self, module: &str) -> Option<&BTreeMap<String, String>> {
         self.exports.get(module)
     }

@@ -110,7 +110,7 @@ pub enum Ending {
     Aborted(Failure),
     /// Because it was asked to.
     Stopped,
-    /// Nobody can say.
+    /// It is unknown.
     Unconfirmed,
 }
 
@@ -137,21 +137,21 @@ pub enum Request {
     },
     /// Answered by a stream of raw output.
     Logs {
-        /// The deployment, if more than one has such a process.
+        /// The deployment, if several have such a process.
         deployment: Option<String>,
         /// An absolute path, or the end of one.
         process: String,
         /// Goes on as output comes.
         follow: bool,
     },
-    /// Answered as `Deploy` is, for somebody whose answers were cut off.
+    /// Answered as `Deploy` is, for a caller whose answers were cut off.
     Watch {
         /// The deployment.
         deployment: Deployment,
         /// How many of its reports the asker has.
         seen: u64,
     },
-    /// Answered by [`Answer::Database`]; of what is local to the robot it learns nothing.
+    /// Answered by [`Answer::Database`]; the answer has no keys that are local to the robot.
     Database(Question),
     /// Answered by [`Answer::Parameters`].
     Parameters,
@@ -189,8 +189,8 @@ pub enum Request {
     },
     /// Answered by a stream of [`Report`] about this change alone: the last is [`Report::Changed`] or [`Report::Unchanged`].
     Change(Box<ChangeRequest>),
-    /// Answered by a stream of [`Answer::Events`]: what the node knows as the home of deployments, also of the last that are
-    /// over; then one without events; then what happens.
+    /// Answered by a stream of [`Answer::Events`]: the events the node knows as the home of deployments, including the
+    /// last ones that are over; then an answer without events; then new events.
     Events {
         /// Goes on as things happen.
         follow: bool,
@@ -215,7 +215,7 @@ pub enum Request {
     Signed(Box<Signed>),
     /// Answered by [`Answer::Duplicates`].
     Duplicates,
-    /// Switches a process that runs to other connection sets of its own, on the home of the deployment. Answered by
+    /// Switches a running process to other connection sets of its own, on the home of the deployment. Answered by
     /// [`Answer::Switched`].
     Switch(SwitchRequest),
     /// Stops everything on the node at once; nothing begins there before [`Request::ReleaseEstop`]. Answered by

@@ -1,4 +1,4 @@
-//! Text for people: aligned columns, and counts in the plural.
+//! Text for users: aligned columns, and counts in the plural.
 
 pub use dbmanager::logic::view::table::table;
 use std::fmt::Display;

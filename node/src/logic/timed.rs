@@ -1,4 +1,4 @@
-//! Machines by number, with an index of their deadlines: an input that is about one of them costs no walk over all of them.
+//! Machines by number, with an index of their deadlines: an input about one of them needs no walk over all of them.
 
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ pub trait Timed {
     /// Returns when it wants to be called, if it does.
     fn deadline(&self) -> Option<Time>;
 
-    /// Returns whether nothing comes of it any more.
+    /// Returns whether it has no further effects.
     fn is_over(&self) -> bool;
 }
 
@@ -21,7 +21,7 @@ pub struct TimedMap<T> {
     due: BTreeSet<(Time, u32)>,
     /// The same by number.
     deadlines: BTreeMap<u32, Time>,
-    /// Those that are not over.
+    /// The machines that are not over.
     unfinished: BTreeSet<u32>,
     /// How many machines were looked at, all in all, but for [`TimedMap::iter`]: a test holds it against the number of inputs.
     #[serde(skip)]
@@ -59,7 +59,7 @@ impl<T> TimedMap<T> {
         self.all.contains_key(&number)
     }
 
-    /// Returns all machines, in order of number: a walk, for what people ask and for losses of hosts.
+    /// Returns all machines, in order of number: a full walk, for users' questions and for losses of hosts.
     pub fn iter(&self) -> impl Iterator<Item = (u32, &T)> {
         self.all.iter().map(|(number, machine)| (*number, machine))
     }
@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    /// The index says what a walk over all machines would say.
+    /// The index agrees with a walk over all machines.
     #[test]
     fn the_index_is_as_a_walk() {
         let mut alarms: TimedMap<Alarm> = (0..50).map(|number| (number, Alarm(Some(u64::from(number % 7))))).collect();

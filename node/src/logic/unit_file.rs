@@ -1,6 +1,6 @@
 //! The unit of systemd that keeps a node running, as text.
 //!
-//! The first line has a checksum of the rest. While it fits, nobody has changed the file, and it may be written again.
+//! The first line has a checksum of the rest. While the checksum fits, the file is unchanged, and may be written again.
 
 use std::fmt::Write as _;
 

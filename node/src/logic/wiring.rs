@@ -1,4 +1,4 @@
-//! Works out who dials whom: the links of one program, from the plan and from what every program says of itself.
+//! Works out which program dials which: the links of one program, from the plan and from the reports of all programs.
 //!
 //! A wire is dialled from the consumer to the producer, a device from the program that needs it to the one that owns its
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
@@ -23,7 +23,7 @@ pub struct Registrations {
 /// Returns the order that tells `leaf` every link it takes part in, over the wires that are `live`.
 ///
 /// # Errors
-/// Sentences for a person: a producer without a data session or out of reach, a device that nobody or several own.
+/// Sentences for a user: a producer without a data session or out of reach, or a device with no owner or several.
 pub fn links(
     plan: &Plan,
     deployment: &Deployment,
@@ -67,7 +67,7 @@ pub fn links(
     }
 }
 
-/// Returns the order that tells `leaf` what it calls, over the wires that are `live`; none if it calls nothing.
+/// Returns the order that tells `leaf` its callees, over the wires that are `live`; none if it calls nothing.
 ///
 /// # Errors
 /// Sentences for a person: a program without a data session, or out of reach.
@@ -113,13 +113,13 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
-/// Returns the number under which both ends of a wire make its seals. A program that serves other deployments has wires of its own:
-/// those of a call from outside get a number of the upper half, by the deployment that calls.
+/// Returns the number under which both ends of a wire make its seals. A program that serves other deployments has wires
+/// of its own: those of an external call get a number of the upper half, by the calling deployment.
 fn seal(plan: &Plan, Deployment { name, epoch }: &Deployment, wire: u32) -> u32 {
     if plan.wires.get(wire as usize).is_none_or(|wire| plan.external(wire.to.leaf).is_none()) {
         return wire;
     }
-    // FNV-1a. Two numbers that are the same only mean that one of the two calls is refused.
+    // FNV-1a. If two numbers are the same, the only effect is that one of the two calls is refused.
     let bytes = name.bytes().chain(epoch.to_le_bytes()).chain(wire.to_le_bytes());
     let hash = bytes.fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     (1 << 31) | (hash & (u32::MAX >> 2))
@@ -154,7 +154,7 @@ pub fn partners(
     Some(shared.into_iter().filter_map(partner).collect())
 }
 
-/// Returns the devices that `leaf` owns and others need, or needs and others own, each with who that is.
+/// Returns the devices that `leaf` owns and others need, or needs and others own, each with the other program.
 fn sharing(registrations: &Registrations, leaf: u32) -> Vec<(u32, &String)> {
     let Some(own) = registrations.facts.get(&leaf) else { return Vec::new() };
     let others = registrations.facts.values().filter(|facts| facts.leaf != leaf);
@@ -192,14 +192,15 @@ pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSe
     consumers.chain(users).filter(|dialer| *dialer != leaf).collect()
 }
 
-/// Returns the order that tells `dialer` where `moved` is, which was started again and had the session `lost` before. None
-/// when it cannot be reached from there, which was so before, too.
+/// Returns the order that tells `dialer` the address of `moved`, which was started again and had the session `lost`
+/// before. None if `moved` cannot be reached from there, which was also the case before.
 pub fn relink(plan: &Plan, registrations: &Registrations, dialer: u32, moved: u32, lost: &str) -> Option<Order> {
     let found = dial(plan, registrations, dialer, moved).ok()?;
     Some(Order::Relink { lost: lost.to_owned(), found })
 }
 
-/// Returns how to reach a program that publishes signals. Nobody knows where its observer is: it tries every way in turn.
+/// Returns how to reach a program that publishes signals. The location of its observer is unknown, so the observer
+/// tries every way in turn.
 pub fn observe(registrations: &Registrations, leaf: u32) -> Option<Dial> {
     let location = registrations.facts.get(&leaf)?.location.as_ref()?;
     // An observer has no wire, so the direct path is none of its business.
@@ -313,7 +314,7 @@ process main() {
         };
         assert_eq!(dialers(&plan, &registrations, 0), BTreeSet::from([1, 2]));
         assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::new());
-        // Devices are dialled, too, without a wire.
+        // Devices are dialled even without a wire.
         registrations.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into()]);
         registrations.facts.entry(0).and_modify(|facts| facts.needs = vec!["arm".into()]);
         assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::from([0]));
@@ -377,7 +378,7 @@ process main() {
         assert_eq!(partners(&registrations, 2), order(&[partner("a", &[1], false, &[1, 2])]));
         let partnered = |leaf| partnered(&plan, &registrations, leaf);
         assert_eq!((partnered(0), partnered(2)), (BTreeSet::from([1, 2]), BTreeSet::from([0])));
-        // Who shares a device knows the other, too.
+        // Programs that share a device know each other.
         let mut sharing = registrations.clone();
         sharing.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into(), "ft".into()]);
         sharing.facts.entry(2).and_modify(|facts| facts.needs = vec!["arm".into()]);
@@ -391,7 +392,8 @@ process main() {
         assert_eq!(partners(&open, 0), None, "who has no keys is in no team");
     }
 
-    /// A call is dialled by who calls, and is no input of who is called; one that calls nothing is told nothing.
+    /// A call is dialled by its caller, and is not an input of the callee; a program that calls nothing is told
+    /// nothing.
     #[test]
     fn who_calls_is_told_what_and_where() {
         let text = r#"
@@ -430,7 +432,7 @@ process main() {
         }
     }
 
-    /// What another deployment runs is called there, under a number that no wire has there.
+    /// A process of another deployment is called there, under a number that no wire has there.
     #[test]
     fn a_call_of_another_deployment_goes_to_its_process() {
         let text = r#"

@@ -1,4 +1,4 @@
-//! Whole nodes on virtual time: agents, the frames between them, and programs that behave as a script says.
+//! Whole nodes on virtual time: agents, the frames between them, and programs that follow a script.
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
@@ -154,7 +154,7 @@ fn a_lost_host_aborts_what_ran_there_and_a_short_cut_does_not() {
     }
 }
 
-/// A host that is lost while it stops something is what failed, and not the member that nobody could ask.
+/// If a host is lost while it stops a member, the loss is reported as the failure, and not the unconfirmed member.
 #[test]
 fn a_host_that_is_lost_while_it_stops_is_told_as_that() {
     let text = r#"process main() {
@@ -179,8 +179,8 @@ fn a_host_that_is_lost_while_it_stops_is_told_as_that() {
     }
 }
 
-/// Here `Stubborn` ignores the stop, and its shim cannot kill it either: the detector of the inner group fires, and what
-/// stays unconfirmed there must not look like a clean stop to the group above.
+/// Here `Stubborn` ignores the stop, and its shim cannot kill it either: the detector of the inner group fires, and the
+/// unconfirmed stop there must not look like a clean stop to the group above.
 #[test]
 fn a_stop_that_nobody_confirms_is_told_to_the_top() {
     let text = r#"
@@ -266,7 +266,7 @@ fn a_stop_does_not_wait_behind_a_slow_host() {
     assert!(is_running(&world, "viewer"), "it is not kept waiting for longer than 1 s");
 }
 
-/// A member that waits for its wires can be stopped, too: it never runs.
+/// A member that waits for its wires can be stopped: it never runs.
 #[test]
 fn an_activation_that_waits_for_its_wires_can_be_stopped() {
     let mut world = behind_a_slow_host("cam # ((first ; viewer[view]) # (near ; contact))");
@@ -342,7 +342,7 @@ fn a_program_that_fails_says_why_and_its_output_is_there_after_the_end() {
     }
 }
 
-/// The host of a group's supervisor is lost: what it ran here is stopped before something takes its place.
+/// The host of a group's supervisor is lost: its programs here are stopped before something takes its place.
 #[test]
 fn a_lost_supervisor_leaves_nothing_running() {
     let text = r#"

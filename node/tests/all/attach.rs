@@ -34,7 +34,7 @@ impl Place {
         Self { dir, runtime: Runtime::new().unwrap() }
     }
 
-    /// Starts a shim that goes on without a node.
+    /// Starts a shim that continues without a node.
     fn start(&self, gate: Gate, script: &str) -> (ShimOrders, ShimReports) {
         let template = ShimStart::parse(["--directory", "/d", "--", "sh", "-c", script].map(Into::into)).unwrap();
         let environment =
@@ -126,7 +126,7 @@ fn a_second_run_hears_the_end_and_gives_the_orders() {
     let Attached { orders, reports, taken, missed } = place.attach(2).unwrap();
     assert_eq!((taken, missed), (1, 0));
     let (sender, mut reports) = place.serve(orders, reports);
-    // The program is past its first line once somebody can write to the pipe.
+    // Once the pipe can be written to, the program is past its first line.
     std::fs::write(place.dir.join("never"), "go on\n").unwrap();
     assert_eq!(
         place.next(&mut reports),
@@ -163,14 +163,15 @@ fn a_shim_that_is_killed_takes_its_program_along_and_is_reported_gone() {
     assert_eq!(child::ended(&place.dir), None);
 }
 
-/// A program can write to its folder. What it names there in its place is not ended, unless it is of the same user.
+/// A program can write to its folder. A process that it names there in its own place is not ended, unless it runs as
+/// the same user.
 #[test]
 fn a_program_that_names_a_process_of_somebody_else_does_not_have_it_killed() {
     if !rustix::process::getuid().is_root() {
         return println!("skipped: needs root, for a process of another user");
     }
     let place = lost("named");
-    // No child of this process, which would be ended as what a killed shim has left.
+    // Not a child of this process, which would be ended as a leftover of a killed shim.
     let orphan = "sleep 60 > /dev/null 2>&1 & echo $!";
     let said = Command::new("sh").args(["-c", orphan]).uid(65_534).output().unwrap().stdout;
     let named = processes::stat(String::from_utf8(said).unwrap().trim().parse().unwrap()).unwrap().process;
@@ -186,7 +187,7 @@ fn a_program_that_names_a_process_of_somebody_else_does_not_have_it_killed() {
     place.reap(shim);
     assert!(processes::is_running(named), "it is none of the program's");
     processes::signal(named, Signal::KILL);
-    // Nor is it shown what a program links to.
+    // Nor is the target of a program's link shown.
     std::fs::remove_file(place.dir.join(OUTPUT_FILE)).unwrap();
     std::fs::write(place.dir.join("secret"), "a secret\n").unwrap();
     std::os::unix::fs::symlink(place.dir.join("secret"), place.dir.join(OUTPUT_FILE)).unwrap();
@@ -203,11 +204,11 @@ print('traced' if ptrace(SEIZE, os.getppid(), None, int(sys.argv[1])) == 0 else 
 while True:
     signal.pause()
 ";
-/// `PTRACE_O_TRACEEXIT`: who is traced stops before it ends. Source: ptrace(2).
+/// `PTRACE_O_TRACEEXIT`: a traced process stops before it ends. Source: ptrace(2).
 const TRACE_EXIT: u32 = 0x40;
 
-/// Who is traced is dead only for its tracer until that takes note of it, or does not even die before that lets it. Here the tracer is
-/// the program itself.
+/// A traced process is dead only for its tracer until that collects it, or does not even die before the tracer allows
+/// it. Here the tracer is the program itself.
 #[test]
 fn a_shim_that_its_program_traces_leaves_nothing_either() {
     for (name, options) in [("traced", 0), ("held", TRACE_EXIT)] {
@@ -360,7 +361,7 @@ fn ended_programs_cost_a_successor_nothing() {
     std::fs::remove_dir_all(&node).unwrap();
 }
 
-/// Files of an earlier program in the folder are not taken for the one that is being started.
+/// Files of an earlier program in the folder are not taken for those of the program that is being started.
 #[test]
 fn a_start_clears_the_traces_of_the_program_before() {
     let place = Place::new("before");

@@ -151,7 +151,8 @@ fn resolve(choice: Choice, seen: &str) -> Question {
     Question::Resolve(Resolve { key, choice, reason, level: AckLevel::Local, within, seen })
 }
 
-/// Two robots rely on what the other deletes: no key has two values, so the status counts races, and the key is settled as it stands.
+/// Each of two robots relies on a key that the other deletes: no key has two values, so the status counts races, and
+/// the key is settled as it stands.
 #[test]
 fn a_race_is_counted_and_settled() {
     let mut world = World::team(&["r1", "r2"]);
@@ -198,7 +199,7 @@ fn nobody_settles_what_they_have_not_seen() {
     };
     let seen = conflicts[0].seen();
     assert_eq!(conflicts[0].versions.len(), 2);
-    // Between the look and the word comes what the third has written.
+    // Between the look and the decision the third robot's write arrives.
     world.away(&[2], false);
     world.run(Duration::from_millis(200));
     let refused = world.ask(0, resolve(Choice::By("r1".into()), &seen));

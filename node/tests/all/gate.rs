@@ -1,4 +1,5 @@
-//! The gate of a node in a team: what is refused, each for its reason, and what is not. Cases 37 of the study of supervision.
+//! The gate of a node in a team: refused requests, each for its reason, and accepted ones. Cases 37 of the study of
+//! supervision.
 
 mod ledger;
 mod world;
@@ -37,7 +38,7 @@ fn rejoin(plan: Plan) -> ToParticipant {
     ToParticipant::Rejoin { plan, number: 1, since_go: Duration::ZERO }
 }
 
-/// What `c1`, the home, orders `c2`.
+/// The orders of `c1`, the home, to `c2`.
 fn order(gate: &mut Gate, world: &World, epoch: u64, order: &ToParticipant) -> Result<(), Refusal> {
     gate.order(&at(epoch), "c1", order, &world.judge(NOW)).map(drop).map_err(|refused| refused.why)
 }
@@ -112,7 +113,7 @@ fn a_call_passes_once_and_only_as_it_was_signed() {
     assert_eq!((attempt.who.as_str(), attempt.what.as_str()), ("dan", "stop `test`"));
     let is_replay = |why| matches!(why, Refusal::Request(Unsound::Replay(ReplayError::Used(_))));
     assert!(is_replay(refused(&mut gate, good.clone())));
-    // The next node of this name has only what is on the disk.
+    // The next node of this name only has the ledger on the disk.
     let kept = Ledger::from_bytes(&gate.ledger().to_bytes(), &Revocations::default()).unwrap().ledger;
     let mut restarted = world.gate_with("c1", kept);
     assert!(is_replay(refused(&mut restarted, good)));
@@ -181,7 +182,7 @@ fn a_call_that_is_not_the_one_that_was_signed_is_refused() {
     assert!(gate.procedure(grip(Access::Operate), &signed, &world.judge(NOW)).is_ok());
 }
 
-/// Whoever carries a request can change nothing of it: not one byte, and not its length.
+/// A relay of a request can change nothing in it: not one byte, and not its length.
 #[test]
 fn a_request_that_is_changed_anywhere_is_refused() {
     let world = World::new();
@@ -240,7 +241,7 @@ fn roles_and_revocations_count() {
     assert_eq!(may(&mut gate, &world, &stranger, &stop()), Err(Unsound::OtherTeam.into()));
 }
 
-/// The home passes on what the user has signed. A home that lies starts nothing.
+/// The home passes on the plan that the user has signed. A home that lies starts nothing.
 #[test]
 fn an_order_starts_what_was_signed_and_nothing_else() {
     let world = World::new();
@@ -250,7 +251,8 @@ fn an_order_starts_what_was_signed_and_nothing_else() {
     let mut other = plan();
     other.leaves[0].exec = Some("/bin/sh".into());
     assert_eq!(order(&mut gate, &world, 5, &rejoin(other.clone()).signed(Some(&by))), Err(altered.clone()));
-    // Something behind a path that is there twice: in the place of what was signed, or beside it. Of what has no place nothing is started.
+    // A program behind a path that exists twice: in the place of the signed one, or beside it. A program without a
+    // place is not started.
     let mut hidden = plan();
     hidden.leaves.push(other.leaves[0].clone());
     let number = u32::try_from(hidden.leaves.len() - 1).expect("there are a few");
@@ -311,7 +313,7 @@ fn a_deployment_goes_on_by_the_request_that_began_it() {
     assert!(matches!(later(&mut gate, &world, 5, &back), Err(Refusal::Request(Unsound::Trust(_)))));
 }
 
-/// After a reboot its home begins a mission again under a later epoch, if what was signed says so, and its signer still may.
+/// After a reboot its home resumes a mission under a later epoch, if the signed plan says so and its signer still may.
 #[test]
 fn a_mission_is_resumed_by_the_request_that_began_it_if_that_says_so() {
     for on_boot in [OnBoot::None, OnBoot::Resume] {
@@ -343,7 +345,7 @@ fn a_mission_is_resumed_by_the_request_that_began_it_if_that_says_so() {
     }
 }
 
-/// The home itself has no order of another node: it is asked whether what it has accepted may begin again.
+/// The home itself has no order of another node: it is asked whether the request it had accepted may be resumed.
 #[test]
 fn a_home_resumes_what_its_signer_may_still_have() {
     let mut world = World::new();
@@ -403,10 +405,10 @@ fn a_change_is_applied_as_it_was_signed_and_can_be_taken_back() {
     assert_eq!(order(&mut gate, &world, 5, &examine(&next).signed(Some(&by))), Ok(()));
     assert_eq!(order(&mut gate, &world, 5, &apply(&next, &[0]).signed(Some(&by))), altered, "leaf 0 is not named");
     assert_eq!(order(&mut gate, &world, 5, &apply(&next, &[1]).signed(Some(&by))), Ok(()));
-    // It was not healthy: back to the plan of before, by the request of before.
+    // It was not healthy: back to the previous plan, by the previous request.
     assert_eq!(order(&mut gate, &world, 5, &apply(&plan(), &[1]).signed(Some(&first))), altered);
     assert_eq!(order(&mut gate, &world, 5, &apply(&plan(), &[]).signed(Some(&first))), Ok(()));
-    // The next program may be a leaf of its own, beside the one before, which is started by nobody any more.
+    // The next program may be a separate leaf, beside the previous one, which is not started any more.
     let mut beside = plan();
     let number = u32::try_from(beside.leaves.len()).expect("there are a few");
     beside.leaves.push(next.leaves[0].clone());
@@ -426,7 +428,7 @@ fn a_change_is_applied_as_it_was_signed_and_can_be_taken_back() {
     assert_eq!(order(&mut gate, &world, 5, &apply(&beside, &[]).signed(Some(&by))), altered);
 }
 
-/// A signed request costs a node less than a millisecond where it is compiled for that; here it is only told.
+/// A signed request costs a node less than a millisecond in an optimised build; here the cost is only printed.
 #[test]
 fn the_cost_of_a_request_is_told() {
     let world = World::new();

@@ -15,15 +15,15 @@ pub enum ProgramEnd {
 /// The reason why a program ended without a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndReason {
-    /// The program gave no sign of life for so long.
+    /// The program gave no sign of life for this long.
     Watchdog(Duration),
-    /// The program was not ready after so long.
+    /// The program was not ready after this time.
     StartTimeout(Duration),
     /// Its agent was gone.
     AgentLost,
     /// The kernel has killed it or something of it, which had more memory than this, in bytes.
     OutOfMemory(u64),
-    /// The program met a limit of this value: bytes, seconds or a count, as the kind says.
+    /// The program met a limit of this value: bytes, seconds or a count, depending on the kind.
     Limit(LimitKind, u64),
 }
 

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The word in place of a grace when the program goes on without an agent.
+/// The word in place of a grace when the program continues without an agent.
 const KEEP: &str = "keep";
 
 /// The start of a program: its command, place, limits and watchdogs.
@@ -17,7 +17,7 @@ pub struct ShimStart {
     pub working_directory: PathBuf,
     /// When the program is executed.
     pub gate: Gate,
-    /// How long the program may take to stop once the agent is gone. With none it goes on until it ends by itself or an
+    /// How long the program may take to stop once the agent is gone. With none it runs until it ends by itself or an
     /// agent that has attached ends it.
     pub agent_loss_grace: Option<Duration>,
     /// How long the program may give no sign of life; without a limit if none. A program with [`Gate::None`] is watched
@@ -151,7 +151,7 @@ impl ShimStart {
         arguments
     }
 
-    /// Returns the variables of the program as they stand in the environment of its shim.
+    /// Returns the variables of the program with their names in the environment of its shim.
     pub fn variables(&self) -> impl Iterator<Item = (String, &str)> {
         self.environment.iter().map(|(name, value)| (format!("{VARIABLE_PREFIX}{name}"), value.as_str()))
     }

@@ -28,7 +28,8 @@ const NEW_NAMESPACE: [libc::c_int; 7] = [
     libc::CLONE_NEWUSER,
     libc::CLONE_NEWUTS,
 ];
-/// The bit in the number of a call of the x32 form, which a kernel for x86 may have beside its own. Source: syscall(2).
+/// The bit in the number of a call of the x32 form, which a kernel for x86 may have in addition to its own. Source:
+/// syscall(2).
 const X32: libc::c_long = 0x4000_0000;
 /// The numbers that only x32 has for refused calls: `ptrace`, `kexec_load`, `process_vm_readv`, `process_vm_writev`.
 /// Source: syscall_64.tbl, Linux.
@@ -104,7 +105,7 @@ pub(super) fn confine(own: [&Path; 2]) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns what of it this kernel has, a word each.
+/// Returns the supported levels of the sandbox, a word each.
 pub(crate) fn levels() -> Vec<&'static str> {
     let found = [(has_landlock(), "landlock"), (has_seccomp(), "seccomp")];
     found.into_iter().filter_map(|(is_there, word)| is_there.then_some(word)).collect()

@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// Runs for a minute at the most, and ends with 5 when it is asked to.
+/// Runs for at most a minute, and ends with 5 when asked to.
 const POLITE: &str = "trap 'exit 5' TERM; echo up > up; i=0; while [ $((i+=1)) -lt 6000 ]; do sleep 0.01; done";
 /// Runs for at most a minute, whatever it is told.
 const STUBBORN: &str = "trap '' TERM; echo up > up; i=0; while [ $((i+=1)) -lt 6000 ]; do sleep 0.01; done";
-/// Ends with 9 when a file is there.
+/// Ends with 9 when a file exists.
 const WAITING: &str = "echo up > up; while [ ! -e end ]; do sleep 0.01; done; exit 9";
 
 /// A shim without its agent.
@@ -87,7 +87,7 @@ impl Agent {
     }
 }
 
-/// Starts a shim that goes on without an agent, or whose agent has a grace.
+/// Starts a shim that continues without an agent, or whose agent has a grace.
 fn start(gate: Gate, grace: Option<Duration>, script: &str) -> Shim {
     Shim::start_with(|start| {
         start.gate = gate;
@@ -168,7 +168,7 @@ fn an_end_between_two_agents_is_told_whole_or_not_at_all() {
     drop(first);
     (&second).write_all(b"attach 1\n").unwrap();
     let mut told = String::new();
-    // A shim that leaves closes what waits; then the record has it.
+    // A shim that leaves closes waiting connections; then the record has the end.
     match (&second).read_to_string(&mut told) {
         Ok(_) => assert!(["", "attached 0\nexited 9\ngone\n"].contains(&told.as_str()), "{told}"),
         Err(error) => assert_eq!(error.kind(), ErrorKind::ConnectionReset),

@@ -65,7 +65,7 @@ fn a_program_that_speaks_is_watched_from_then_on() {
     let script = format!("{}; echo $$ > up; exec sleep 60", say("WATCHDOG=1"));
     let shim = watched(Gate::None, Some(2 * BOUND), None, &script);
     let program: i32 = wait_for(&shim.dir, "up").trim().parse().unwrap();
-    // A suspended process does not hear SIGABRT until it goes on.
+    // A suspended process does not get SIGABRT until it is resumed.
     kill_process(Pid::from_raw(program).unwrap(), Signal::STOP).unwrap();
     shim.expect(&[STARTED, ended(6, EndReason::Watchdog(2 * BOUND)), ShimReport::Gone]);
 

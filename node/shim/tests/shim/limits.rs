@@ -1,4 +1,4 @@
-//! Programs that meet their limits, on whatever this host has to hold them.
+//! Programs that meet their limits, with the control groups of this host.
 
 use super::{LONG, STARTED, Shim, exited, is_running, limited, signalled, wait_for};
 use shim::protocol::{EndReason, LimitKind, Limits, OUTPUT_FILE, ProgramEnd, ShimOrder, ShimReport};
@@ -9,7 +9,7 @@ fn ended(end: ProgramEnd, why: EndReason) -> ShimReport {
     ShimReport::Ended { end, why }
 }
 
-/// Each process of it makes another one, and goes on to do so.
+/// Each of its processes makes another one, again and again.
 const BOMB: &str = "
 import os, signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -33,7 +33,7 @@ fn missing_group(reports: &[ShimReport], what: &str) -> Option<String> {
     Some(reason.clone())
 }
 
-/// The groups of programs that are there.
+/// The existing groups of programs.
 fn groups() -> Vec<String> {
     let folder = |name: &str| std::fs::read_dir(Path::new("/sys/fs/cgroup").join(name)).into_iter().flatten().flatten();
     let all = ["pids", "memory", "cpu", ""].into_iter().flat_map(folder);

@@ -198,7 +198,7 @@ fn what_was_judged_runs_wherever_a_link_leads_by_then() {
         let name =
             if by == JudgedBy::Folder { is_good.path.display().to_string() } else { "/proc/self/fd/".to_owned() };
         assert!(said.starts_with(&format!("good as {name}")), "{by:?}: {said}");
-        // Any program but a script is told the name that the spec has.
+        // Any program except a script gets the name in the spec.
         let shell = std::fs::canonicalize("/bin/sh").unwrap();
         let stamp = Stamp::of(&std::fs::metadata(&shell).unwrap());
         let shim = Shim::start_with(|start| {

@@ -21,7 +21,7 @@ const PIECE_MAX: u64 = 64 << 10;
 /// The name of the program that finds an interpreter by its name.
 const ENV: &str = "env";
 
-/// Returns what a command executes, so that a spec is refused before anything runs.
+/// Returns the file that a command executes, so that a spec is refused before anything runs.
 ///
 /// # Errors
 /// It is not there, must not be executed by this user, or cannot be executed by this kernel.
@@ -63,9 +63,10 @@ fn check_permission(file: &Path) -> Result<(), String> {
     })
 }
 
-/// Says why the kernel does not execute a file, as far as its content tells. Programs are looked for on `search`.
+/// Returns the reason why the kernel cannot execute a file, as far as its content shows. Programs are looked for on
+/// `search`.
 fn check_format(path: &Path, search: &OsStr, interpreters: usize) -> Result<(), String> {
-    // The kernel executes also what this user must not read.
+    // The kernel can execute files that this user must not read.
     let Ok(file) = file::opened(path) else { return Ok(()) };
     let mut begin = Vec::new();
     if (&file).take(BEGIN_SIZE as u64).read_to_end(&mut begin).is_err() {
@@ -222,7 +223,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// The module of a program may say where it runs, and where programs are looked for.
+    /// The module of a program may set its folder, and the search path for programs.
     #[test]
     fn a_program_is_looked_for_where_it_will_run() {
         let folder = std::env::temp_dir().join(format!("dca-executable-where-{}", std::process::id()));

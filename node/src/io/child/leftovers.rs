@@ -1,11 +1,13 @@
 //! Ends the leftovers of an earlier run: programs whose shims were killed.
 //!
-//! A leftover is found by what it cannot shed, or does not: its control group (nothing leaves that by itself), the record of
-//! its shim (numbers, start times, the session), the parents it has, and the marks in its environment. Only the control
-//! group finds a daemon with an empty environment and a session of its own after its node has died, too.
+//! A leftover is found by marks that it cannot remove, or usually does not: its control group (which a process cannot
+//! leave by itself), the record of its shim (process ids, start times, the session), its parents, and the marks in its
+//! environment. After its node has died, only the control group finds a daemon with an empty environment and its own
+//! session.
 //!
-//! A program can write to its folder, so its record may name anything. What that names is ended only if it runs as the user of this node,
-//! or as that of the program: a program that is root in a sandbox does not have its node signal what it must not signal itself.
+//! A program can write to its folder, so its record may name any process. A named process is ended only if it runs as
+//! the user of this node, or as that of the program: so a program that is root in a sandbox cannot make its node signal
+//! a process that it must not signal itself.
 
 use crate::io::{cgroup, run_dir};
 use comms::io::clock::{Wakeup, now};
@@ -21,13 +23,14 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Rounds of stopping before the killing begins; a program that forks faster than it is stopped is killed in pieces.
+/// Rounds of stopping before the killing begins; a program that forks faster than it can be stopped is killed piece by
+/// piece.
 const STOP_ROUNDS_MAX: usize = 20;
-/// How long the kernel has to remove what was killed.
+/// How long the kernel has to remove killed processes.
 const KILL_WITHIN: Duration = Duration::from_secs(5);
 /// How much longer than the grace of its program a shim may take.
 const SHIM_MARGIN: Duration = Duration::from_secs(1);
-/// Until what could not be ended is ended again: the kernel has not removed it.
+/// The pause before unkillable processes are killed again: the kernel has not removed them.
 pub const END_AGAIN: Duration = Duration::from_secs(1);
 /// The longest record of a program, in bytes.
 const RECORD_MAX: usize = 1 << 20;
@@ -41,25 +44,26 @@ const NODES: [&str; 2] = ["dca-node", "dca"];
 /// Where leftovers are looked for.
 #[derive(Debug)]
 struct Search {
-    /// Everything in and below them is ours: `DCA_DIR` of a leftover names one of them, or something below it.
+    /// Everything in and below them belongs to this node: `DCA_DIR` of a leftover names one of them, or a folder below
+    /// it.
     folders: BTreeSet<PathBuf>,
     records: Vec<Recorded>,
     /// The control group of the earlier run, if it had one.
     group: Option<PathBuf>,
-    /// Whether what belongs to no shim counts: what a killed shim leaves comes to the node that has started it, as its child, and stays in
-    /// the control group of one that has taken it over.
+    /// Whether processes without a shim count: the leftovers of a killed shim become children of the node that started
+    /// it, and stay in the control group of a node that has adopted it.
     adopts: bool,
 }
 
-/// The record of a program, and as whom that may run.
+/// The record of a program, and the users that it may run as.
 #[derive(Debug)]
 struct Recorded {
     record: ProcessRecord,
     users: [u32; 2],
 }
 
-/// Ends what a killed shim of this node has left of the program in `dir`, in one of several rounds; returns whether nothing is
-/// left. Blocks, for 5 s at the most in the first round, `0`. The next one is due [`END_AGAIN`] later.
+/// Ends the leftovers of the program in `dir` whose shim was killed, in one of several rounds; returns whether nothing
+/// is left. Blocks, for 5 s at most in the first round, `0`. The next one is due [`END_AGAIN`] later.
 pub fn end_round(dir: &Path, round: u32) -> bool {
     let left = Search::instance(dir).kill(if round == 0 { KILL_WITHIN } else { Duration::ZERO });
     if round == 0 {
@@ -75,8 +79,8 @@ pub fn tell_left(left: &[i32], whose: &Path) {
     }
 }
 
-/// Returns the process id of a node that lives and has started programs of `folder`: its lock was taken from it, with the folder. One
-/// that is being killed has no lock any more either, nor any other open file.
+/// Returns the process id of a node that lives and has started programs of `folder`, but whose lock was removed
+/// together with the folder. A node that is being killed has neither a lock nor any other open file.
 pub fn living_node(folder: &Path) -> Option<i32> {
     let this = getpid().as_raw_nonzero().get();
     let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
@@ -105,15 +109,15 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
     left
 }
 
-/// Ends what earlier runs of the node in `folder` have left, but for the programs with their folders in `known` whose shims
-/// are alive. The processes are listed once for all folders: one of a program whose end its shim has told has neither a record nor a
-/// shim, and nothing is looked for. Blocks.
+/// Ends the leftovers of earlier runs of the node in `folder`, except the programs with their folders in `known` whose
+/// shims are alive. The processes are listed once for all folders. A program whose shim has reported its end has
+/// neither a record nor a shim, so nothing is searched for it. Blocks.
 pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
     let (boot, shims) = (processes::kernel_boot(), Shims::find());
     let (mut kept, mut left, mut records) = (Vec::new(), BTreeSet::new(), Vec::new());
     for dir in instances(folder) {
         let recorded = read_record(&dir).filter(|one| one.record.boot == boot);
-        // What was written over says nothing; the shim itself does, by the command that it was started with.
+        // An overwritten record names nothing; the shim itself can be recognised by its command line.
         let named = recorded.as_ref().and_then(|one| one.record.shim).filter(|shim| processes::is_running(*shim));
         let shim = named.or_else(|| shims.of(&dir).first().copied());
         if let Some(shim) = shim.filter(|_| known.contains(&dir)) {
@@ -142,7 +146,8 @@ fn instances(folder: &Path) -> impl Iterator<Item = PathBuf> {
     deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>())
 }
 
-/// Ends what is in a control group and does not descend from these shims, to which everything comes that their programs leave.
+/// Ends the processes in a control group that do not descend from these shims, which inherit all orphans of their
+/// programs.
 fn end_strays(group: &Path, shims: &[i32]) {
     let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
     loop {
@@ -161,8 +166,8 @@ fn end_strays(group: &Path, shims: &[i32]) {
     }
 }
 
-/// Returns what is in a control group and neither is one of `roots` of its members nor descends from one. It is looked at twice: while
-/// processes are listed one may come to another parent, and belong to nobody for a moment.
+/// Returns the processes in a control group that are not among `roots` of its members and do not descend from one. The
+/// group is read twice: while processes are listed, one may change its parent, and have none for a moment.
 fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<Process> {
     let look = || {
         let members: BTreeSet<i32> = cgroup::members(group).into_iter().collect();
@@ -178,8 +183,9 @@ fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<
     if first.is_empty() { first } else { first.intersection(&look()).copied().collect() }
 }
 
-/// Kills the shim of the program in `dir`, which does not do what it is told, and its program: a shim that is traced ends when its tracer
-/// lets it, and that may be the program. What is left is then ended as that of any shim that was killed. Blocks, for 5 s at the most.
+/// Kills the shim of the program in `dir`, which does not obey orders, and its program: a shim that is traced ends when
+/// its tracer lets it, and the tracer may be the program. The leftovers are then ended like those of any killed shim.
+/// Blocks, for 5 s at most.
 pub fn kill_shim(dir: &Path) {
     for shim in Shims::find().of(dir) {
         tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
@@ -188,9 +194,9 @@ pub fn kill_shim(dir: &Path) {
     end_round(dir, 0);
 }
 
-/// Takes note of the ends of children that were there at the last look, `seen`, and returns those of this look. A process whose parent has
-/// died comes to the first process of a container, or to the node that has started it. A child of the node itself is waited for at once,
-/// and a shim by its task. Blocks.
+/// Collects the children that had already ended at the last look, `seen`, and returns the ended ones of this look. A
+/// process whose parent has died becomes a child of the first process of a container, or of the node that started it. A
+/// child of the node itself is waited for at once, and a shim by its task. Blocks.
 pub fn reap_orphans(seen: &BTreeSet<Process>) -> BTreeSet<Process> {
     let ended: BTreeSet<Process> =
         processes::ended_children().into_iter().filter(|child| !is_shim(child.pid)).collect();
@@ -205,8 +211,8 @@ pub(super) fn program_of(dir: &Path) -> Option<Process> {
     read_record(dir)?.record.program
 }
 
-/// Looks at the shim of the program in `dir`, which has ended and whose end was not told: one that is suspended is to go on, and is killed if
-/// it still does not. Blocks.
+/// Presses the shim of the program in `dir`, which has ended without a report: a suspended shim is resumed, and is
+/// killed if it still does not report. Blocks.
 pub fn press_shim(dir: &Path, is_urgent: bool) {
     for shim in Shims::find().of(dir) {
         if !processes::stat(shim.pid).is_some_and(|stat| stat.process == *shim && stat.is_stopped) {
@@ -222,7 +228,7 @@ pub fn press_shim(dir: &Path, is_urgent: bool) {
     }
 }
 
-/// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
+/// Returns whether a shim of an earlier run exists for the program in `dir`, or is about to.
 pub fn has_shim(dir: &Path) -> bool {
     !Shims::find().of(dir).is_empty()
 }
@@ -241,7 +247,7 @@ impl Shims {
         Self(found)
     }
 
-    /// Returns those of the program in `dir`.
+    /// Returns the shims of the program in `dir`.
     fn of(&self, dir: &Path) -> &[Process] {
         self.0.get(dir).map_or(&[], Vec::as_slice)
     }
@@ -255,7 +261,7 @@ fn directory(pid: i32) -> Option<PathBuf> {
 }
 
 impl Search {
-    /// Returns the search for what a killed shim of this node has left of the program in `dir`.
+    /// Returns the search for the leftovers of the program in `dir`, whose shim was killed.
     fn instance(dir: &Path) -> Self {
         let records = read_record(dir).into_iter().collect();
         Self { folders: [dir.to_owned()].into(), records, group: None, adopts: true }
@@ -277,7 +283,8 @@ impl Search {
         }
     }
 
-    /// Kills everything that is found until nothing is, at least once; returns what is left after so long.
+    /// Kills everything that is found until nothing is, at least once; returns the processes that are left after this
+    /// time.
     fn kill(&self, within: Duration) -> Vec<i32> {
         let (until, pause) = (now() + within, Wakeup::default());
         loop {
@@ -314,7 +321,7 @@ impl Search {
         stopped
     }
 
-    /// Returns everything that runs and belongs to what is searched for.
+    /// Returns all running processes that belong to the search.
     fn find(&self) -> BTreeSet<Process> {
         let this = getpid().as_raw_nonzero().get();
         let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
@@ -351,7 +358,7 @@ impl Search {
         let this = getpid().as_raw_nonzero().get();
         let ended = processes::all().into_iter().filter(|stat| stat.is_zombie && stat.parent == this);
         for pid in ended.map(|stat| stat.process.pid).filter(|pid| !is_shim(*pid)) {
-            // Nobody wants to know how it ended.
+            // Its exit status is not needed.
             waitpid(Pid::from_raw(pid), WaitOptions::NOHANG).map(|_ended| ()).unwrap_or_default();
         }
     }
@@ -390,14 +397,14 @@ fn comm(pid: i32) -> Option<String> {
 fn read_record(dir: &Path) -> Option<Recorded> {
     let bytes = file::bytes_itself(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
     let own = getuid().as_raw();
-    // A program that runs as another user has a folder of its own, and may not enter this one.
+    // A program that runs as another user has its own folder, and may not enter this one.
     let other = dir.ancestors().nth(2).and_then(|node| run_dir::user_of(node, dir));
     let users = [own, other.map_or(own, |(user, _)| user)];
     Some(Recorded { record: ProcessRecord::parse(&String::from_utf8_lossy(&bytes)), users })
 }
 
 impl Recorded {
-    /// Returns whether a process may be what the record says, by its user.
+    /// Returns whether a process may be the recorded one, by its user.
     fn may_be(&self, pid: i32) -> bool {
         processes::user(pid).is_some_and(|user| self.users.contains(&user))
     }

@@ -20,11 +20,11 @@ const LOOK_EVERY: Duration = Duration::from_secs(60);
 /// The end of a program as the kernel sees it.
 #[derive(Debug)]
 pub(super) enum Overdue {
-    /// Nothing is watched: the program has not begun, or its end was told.
+    /// Nothing is watched: the program has not begun, or its end was reported.
     No,
     /// It runs.
     Running(AsyncFd<OwnedFd>),
-    /// It has ended, and its shim is looked at then, after so many looks.
+    /// It has ended, and its shim is looked at at this time, after this many looks.
     Ended { look_at: Time, looks: u32 },
 }
 
@@ -46,7 +46,7 @@ impl Overdue {
     pub(super) fn recorded(dir: &Path) -> Self {
         let Some(program) = program_of(dir) else { return Self::No };
         let watched = Self::of(program.pid.cast_unsigned());
-        // A number that belongs to another process by now says nothing.
+        // A number that belongs to another process by now shows nothing.
         if processes::is_there(program) { watched } else { Self::ended() }
     }
 
@@ -67,7 +67,7 @@ impl Overdue {
         }
     }
 
-    /// Does it: a shim that is suspended is told to go on, and then killed.
+    /// Does it: a suspended shim is resumed, and then killed.
     pub(super) async fn act(&mut self, dir: &Path) {
         let Self::Ended { looks, .. } = *self else {
             *self = Self::ended();

@@ -14,7 +14,7 @@ const AGAIN: Duration = Duration::from_millis(100);
 /// The fate of a program while there was no node.
 #[derive(Debug)]
 pub enum Reached {
-    /// Its shim is there.
+    /// Its shim exists.
     Running(Attached),
     /// The program has ended: how, if that is known, and its last lines of output.
     Ended(Option<(ShimReport, Vec<String>)>),
@@ -22,8 +22,8 @@ pub enum Reached {
     Never,
 }
 
-/// Reaches the shim of the program in `dir`, `reports` of whose reports are known; ends what a killed shim has left. Blocks
-/// for as long as a shim is there and does not answer.
+/// Reaches the shim of the program in `dir`, `reports` of whose reports are known. If the shim was killed, ends its
+/// leftovers. Blocks while a shim is there and does not answer.
 pub fn reach(dir: &Path, reports: u64) -> Reached {
     let pause = Wakeup::default();
     loop {

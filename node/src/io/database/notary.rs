@@ -50,14 +50,14 @@ impl Notary for MemberNotary {
 }
 
 impl Worker {
-    /// Returns whether a message is from whom it says. If not, that is in the audit log.
+    /// Returns whether a message comes from its claimed sender. If not, this is written to the audit log.
     pub(super) fn is_from(&self, envelope: &Envelope, author: &Author) -> bool {
         let Some(member) = &self.member else { return true };
         let refused = match author {
             Author::Anybody => Ok(()),
             Author::Member(name) => self.machine.check_author(envelope, name),
             Author::Nobody(why) => Err(("another replica".to_owned(), why.clone())),
-            // Nobody has met it yet: it says so again.
+            // This node does not know its key yet: the sender repeats the message.
             Author::Stranger => return false,
         };
         if let Err((claimed, why)) = &refused {

@@ -1,5 +1,5 @@
-//! Checks that a store is still where it was opened. An engine goes on writing to files that somebody has deleted or moved, and
-//! the next start finds nothing of that.
+//! Checks that a store is still where it was opened. An engine keeps writing to files that have been deleted or moved,
+//! and the next start would not find these changes.
 
 use std::fs;
 use std::io;
@@ -14,25 +14,25 @@ const PASSING: &str = "snap.";
 pub(super) struct Presence(Vec<(PathBuf, (u64, u64))>);
 
 impl Presence {
-    /// Notes what is there.
+    /// Notes the present files.
     pub(super) fn of(folder: &Path) -> io::Result<Self> {
         let mut all = Vec::new();
         gather(folder, &mut all)?;
         Ok(Self(all))
     }
 
-    /// Returns whether everything is there, and still the same.
+    /// Returns whether everything is there, and unchanged.
     pub(super) fn holds(&self) -> bool {
         self.0.iter().all(|(path, known)| identity(path).is_ok_and(|identity| identity == *known))
     }
 
-    /// Returns whether everything is there, though it may be something else.
+    /// Returns whether everything is there, but some of it was replaced.
     pub(super) fn is_replaced(&self) -> bool {
         self.0.iter().all(|(path, _)| path.exists())
     }
 }
 
-/// Adds a folder and what is in it; an engine may have a folder of its own in there.
+/// Adds a folder and its files; an engine may have a folder inside it.
 fn gather(folder: &Path, all: &mut Vec<(PathBuf, (u64, u64))>) -> io::Result<()> {
     all.push((folder.to_owned(), identity(folder)?));
     for entry in fs::read_dir(folder)? {

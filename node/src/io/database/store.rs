@@ -1,8 +1,8 @@
 //! The place of a node's database: a folder, or only memory.
 //!
-//! A store whose folder is gone takes no writes, and no empty one is begun in its place while the node runs: what was
-//! acknowledged is in memory, and a new store would hide that it is nowhere else. A store on a disk that cannot be written is
-//! read from a copy, so that the node can start and answer questions.
+//! A store whose folder is gone takes no writes, and no empty one is begun in its place while the node runs: the
+//! acknowledged data is in memory, and a new store would hide that it is nowhere else. A store on a read-only disk is
+//! read from a copy, so that the node can start and answer reads.
 
 use super::Options;
 use super::presence::Presence;
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// How many bytes of transactions are kept although everybody has them, so that they can be looked at.
 const LOG_SIZE: usize = 64 << 20;
 
-/// A store, and what it takes to open it again.
+/// A store, and the options to open it again.
 pub(super) struct Place {
     robot: String,
     folder: Option<PathBuf>,
@@ -34,8 +34,8 @@ pub(super) struct Place {
 pub(super) type Opened = (Place, Replica, Option<String>);
 
 impl Place {
-    /// Opens the store; returns the replica that is in it. One that is damaged is put aside, and a new one begins, which
-    /// gets everything that others have. One on a disk that takes no writes is only read.
+    /// Opens the store; returns its replica. A damaged store is put aside, and a new one begins, which gets all data of
+    /// the others. A store on a disk that takes no writes is only read.
     pub(super) fn open(options: &Options) -> anyhow::Result<Opened> {
         let folder = options.folder.as_ref().map(|folder| folder.join("db"));
         let engine = options.store.or_else(|| folder.as_deref().and_then(Engine::of));
@@ -60,7 +60,7 @@ impl Place {
     /// Writes a batch; it is durable when this returns.
     pub(super) fn commit(&mut self, batch: &Batch) -> anyhow::Result<()> {
         self.store.as_mut().context("the store is not open")?.commit(batch)?;
-        // The engine would go on in files that nobody finds again.
+        // The engine would continue in files that no later start can find.
         self.check()
     }
 
@@ -128,7 +128,7 @@ impl Place {
             let store = DirStore::open(&copy)?;
             Ok(Replica::open(self.config()?, store.read()?)?)
         });
-        // Nobody reads the copy again; it is in the way of nothing either.
+        // The copy is not read again, and is harmless if it stays.
         drop(fs::remove_dir_all(&copy));
         read
     }
@@ -161,7 +161,7 @@ fn is_unwritable(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(StoreError::File { cause, .. }) if unwritable(cause))
 }
 
-/// Returns whether a store does not open because of what is in it. Another robot's store is none of ours to move.
+/// Returns whether a store does not open because of its content. Another robot's store must not be moved.
 fn is_damage(error: &anyhow::Error) -> bool {
     error.downcast_ref().is_some_and(StoreError::is_damage)
         || matches!(error.downcast_ref(), Some(OpenError::Record { .. } | OpenError::Damaged { .. }))

@@ -16,8 +16,8 @@ use tokio::task::{AbortHandle, JoinSet};
 const OUTGOING_MAX: usize = 1024;
 /// How many messages of others wait to be taken; others are dropped, and asked for again.
 const INCOMING_MAX: usize = 1024;
-/// How many questions and answers are on their way at a time. A replica asks two others in two seconds, and whoever is gone
-/// without a word does not answer for a minute.
+/// How many requests and answers are in transit at a time. A replica asks two others in two seconds, and a replica that
+/// vanished leaves its request open for a minute.
 const ON_THE_WAY_MAX: usize = 256;
 
 /// An outgoing message.
@@ -43,7 +43,8 @@ struct Wire {
     ears: Vec<AbortHandle>,
 }
 
-/// Begins to listen and to carry; returns where what goes out is put, and the task, which ends when nobody can put more.
+/// Begins to listen and to send. Returns the queue for outgoing messages, and the task, which ends when the queue has
+/// no sender any more.
 pub(super) fn start(
     session: &Arc<Session>,
     team: &str,
@@ -104,7 +105,7 @@ impl Wire {
                 }
             }
         }
-        // Nothing of this holds the session any more when this ends.
+        // No task holds the session any more when this ends.
         self.on_the_way.shutdown().await;
     }
 
@@ -141,7 +142,7 @@ async fn hear_questions(mut questions: Server, handle: Handle) {
     }
 }
 
-/// Hands on the answer of another replica. Without one nothing happens: the one who asked has a deadline of its own.
+/// Hands on the answer of another replica. Without one nothing happens: the asking replica has its own deadline.
 fn ask(answer: Result<(Vec<u8>, Author), CallError>, handle: &Handle) {
     match answer.map(|(bytes, author)| (codec::decode::<Envelope>(&bytes), author)) {
         Ok((Ok(envelope), author)) => handle.offer(Arrival::Envelope(envelope, author)),

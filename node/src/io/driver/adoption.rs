@@ -15,7 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Makes the agent of a killed node again, if there is one to take over. Blocks.
 pub(super) fn replay(inputs: &InputLog) -> Option<NodeState> {
-    // An input that has killed the last node must not kill this one, too.
+    // An input that killed the last node must not kill this one as well.
     let replayed = catch_unwind(AssertUnwindSafe(|| inputs.replay()));
     let why = match replayed {
         Ok(Ok(found)) => return found.filter(|state| !state.attachments.has_left()),
@@ -26,7 +26,7 @@ pub(super) fn replay(inputs: &InputLog) -> Option<NodeState> {
     None
 }
 
-/// Ends what an earlier node has left in the folder and this one does not take over. Blocks.
+/// Ends the programs that an earlier node has left in the folder and this one does not adopt. Blocks.
 pub(super) fn end_strangers(dir: &RunDir, state: &NodeState) {
     let known = state.attachments.programs().filter(|(_, program)| !program.is_gone);
     let known: BTreeSet<_> = known.map(|(process, _)| dir.process(process)).collect();
@@ -36,7 +36,7 @@ pub(super) fn end_strangers(dir: &RunDir, state: &NodeState) {
 impl Driver {
     /// Reaches the programs again of the agent that was made from its inputs.
     pub(super) fn adopt(&mut self) {
-        // What was replayed was with the programs that the node before offered.
+        // The replay used the programs that the previous node offered.
         self.files.inputs.begin(&self.state);
         let programs: Vec<ProcessId> = self.state.attachments.programs().map(|(process, _)| process.clone()).collect();
         let mut adopted = BTreeSet::new();

@@ -11,13 +11,13 @@ use std::path::Path;
 
 /// Variables that a program has of its node in any case, where they are set.
 const USUAL: [&str; 7] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG", "DCA_DIRECT"];
-/// How variables begin that say something about one process, and nothing about those that it starts.
+/// The prefixes of variables that describe one process, and not its children.
 const OF_ONE_PROCESS: [&str; 4] = ["DCA_", "NOTIFY_SOCKET", "WATCHDOG_", "LISTEN_"];
 
 /// The variables that every program takes over from its node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Inherited {
-    /// All: the node is there for one command.
+    /// All: the node belongs to one command.
     All,
     /// The usual ones, and these: names, or how names begin.
     Listed(Vec<String>),

@@ -61,11 +61,11 @@ impl Driver {
         }
     }
 
-    /// Judges the call of a user that has come to a program, and tells the program when it is written down.
+    /// Judges a user's call of a program, and informs the program when the verdict is on the disk.
     pub(super) fn judge_call(&mut self, program: Connection, sender: ControlSender, number: u64, call: UserCall) {
         let Connection { deployment, instance, .. } = program;
         let UserCall { name: procedure, access, digest, warrant: Warrant { head, body } } = call;
-        // A number behind the path tells it from another program of the same process.
+        // A number after the path distinguishes it from another program of the same process.
         let path = instance.split('#').next().unwrap_or_default().to_owned();
         let (asked, signed) =
             (CallRequest { deployment, path, procedure, access, digest }, Signed { head: head.0, body: body.0 });
@@ -82,9 +82,9 @@ impl Driver {
         });
     }
 
-    /// Hands a call to whom it is for.
+    /// Hands a call to its receiver.
     pub(super) fn admit(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
-        // The agent passes the signature of what it does on to others; the database has nobody to pass it to.
+        // The agent passes the signatures of its orders on to others; the database passes nothing on.
         let is_for_database = |asked: &Request| matches!(asked, Request::Database(_) | Request::Here { .. });
         let asked = if let Request::Signed(signed) = &request { signed.request().ok() } else { None };
         let request = asked.filter(is_for_database).unwrap_or(request);
@@ -93,7 +93,7 @@ impl Driver {
         Some(Input::Call { call, request: Box::new(request) })
     }
 
-    /// Judges what another node orders, and gives the verdict when it is written down.
+    /// Judges the orders of another node, and gives the verdict once it is on the disk.
     pub(super) fn judge(&mut self, number: u64, deployment: &Deployment, from: &str, order: &ToParticipant) {
         let none = || Err("this node is in no team".to_owned());
         let judged = self.gate.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, from, order));
@@ -122,7 +122,7 @@ impl Driver {
         self.queues.pending.push_back(Input::Resumable { deployment, verdict });
     }
 
-    /// Puts into the audit log what became of an order that was accepted.
+    /// Writes the outcome of an accepted order to the audit log.
     pub(super) fn order_ended(&mut self, number: u64, outcome: &Outcome) {
         if let Some((attempt, guard)) = self.gate.accepted.remove(&number).zip(self.gate.guard.as_ref()) {
             guard.ended(&attempt, Some(outcome));
@@ -142,7 +142,7 @@ async fn keep(write: impl FnOnce() -> Result<(), String> + Send + 'static) -> Re
 }
 
 fn refuse(caller: &Caller, why: String) {
-    // Who is gone needs no answer.
+    // A caller that is gone needs no answer.
     caller.offer(Answer::Refused(why));
 }
 

@@ -12,7 +12,7 @@ impl Driver {
     pub(super) fn drain(&mut self) -> bool {
         let mut over = false;
         while let Some(input) = self.queues.pending.pop_front() {
-            // Events have the time that the clock shows, also in the moment after somebody has set it.
+            // Events have the calendar time of the clock, even right after the clock has been set.
             if let Some(origin) = calendar::set(self.state.agent.calendar()) {
                 over |= self.give(Input::Calendar { origin });
             }
@@ -27,7 +27,8 @@ impl Driver {
         over
     }
 
-    /// Has a thread of its own wait for the moment at which programs begin: the timers of the loop are late by a millisecond or two.
+    /// Starts a thread that waits for the moment at which programs begin: the timers of the loop are late by a
+    /// millisecond or two.
     fn set_alarm(&mut self) {
         let Some(at) = self.state.agent.starts_at().filter(|at| self.alarm != Some(*at)) else { return };
         self.alarm = Some(at);
@@ -44,7 +45,7 @@ impl Driver {
         let (now, mut effects, mut over) = (clock::now(), Vec::new(), false);
         self.files.inputs.append(now, &input);
         self.state.take(now, input, &mut effects);
-        // What people are told does not hold up what programs are told.
+        // Answers to people do not delay orders to programs.
         let (words, deeds): (Vec<Effect>, Vec<Effect>) = effects.into_iter().partition(is_for_caller);
         for effect in deeds.into_iter().chain(words) {
             over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
@@ -54,7 +55,7 @@ impl Driver {
     }
 }
 
-/// Returns whether an effect is for somebody who has called.
+/// Returns whether an effect is for a caller.
 fn is_for_caller(effect: &Effect) -> bool {
     matches!(effect, Effect::Answer { .. } | Effect::EndAnswers { .. } | Effect::Tail { .. } | Effect::TailAll { .. })
 }

@@ -1,4 +1,4 @@
-//! Has written down what the next node has to know.
+//! Writes the state that the next node needs.
 
 use super::Driver;
 use crate::io::child::leftovers;
@@ -15,7 +15,7 @@ use tokio::sync::oneshot;
 /// How often children are looked for that have ended, and that nothing here waits for.
 const REAP_EVERY: Duration = Duration::from_secs(10);
 
-/// Takes note of the ends of orphans, for ever: the kernel keeps each until then.
+/// Collects the ends of orphans, for ever: the kernel keeps each until then.
 pub(super) async fn reap_orphans() {
     let mut seen = BTreeSet::new();
     loop {
@@ -25,7 +25,7 @@ pub(super) async fn reap_orphans() {
 }
 
 impl Driver {
-    /// Writes an epoch down beside the loop: a disk may take long.
+    /// Writes an epoch beside the loop: a disk may take long.
     pub(super) fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
         let (journal, events) = (Arc::clone(&self.files.journal), self.queues.events.clone());
         self.queues.tasks.spawn(async move {
@@ -36,7 +36,7 @@ impl Driver {
         });
     }
 
-    /// Has written down whether everything is stopped, beside the loop. A node that leaves waits for the disk.
+    /// Writes whether everything is stopped, beside the loop. A node that leaves waits for the disk.
     pub(super) fn keep_estop(&mut self, number: u64, estop: Option<Estop>) {
         self.files.estop.want(estop);
         let (file, events) = (self.files.estop.clone(), self.queues.events.clone());
@@ -49,7 +49,7 @@ impl Driver {
         });
     }
 
-    /// Has what was kept of a deployment removed beside the loop, and tells the agent. A node that leaves waits for the disk.
+    /// Removes the files of a deployment beside the loop, and tells the agent. A node that leaves waits for the disk.
     pub(super) fn unkeep(&mut self, deployment: Deployment) {
         self.files.kept.unkeep(&deployment);
         let (files, events) = (self.files.kept.clone(), self.queues.events.clone());
@@ -62,7 +62,8 @@ impl Driver {
         });
     }
 
-    /// Takes note of what is to survive a reboot, and has it written beside the loop. A node that leaves waits for that.
+    /// Notes the state that is to survive a reboot, and writes it beside the loop. A node that leaves waits for the
+    /// disk.
     pub(super) fn keep(&mut self, want: impl FnOnce(&KeptFiles)) {
         want(&self.files.kept);
         let files = self.files.kept.clone();

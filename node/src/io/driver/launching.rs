@@ -1,4 +1,4 @@
-//! The programs of a node: how they are started, told where they were, and let go of.
+//! The programs of a node: starting them, giving their addresses, and removing them.
 
 use super::{Driver, settings};
 use crate::io::child;
@@ -43,10 +43,10 @@ impl Driver {
         });
     }
 
-    /// Has a program started beside the loop; what it is told meanwhile waits for it.
+    /// Starts a program beside the loop; orders for it wait in the meantime.
     pub(super) fn spawn(&mut self, order: SpawnOrder) {
         let process = order.process.clone();
-        // Whatever the program before it has still to say is not the word of this one.
+        // Later notices of the previous program do not belong to this one.
         self.running.programs.remove(&process);
         self.running.returning.is_gone(&process);
         let start = self.start(order);
@@ -89,7 +89,8 @@ impl Driver {
         Start { process, order, shim, obstacle: folder.err(), control, node, orders }
     }
 
-    /// Takes what a program has said. When it says who it is, the node vouches for it: before anybody is told where it is.
+    /// Takes a notice of a program. When the program gives its identity, the node vouches for it before its address is
+    /// given out.
     pub(super) fn said(&self, process: ProcessId, notice: Notice) -> Input {
         if let Notice::Hello { location: Some(Location { keys, .. }), .. } = &notice
             && let Some((order, (_, sender))) = self.vouch(&process, keys).zip(self.running.programs.get(&process))
@@ -113,7 +114,7 @@ impl Driver {
         (kind == LeafKind::Controller).then(|| self.dir.control_socket(deployment))
     }
 
-    /// Tells a program that has connected what the database says of its parameters.
+    /// Tells a program that has connected the values of its parameters in the database.
     pub(super) fn tell_parameters(&self, sender: &ControlSender, process: &ProcessId) {
         let Some(program) = self.state.attachments.program(process) else { return };
         let parameters = self.parameters(&self.settings, &process.deployment, &program.order.path);
@@ -149,7 +150,7 @@ impl Driver {
         Ok(())
     }
 
-    /// Closes what belongs to a deployment; the output of the last few stays in their folders.
+    /// Closes the files and sockets of a deployment; the output of the last few stays in their folders.
     pub(super) fn bury(&mut self, deployment: &Deployment) {
         self.close_sockets(deployment);
         self.running.living.remove(deployment);
@@ -162,7 +163,7 @@ impl Driver {
         }
     }
 
-    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
+    /// Removes a program; with the last one of a deployment, also the socket for its reports.
     pub(super) fn forget(&mut self, process: &ProcessId) {
         self.running.losses.forget(|other| other == process);
         self.running.programs.remove(process);

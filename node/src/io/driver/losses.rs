@@ -1,4 +1,5 @@
-//! The values that wires have lost, and those that inputs or seals have refused, as the programs at their ends count them.
+//! The values that wires have lost, and those that inputs or seals have refused, as counted by the programs at their
+//! ends.
 
 use super::Driver;
 use crate::io::event::{Connection, Counted};
@@ -8,7 +9,7 @@ use crate::logic::protocol::{LostValues, NodeStatus, RefusedValues};
 use comms::logic::seal::{DEVICE, LINK, NO_WIRE, Refused};
 use std::collections::BTreeMap;
 
-/// How many wires and inputs of one program are told at most.
+/// The most wires and inputs of one program that are reported.
 const WIRES_MAX: usize = 256;
 
 /// The losses of the programs of this node.
@@ -26,19 +27,19 @@ struct Counts {
 }
 
 impl Losses {
-    /// Takes what a program, which is this instance, has counted since it began.
+    /// Takes the counts of a program, which is this instance, since its start.
     pub(super) fn note(&mut self, process: ProcessId, instance: String, counted: Counted) {
         let lost = counted.wires.into_iter().take(WIRES_MAX).collect();
         let refused = counted.refused.into_iter().take(WIRES_MAX).collect();
         self.0.insert(process, Counts { instance, lost, refused });
     }
 
-    /// Forgets programs that are not there any more.
+    /// Removes programs that are gone.
     pub(super) fn forget(&mut self, is_gone: impl Fn(&ProcessId) -> bool) {
         self.0.retain(|process, _| !is_gone(process));
     }
 
-    /// Adds what was lost and refused to a status.
+    /// Adds the lost and refused values to a status.
     pub(super) fn tell(&self, status: &mut NodeStatus, agent: &Agent) {
         for part in &mut status.deployments {
             let of_part = || self.0.iter().filter(|(process, _)| process.deployment == part.deployment);
@@ -61,7 +62,7 @@ impl Losses {
 }
 
 impl Driver {
-    /// Puts into the audit log that somebody has spoken on wires of a program who is not at their other ends.
+    /// Writes to the audit log that a program has received messages on its wires that did not come from the other end.
     pub(super) fn refused(
         &self,
         Connection { deployment, instance, .. }: &Connection,

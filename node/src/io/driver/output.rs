@@ -6,7 +6,7 @@ use crate::io::tail;
 use crate::logic::protocol::Deployment;
 
 impl Driver {
-    /// Answers a call with output, in a task that is told when the deployment is over here.
+    /// Answers a call with output, in a task that ends when the deployment is over here.
     pub(super) fn tail<T: Future<Output = ()> + Send + 'static>(
         &mut self,
         call: u64,

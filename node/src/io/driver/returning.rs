@@ -1,17 +1,17 @@
-//! The programs of a killed node, until each has told its successor what has happened meanwhile.
+//! The programs of a killed node, until each has reported its changes to the new node.
 //!
 //! Two tell: the shim of a program, and a controller itself, which connects again and says how many notices it has made.
 
 use crate::logic::effect::ProcessId;
 use std::collections::BTreeMap;
 
-/// The programs that have not told everything.
+/// The programs that have not sent all their reports.
 #[derive(Debug, Default)]
 pub(super) struct Returning {
     programs: BTreeMap<ProcessId, Missing>,
 }
 
-/// What has still to come of a program.
+/// The reports that a program still has to send.
 #[derive(Debug, Default)]
 struct Missing {
     /// Whether its shim has not been reached.
@@ -33,12 +33,12 @@ impl Returning {
         self.programs.get(process).is_some_and(|missing| missing.connection)
     }
 
-    /// Takes note that the shim of a program was reached, and has told everything.
+    /// Notes that the shim of a program was reached, and has sent all its reports.
     pub(super) fn shim_is_back(&mut self, process: &ProcessId) {
         self.programs.entry(process.clone()).and_modify(|missing| missing.shim = false);
     }
 
-    /// Takes note that a controller has connected again, which has made so many notices.
+    /// Notes that a controller has connected again, which has made `notices` notices.
     pub(super) fn is_back(&mut self, process: &ProcessId, notices: u64) {
         self.programs.entry(process.clone()).and_modify(|missing| {
             (missing.connection, missing.notices) = (false, notices);

@@ -29,7 +29,7 @@ impl Driver {
         unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
     }
 
-    /// Returns what settings say to an instance, as its program gets it.
+    /// Returns the parameters of an instance in the settings, in the form for its program.
     pub(super) fn parameters(&self, settings: &Settings, deployment: &Deployment, path: &str) -> Vec<(String, String)> {
         self.state.agent.in_si(deployment, path, settings.parameters(&deployment.name, path))
     }

@@ -45,7 +45,7 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
     }
 }
 
-/// Returns what starts programs, and opens their secrets with the keys of this node.
+/// Returns the starter of programs, which opens their secrets with the keys of this node.
 pub(super) fn starter(
     config: &Config,
     database: &DatabaseThread,
@@ -67,13 +67,13 @@ pub(super) fn journal(config: &Config, dir: &RunDir) -> anyhow::Result<Journal> 
     Ok(Journal::open(&path).map_err(|cause| FolderError::kept(&path, cause, option))?)
 }
 
-/// The file in a node's folder that says of which team it is.
+/// The file in a node's folder that names its team.
 const TEAM: &str = "team";
 /// The longest such file that is read, in bytes.
 const TEAM_MAX: usize = 4096;
 
-/// Writes down of which team this node is, which others on this machine look at before they dial it, where its state is, and what its
-/// programs show.
+/// Writes the files about this node: its team, which others on this machine check before they dial it, the place of its
+/// state, and the credentials of its programs.
 pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
     let path = dir.path().join(TEAM);
     let written = file::write(&path, team(config).as_bytes());
@@ -84,14 +84,14 @@ pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
     match &config.network.member {
         Some(member) => member.vouch(&dir.path().join(VISITORS), &programs_identity(dir)),
         None => {
-            // What a node before this one has left.
+            // The files of an earlier node.
             [VISITORS, PROGRAMS].iter().for_each(|file| drop(std::fs::remove_file(dir.path().join(file))));
             Ok(())
         }
     }
 }
 
-/// Returns the file with what programs of a node know of its team.
+/// Returns the file with the credentials that programs of a node have for its team.
 pub(super) fn programs_identity(dir: &RunDir) -> PathBuf {
     dir.path().join(PROGRAMS)
 }
@@ -124,7 +124,7 @@ fn team(config: &Config) -> String {
     config.network.member.as_ref().map(|member| member.team().id().to_string()).unwrap_or_default()
 }
 
-/// Returns whom the node lets come over the network.
+/// Returns the peers that the node accepts over the network.
 pub(super) fn network(config: &Config) -> Network {
     match (&config.network.member, &config.network.reach) {
         (Some(member), _) => Network::Team { name: member.team().name().to_string() },
@@ -133,7 +133,7 @@ pub(super) fn network(config: &Config) -> Network {
     }
 }
 
-/// Passes what arrives from the network on to the loop.
+/// Passes arrivals from the network on to the loop.
 pub(super) async fn forward(mut arrivals: Receiver<Arrival>, events: Sender<Event>) {
     while let Some(arrival) = arrivals.recv().await {
         if events.send(Event::Arrival(arrival)).await.is_err() {
@@ -142,7 +142,7 @@ pub(super) async fn forward(mut arrivals: Receiver<Arrival>, events: Sender<Even
     }
 }
 
-/// Asks the programs of controllers what they offer.
+/// Asks the programs of controllers for their interfaces.
 pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
     let mut offered = Programs::default();
     for program in programs::chosen(&config.programs.controllers) {
@@ -153,7 +153,7 @@ pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
     Ok(offered)
 }
 
-/// Returns the state that a node begins with: that of the one before, if it is taken over.
+/// Returns the initial state of a node: the previous node's, if it is adopted.
 pub(super) fn state(
     before: Option<NodeState>,
     offered: Programs,
@@ -168,8 +168,8 @@ pub(super) fn state(
     NodeState::new(Agent::new(identity(), offered, now), now)
 }
 
-/// Takes the folder of the node, and what a node of its name that was killed has left in it, if that can be taken over. What
-/// cannot is ended. Moves into a control group of its own.
+/// Takes the folder of the node, and adopts the remains of a killed node of its name, if possible. The others are
+/// ended. Moves into a control group of its own.
 pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Result<(RunDir, Option<NodeState>)> {
     let (base, name, adopts) = (config.base.clone(), config.name.clone(), config.adopts);
     let machine = life(config, machine);
@@ -196,25 +196,25 @@ pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Resul
     });
     let (dir, state) = taking.await??;
     cgroup::enter(dir.path());
-    // What a killed shim leaves behind comes to this process, which ends it.
+    // The orphans of a killed shim become children of this process, which ends them.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
     Ok((dir, state))
 }
 
-/// Names the boot of the machine, as the node is told, or as the kernel says.
+/// Identifies the boot of the machine, by the configuration or by the kernel.
 fn boot(config: &Config) -> String {
     let of_kernel = || std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned();
     config.boot.clone().unwrap_or_else(of_kernel)
 }
 
-/// Names what a node can take over from: a boot of the machine, and the network.
+/// Names the conditions under which a node can adopt programs: the same boot of the machine, and the same network.
 pub(super) fn life(config: &Config, machine: &str) -> String {
     config.boot.as_ref().map_or_else(|| machine.to_owned(), |boot| format!("{machine} {boot}"))
 }
 
-/// Returns what survives a reboot, and what it says.
+/// Returns the files that survive a reboot, and their content.
 pub(super) async fn kept(config: &Config) -> anyhow::Result<(KeptFiles, Earlier)> {
-    // A node that takes nothing over is there for one command, as what it runs.
+    // A node that adopts nothing belongs to one command, and so do its programs.
     let (state, boot) = (config.state.clone().filter(|_| config.adopts), boot(config));
     Ok(tokio::task::spawn_blocking(move || KeptFiles::open(state, &boot)).await?)
 }

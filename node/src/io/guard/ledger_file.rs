@@ -1,5 +1,5 @@
-//! The ledger of a gate on the disk. What is accepted is added to it, so it takes one write to the disk, and several requests at once
-//! take one together.
+//! The ledger of a gate on the disk. Accepted requests are appended, so each takes one write to the disk, and several
+//! requests at once share one.
 
 use crate::logic::gate::{ENTRIES_MAX, Found, Gate, LEDGER_MAX, Ledger};
 use anyhow::Context as _;
@@ -15,15 +15,15 @@ use trust::revocation::Revocations;
 #[derive(Debug)]
 pub(super) struct LedgerFile {
     path: PathBuf,
-    /// None before the first write where the file cannot be gone on with, and after one that has failed: nobody knows what of it is on
-    /// the disk, so the next one writes a new file.
+    /// None before the first write if the file cannot be continued, and after a failed write: it is then unknown which
+    /// part is on the disk, so the next write makes a new file.
     file: Option<File>,
     /// How many bytes of records it takes before a new file is begun.
     room: usize,
 }
 
 impl LedgerFile {
-    /// Reads a ledger; one that is not there is empty.
+    /// Reads a ledger; a missing file is an empty ledger.
     ///
     /// # Errors
     /// It cannot be read, or is damaged: it is not known which requests were here before.
@@ -44,9 +44,9 @@ impl LedgerFile {
     /// Writes down all that the gate has accepted: it is on the disk when this returns. Blocks.
     ///
     /// # Errors
-    /// The disk refuses. What was accepted is written with the next file.
+    /// The disk refuses. The accepted requests are written with the next file.
     pub(super) fn keep(&mut self, gate: &Mutex<Gate>) -> anyhow::Result<()> {
-        // Without the file whoever comes after a failure writes a new one.
+        // Without the file the next writer after a failure makes a new one.
         let file = self.file.take().filter(|file| file::is_in_place(file, &self.path));
         let mut gate = gate.lock().unwrap_or_else(PoisonError::into_inner);
         let news = gate.take_news();
@@ -84,7 +84,7 @@ mod tests {
 
     const NOW: UnixTime = UnixTime(1_800_000_000);
 
-    /// A gate that somebody has asked for something, so many times.
+    /// A gate that has accepted this number of requests.
     fn gate(requests: u64) -> Mutex<Gate> {
         let [root, keys] = [[1; 32], [2; 32]].map(|seed| SecretKeys::generate(&mut Entropy::new(&seed)));
         let founded = Team::found("acme".parse().unwrap(), &root);
@@ -126,14 +126,14 @@ mod tests {
         let one = gate(1);
         file.keep(&one).unwrap();
         assert_eq!(read(&path), *one.lock().unwrap().ledger());
-        // It goes on with the file that is there.
+        // It continues the existing file.
         let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
         let before = std::fs::read(&path).unwrap();
         let two = gate(2);
         file.keep(&two).unwrap();
         assert!(std::fs::read(&path).unwrap().starts_with(&before), "records are added");
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
-        // Somebody has removed the file: a new one has everything.
+        // The file has been removed: a new one has everything.
         std::fs::remove_file(&path).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
@@ -143,14 +143,14 @@ mod tests {
         folder::make(&folder).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
-        // Half a record is left of a power cut: a new file, in which nothing stands behind it.
+        // A power cut has left half a record: a new file is made, since nothing may follow it.
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend([9, 0]);
         std::fs::write(&path, bytes).unwrap();
         let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), two.lock().unwrap().ledger().to_bytes());
-        // There is room for so much in a file, and then it is begun anew.
+        // The file has room for this much, and then it is rewritten.
         file.room = 10;
         file.keep(&gate(1)).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), gate(1).lock().unwrap().ledger().to_bytes());

@@ -1,8 +1,8 @@
-//! Lets hosts hear of this node all the time, and drops links to those that are lost.
+//! Sends beats to the hosts that matter, and drops links to lost hosts.
 //!
-//! A link without traffic tells nobody that it is cut, and what nodes with nothing to do send each other is seldom. So to the hosts
-//! that something here depends on a node sends a beat each 250 ms, which says nothing: that it does not arrive is what the system
-//! notices, see `comms/src/io/session/patience.rs`.
+//! A cut of a link without traffic goes unnoticed, and idle nodes rarely send anything. So a node sends a beat each 250
+//! ms to the hosts that something here depends on. A beat has no content: the system notices when it does not arrive,
+//! see `comms/src/io/session/patience.rs`.
 
 use comms::io::session::Session;
 use comms::logic::key;
@@ -17,7 +17,7 @@ const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// How many sessions of other nodes are remembered.
 const SESSIONS_MAX: usize = 1024;
 
-/// Sends beats to whoever is to have them, until nobody can say so any more.
+/// Sends beats to the present `hosts`, until their sender is gone.
 pub(super) async fn beat(session: Arc<Session>, mut hosts: watch::Receiver<BTreeSet<String>>) {
     let mut keys = keys(&mut hosts);
     let mut every = tokio::time::interval(BEAT_EVERY);
@@ -43,7 +43,7 @@ fn keys(hosts: &mut watch::Receiver<BTreeSet<String>>) -> Vec<String> {
     hosts.borrow_and_update().iter().map(|host| key::beat(host)).collect()
 }
 
-/// The session of each boot of another node, as its answers say.
+/// The session of each boot of another node, from its answers.
 #[derive(Debug, Default)]
 pub(super) struct Sessions(Mutex<BTreeMap<(String, u64), String>>);
 
@@ -56,7 +56,7 @@ impl Sessions {
         }
     }
 
-    /// Forgets all but those of these nodes.
+    /// Removes all entries except those of these nodes.
     pub(super) fn keep(&self, holders: &BTreeMap<String, u64>) {
         let mut sessions = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         sessions.retain(|(host, boot), _| holders.get(host) == Some(boot));

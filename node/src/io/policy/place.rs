@@ -9,14 +9,14 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use trust::policy::Sandbox;
 
-/// A folder that the standard sandbox closes where the kernel has Landlock, to root, too.
+/// A folder that the standard sandbox closes if the kernel has Landlock, even to root.
 const CLOSED: &str = "/etc";
-/// In a folder with this bit only who owns a file may take it away. Source: inode(7).
+/// In a folder with this bit only the owner of a file may remove it. Source: inode(7).
 const STICKY: u32 = 0o1000;
 const ROOT: u32 = 0;
 
 impl PolicyFile {
-    /// Returns the user as whom programs of this node run, if that one could change this policy, or take it away. Blocks.
+    /// Returns the user that programs of this node run as, if this user could change or remove this policy. Blocks.
     #[must_use]
     pub fn could_be_changed_by(&self) -> Option<String> {
         let named = self.policy.user().and_then(|user| users::named(user).ok().flatten());
@@ -42,7 +42,7 @@ fn can_change(path: &Path, user: &Account) -> bool {
     file || folders.filter_map(of).any(|folder| opens(&folder, user))
 }
 
-/// Returns whether a user may exchange a file of somebody else in a folder.
+/// Returns whether a user may exchange another user's file in a folder.
 fn opens(folder: &Metadata, user: &Account) -> bool {
     folder.uid() == user.uid || (folder.mode() & STICKY == 0 && writes(folder, user))
 }

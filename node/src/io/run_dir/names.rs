@@ -5,8 +5,9 @@ pub(super) const NAME_MAX: usize = 24;
 /// How much of that a hash takes, where the name is not there as a whole.
 const HASH_LENGTH: usize = 8;
 
-/// Returns the name of a deployment as that of a folder. A name comes from the network: it must not lead elsewhere, and sockets need short
-/// paths. One that is changed ends with a hash of the whole, so that no two deployments of one epoch, from two homes, have one folder.
+/// Returns the folder name of a deployment. A name comes from the network: it must not lead elsewhere, and sockets need
+/// short paths. A changed name ends with a hash of the whole, so that no two deployments of one epoch, from two homes,
+/// have the same folder.
 pub(super) fn folder_name(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
     let whole: String = name.chars().map(plain).take(NAME_MAX).collect();

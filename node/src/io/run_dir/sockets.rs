@@ -6,8 +6,8 @@ use shim::protocol::{BEAT_FILE, SOCKET_FILE};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Removes the sockets of a deployment where nobody connects any more: those of the programs in its folder that have ended, and with the
-/// last of them the one where they talked to the node. `node` is the folder of that. Blocks.
+/// Removes unused sockets of a deployment: those of ended programs in its folder, and with the last of them the socket
+/// between the programs and the node. `node` is the folder of the node. Blocks.
 pub(crate) fn remove_sockets(node: &Path, deployment: &Path) {
     let own = fs::read_dir(deployment).into_iter().flatten().flatten().map(|entry| entry.path());
     let (running, ended): (Vec<PathBuf>, Vec<PathBuf>) =

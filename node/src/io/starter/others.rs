@@ -1,5 +1,5 @@
-//! What is different for a program that runs as another user than its node: it enters no folder of the node, so its sockets, and what it
-//! knows of its team, are in one of its own.
+//! Programs that run as another user than their node: they cannot enter a folder of the node, so their sockets and
+//! their credentials for the team are in a folder of their own.
 
 use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use anyhow::Context;
@@ -8,7 +8,8 @@ use shim::protocol::ShimStart;
 use std::path::{Path, PathBuf};
 use team::member::Member;
 
-/// Moves what a program uses itself to a folder of its user, if that is another one; returns where it talks to its node, if it does. Blocks.
+/// Moves a program's own files to a folder of its user, if that is another one; returns the socket to its node, if it
+/// has one. Blocks.
 ///
 /// # Errors
 /// The file system refuses.

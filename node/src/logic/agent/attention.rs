@@ -1,5 +1,5 @@
-//! The hosts that this node attends to: those that a deployment here depends on, those that are looked for, and all while a person
-//! looks.
+//! The hosts that this node attends to: those that a deployment here depends on, the wanted ones, and all of them while
+//! a user looks.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};

@@ -1,9 +1,11 @@
-//! What ran here before this node: it is told as over, and begun again where its spec says so and the machine was rebooted.
+//! The deployments that ran here before this node. Each is reported as over, and resumed if its spec says so and the
+//! machine was rebooted.
 //!
-//! A deployment that is resumed waits for the other hosts, which may boot later, and for word from them that it was stopped
-//! meanwhile. It is deployed anew, under the next epoch, so whatever is left of the one before is fenced off. A user who stops a
-//! deployment whose home does not answer leaves *tombstones* with the nodes that do: each tells the home as soon as that is there
-//! again, which then begins nothing of it, or ends it, and says so.
+//! A deployment that is resumed waits for the other hosts, which may boot later, and for a possible message from them
+//! that it was stopped in the meantime. It is deployed again under the next epoch, so everything left of the previous
+//! epoch is fenced off. If a user stops a deployment whose home does not answer, the nodes that do answer keep
+//! *tombstones*. Each tells the home as soon as the home returns; the home then does not resume the deployment, or ends
+//! it, and reports that.
 
 use super::promises::Promise;
 use super::{Agent, AwaitingHosts};
@@ -24,13 +26,13 @@ use std::time::Duration;
 const BOOT_WAIT: Duration = Duration::from_secs(10);
 /// How long it waits for hosts that take part, which may boot later.
 const BOOT_WITHIN: Duration = Duration::from_secs(120);
-/// How many tombstones are kept; of more, those of the latest epochs.
+/// How many tombstones are kept; if there are more, those of the latest epochs.
 const TOMBSTONES_MAX: usize = 1024;
 
 /// Where a deployment that waits comes from, if no call has asked for it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Resumed {
-    /// The one that ran before the reboot.
+    /// The deployment that ran before the reboot.
     from: Deployment,
     origin: u64,
     /// When it may begin; nothing once that is past.
@@ -38,7 +40,7 @@ pub(super) struct Resumed {
     permission: Permission,
 }
 
-/// Whether the user who has signed it may still have it: somebody may have revoked the key since.
+/// Whether the user who signed the deployment may still have it: the key may have been revoked since.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Permission {
     /// Not known. It is asked when everything else is there, so that all have been heard who know of a revocation.
@@ -55,12 +57,12 @@ impl Resumed {
         self.origin
     }
 
-    /// Asks whether the user who has signed it still may have it.
+    /// Asks whether the signer of the deployment may still have it.
     fn judge(&self, signed: &Option<Arc<Signed>>) -> Effect {
         Effect::JudgeResumed { deployment: self.from.clone(), signed: signed.clone() }
     }
 
-    /// Returns the one that ran before the reboot.
+    /// Returns the deployment that ran before the reboot.
     pub(super) const fn before(&self) -> &Deployment {
         &self.from
     }
@@ -74,7 +76,7 @@ impl AwaitingHosts {
         resumed.earliest.or(Some(self.until)).filter(|_| !is_asked)
     }
 
-    /// What is kept on the disk of one that is resumed, until it has begun.
+    /// Returns the record on the disk of a deployment that is resumed, until it has begun.
     pub(super) fn kept(&self) -> Option<Kept> {
         let Resumed { from, origin, .. } = self.resumed.clone()?;
         let resume = Some((self.plan.clone(), self.signed.as_deref().cloned()));
@@ -84,10 +86,10 @@ impl AwaitingHosts {
 }
 
 impl Agent {
-    /// Says what has become of the deployments that ran before this node, and waits with those that are resumed.
+    /// Reports the end of the deployments that ran before this node, and waits with those that are resumed.
     pub(super) fn look_back(&mut self, out: &mut Out<'_>) {
         let mut earlier = std::mem::take(&mut self.pending.earlier);
-        // Of one that was being begun again when the power failed once more, the last counts.
+        // If the power failed again while a deployment was being resumed, the last of its epochs counts.
         earlier.sort_by_key(|before| std::cmp::Reverse(before.kept.deployment.epoch));
         for Before { kept, was_rebooted } in earlier {
             let Kept { deployment, origin, by, hosts, has_ended, resume, .. } = kept;
@@ -134,7 +136,7 @@ impl Agent {
         one.until <= now || are_there && is_free
     }
 
-    /// Returns how it is with a deployment that waits, for people.
+    /// Returns the state of a waiting deployment, for users.
     pub(super) fn waiting(&self, one: &AwaitingHosts, now: Time) -> WaitingDeployment {
         let (here, names) = (&self.identity.host, &self.peers.names);
         let (resumes, earliest) = one.resumed.as_ref().map(|resumed| (&resumed.from, resumed.earliest)).unzip();
@@ -168,7 +170,7 @@ impl Agent {
         self.pending.awaiting.push(one);
     }
 
-    /// Takes the verdict about one that is to be resumed.
+    /// Takes the verdict about a deployment that is to be resumed.
     pub(super) fn resumable(&mut self, deployment: &Deployment, verdict: Result<(), String>, out: &mut Out<'_>) {
         let is_meant = |one: &AwaitingHosts| one.resumed.as_ref().is_some_and(|resumed| resumed.from == *deployment);
         let Some(place) = self.pending.awaiting.iter().position(is_meant) else { return };
@@ -224,7 +226,7 @@ impl Agent {
         if let Some(why) = refusal {
             return out.answer(call, Answer::Refused(why));
         }
-        // One of a later epoch means the earlier ones, too.
+        // A tombstone of a later epoch covers the earlier epochs.
         let is_new = !self.pending.tombstones.iter().any(|other| tombstone.is_covered_by(other));
         if is_new {
             self.pending.tombstones.retain(|other| !other.is_covered_by(&tombstone));
@@ -294,7 +296,7 @@ impl Agent {
 }
 
 impl Tombstone {
-    /// Returns whether what it means is meant by another one, too.
+    /// Returns whether another tombstone covers everything that this one covers.
     fn is_covered_by(&self, other: &Self) -> bool {
         let (own, its) = (&self.deployment, &other.deployment);
         self.home == other.home && own.name == its.name && own.epoch <= its.epoch

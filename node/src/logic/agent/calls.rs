@@ -18,7 +18,7 @@ const REQUESTS_MAX: usize = 10_000;
 /// How long a deployment waits for hosts that this node has not seen yet.
 const GATHER_WITHIN: Duration = Duration::from_secs(2);
 
-/// Why a deployment does not begin that somebody has stopped.
+/// The reason why a deployment that a user has stopped does not begin.
 pub(super) const STOPPED: &str = "it was stopped before it ran";
 
 impl Agent {
@@ -136,7 +136,7 @@ impl Agent {
         }
     }
 
-    /// Returns the names that were given out here, with what programs that could not be ended still hold.
+    /// Returns the names that were given out here, including those still held by programs that could not be ended.
     fn given_names(&self) -> Names {
         let mut names = Names::default();
         self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
@@ -152,7 +152,7 @@ impl Agent {
         }
     }
 
-    /// Returns the ends of a wire of a deployment, for people.
+    /// Returns the ends of a wire of a deployment, for users.
     pub fn wire(&self, deployment: &Deployment, number: u32) -> Option<String> {
         self.participants.get(deployment)?.wire(number)
     }

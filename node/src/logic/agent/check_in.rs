@@ -1,11 +1,12 @@
-//! A node that was away for long: it checks in with the homes of what it takes part in, before it begins anything there.
+//! A node that was away for long. It checks in with the homes of its deployments before it begins anything for them.
 //!
-//! Who was killed or suspended goes on with what it had. But a home may have counted its host as lost meanwhile, and have begun
-//! something else in its place. So until a home has answered, no program of its deployments is started again here, and nothing is
-//! activated. Messages come in order, so what the home has decided comes before its answer; that may be the end of this part.
+//! A node that was killed or suspended resumes with the state it had. But a home may have counted its host as lost in
+//! the meantime, and have begun a replacement. So until a home has answered, no program of its deployments is started
+//! again here, and nothing is activated. Messages arrive in order, so the decisions of the home arrive before its
+//! answer; a decision may be to end this part.
 //!
-//! A home that does not answer is lost after a while, and then `on_link_loss` decides, as at any cut.
-//! The home answers who is there for it: one that is only missing may still count as lost, and is then told that first.
+//! A home that does not answer is lost after a while. Then `on_link_loss` decides, as at any cut. The home answers
+//! hosts that are there for it: a host that is only missing may still count as lost, and is then told that first.
 
 use super::Agent;
 use crate::logic::effect::Out;
@@ -13,7 +14,7 @@ use crate::logic::protocol::{Body, Message};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What is asked and not answered yet.
+/// The questions that are not answered yet.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct CheckIns {
     /// How often this node has checked in.
@@ -23,7 +24,8 @@ pub(super) struct CheckIns {
 }
 
 impl Agent {
-    /// Checks in with every home elsewhere that may have missed this node. A deployment of this host needs nobody's answer. To be called before anything else is done.
+    /// Checks in with every other home that may have missed this node. A deployment whose home is this host needs no
+    /// answer. To be called before anything else is done.
     pub(super) fn check_in(&mut self, out: &mut Out<'_>) {
         let (names, number) = (&self.peers.names, self.callers.check_ins.count + 1);
         let unsure = self.participants.values_mut().filter(|participant| names.has_slept(out.now, participant.home()));
@@ -42,7 +44,8 @@ impl Agent {
         }
     }
 
-    /// Answers those who have checked in and are there, behind all that they had to be told. Another boot has forgotten that it has asked.
+    /// Answers the hosts that have checked in and are there, after all other messages to them. A later boot has
+    /// forgotten the question.
     pub(super) fn answer_check_ins(&mut self, out: &mut Out<'_>) {
         let names = &self.peers.names;
         let is_over =

@@ -1,5 +1,5 @@
-//! A node that is killed again and again takes over what runs, reports and stops. It takes nothing new, which may be what kills
-//! it.
+//! A node that is killed again and again. It takes over the running programs, reports and stops. It takes nothing new,
+//! because that may be what kills it.
 
 use super::Agent;
 use comms::logic::human::span;
@@ -14,7 +14,7 @@ const WITHIN: Duration = Duration::from_secs(60);
 impl Agent {
     /// Takes note that it was made again from its inputs, and how long it was gone.
     pub(super) fn adopted(&mut self, now: Time, away: Duration) {
-        // Whoever has started it again wants it to be there.
+        // The user who started it again wants it to be there.
         (self.run.leaving, self.run.lingers_until) = (false, None);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));
         self.participants.values_mut().for_each(|participant| participant.adopted(away));

@@ -1,4 +1,4 @@
-//! Messages about deployments: each goes to the machine that it is for. The agent answers for one that is not there.
+//! Messages about deployments: each goes to its machine. The agent answers for a machine that is not there.
 
 use super::{Agent, DEPLOYMENTS_MAX};
 use crate::logic::claims::{Claims, unended};
@@ -35,7 +35,7 @@ impl Agent {
         }
     }
 
-    /// Delivers a message of this node to itself: it has judged what it acts on.
+    /// Delivers a message of this node to itself: the node has already judged its order.
     pub(super) fn deliver_own(&mut self, message: Message, out: &mut Out<'_>) {
         let host = self.identity.host.clone();
         match message {
@@ -48,7 +48,7 @@ impl Agent {
         }
     }
 
-    /// A participant obeys its own home alone; one that is not there any more says so.
+    /// A participant obeys its own home alone. A participant that is gone reports that.
     pub(super) fn deliver_to_participant(
         &mut self,
         deployment: &Deployment,
@@ -97,7 +97,8 @@ impl Agent {
         }
     }
 
-    /// Returns the reply to a step of a change that cannot be taken, if so. What was free when it was examined may be held since.
+    /// Returns the reply to a step of a change that cannot be taken, if that is the case. A device that was free when
+    /// it was examined may be held since.
     fn against_change(&self, deployment: &Deployment, order: &ChangeOrder) -> Option<ChangeReply> {
         let host = &self.identity.host;
         match order {
@@ -187,7 +188,7 @@ impl Agent {
         self.participants.insert(deployment, participant);
     }
 
-    /// Says what a host that cannot be reached would have to say.
+    /// Gives the answer that an unreachable host would give.
     pub(super) fn answer_for_lost(
         &mut self,
         lost: &str,
@@ -199,7 +200,7 @@ impl Agent {
         if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![unreachable(lost)] }, lost, out);
         } else if message == ToParticipant::Release {
-            // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
+            // A host that never took part has nothing to release; a lost host is reported as unconfirmed.
             self.tell_coordinator(deployment, ToCoordinator::Released, lost, out);
         } else if let ToParticipant::Change(order) = message {
             let reply = order.failed(format!("host `{lost}` cannot be reached"));
@@ -235,8 +236,8 @@ fn is_for_members(message: &ToParticipant) -> bool {
     matches!(message, ToParticipant::Activate { .. } | ToParticipant::Stop { .. })
 }
 
-/// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for
-/// ever.
+/// Returns the answer that an absent part of a deployment would give its supervisor, so that the supervisor does not
+/// wait for ever.
 fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToParticipant> {
     match message {
         ToParticipant::Activate { target, activation, .. } => {

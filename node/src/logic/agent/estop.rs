@@ -1,5 +1,5 @@
-//! `dca estop` on a node: every program is told to stop at once, without `finally` or `shield`, and nothing begins until somebody
-//! releases it. It holds over a restart of the node, since the driver writes it down.
+//! `dca estop` on a node: every program is told to stop at once, without `finally` or `shield`, and nothing begins
+//! until a user releases it. The stop lasts over a restart of the node, since the driver writes it down.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Stopped {
     by: Option<Estop>,
-    /// Those who wait until nothing runs, and the disk has it.
+    /// The calls that wait until nothing runs and the stop is on the disk.
     waiting: Vec<u64>,
-    /// Those who wait until the disk has that programs may begin, and whether everything was stopped when they asked.
+    /// The calls that wait until the release is on the disk, and whether everything was stopped when they asked.
     releasing: Vec<(u64, bool)>,
-    /// The number of the last write that was asked for, and of the last one that is over.
+    /// The numbers of the last write requested and of the last write that is over.
     writes: (u64, u64),
     /// Why the disk does not have it.
     unwritten: Option<String>,
@@ -41,7 +41,7 @@ impl Agent {
             coordinator.abort(FailureCause::Estop(estop.clone()), out);
         }
         self.stopped.waiting.push(call);
-        // Who was first is who has stopped it.
+        // The first user to stop everything is the one recorded.
         self.stopped.by.get_or_insert(estop);
         self.keep_estop(out);
     }
@@ -73,7 +73,7 @@ impl Agent {
         }
     }
 
-    /// Answers those who wait until nothing runs, once that is so and the disk has had its say.
+    /// Answers the callers that wait until nothing runs, once that is the case and the disk has answered.
     pub(super) fn tell_stopped(&mut self, effects: &mut Vec<Effect>) {
         if self.stopped.waiting.is_empty() || !self.participants.is_empty() || !self.stopped.is_over() {
             return;
@@ -92,13 +92,13 @@ impl Agent {
         }
     }
 
-    /// Forgets one who waits.
+    /// Forgets a waiting caller.
     pub(super) fn forget_stopped(&mut self, call: u64) {
         self.stopped.waiting.retain(|waiting| *waiting != call);
         self.stopped.releasing.retain(|(waiting, _)| *waiting != call);
     }
 
-    /// Returns who has stopped everything, if somebody has.
+    /// Returns the user who has stopped everything, if there is one.
     pub(super) const fn stopped_by(&self) -> Option<&Estop> {
         self.stopped.by.as_ref()
     }

@@ -9,18 +9,18 @@ use comms::logic::control::Partner;
 use language::plan::Plan;
 use std::collections::BTreeMap;
 
-/// For each deployment, which of its programs others call, and who.
+/// For each deployment, those of its programs that other deployments call, with their callers.
 type Clients = BTreeMap<Deployment, BTreeMap<u32, Vec<Partner>>>;
 
 impl Agent {
-    /// Returns what runs here of the processes of other deployments that a plan uses on this host, by leaf.
+    /// Returns the state of the processes of other deployments that a plan uses on this host, by leaf.
     pub(super) fn externals(&self, plan: &Plan) -> BTreeMap<u32, Result<Seen, String>> {
         let host = self.identity.host.as_str();
         let mine = plan.live_leaves().into_iter().filter(|leaf| leaf_host(plan, *leaf) == Some(host));
         mine.filter_map(|leaf| Some((leaf, self.look_up(&Wanted::of(plan, leaf)?)))).collect()
     }
 
-    /// Tells deployments that use processes of others what has become of those, and those who calls them.
+    /// Tells deployments that use processes of others about their state, and those processes about their callers.
     pub(super) fn look_at_externals(&mut self, out: &mut Out<'_>) {
         let mut clients = Clients::new();
         let mut news: Vec<(Deployment, u32, Result<Seen, String>)> = Vec::new();

@@ -37,7 +37,7 @@ pub enum Input {
     },
     /// A node answers that it is there.
     Pong(Box<Pong>),
-    /// Another node of this one's name says what it runs.
+    /// The report of another node of the same name about its deployments.
     Namesake(Box<Namesake>),
     /// A frame from a node.
     Frame(Box<Frame>),
@@ -77,7 +77,7 @@ pub enum Input {
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
-    /// What [`Effect::KeepEstop`] has asked for is on the disk, or cannot be written.
+    /// The result of [`Effect::KeepEstop`]: the state is on the disk, or cannot be written.
     ///
     /// [`Effect::KeepEstop`]: crate::logic::effect::Effect::KeepEstop
     EstopKept {
@@ -95,7 +95,7 @@ pub enum Input {
         /// Why it is still on the disk, for a person.
         written: Result<(), String>,
     },
-    /// What [`Effect::Judge`] has asked: done only if a user has signed it, who may ask for that.
+    /// The verdict for [`Effect::Judge`]: the order is carried out only if it is signed by a user who may ask for it.
     ///
     /// [`Effect::Judge`]: crate::logic::effect::Effect::Judge
     Judged {
@@ -104,11 +104,11 @@ pub enum Input {
         /// Why not, for a person.
         verdict: Result<(), String>,
     },
-    /// What [`Effect::JudgeResumed`] has asked: begun again only if its signer still may.
+    /// The verdict for [`Effect::JudgeResumed`]: the deployment is resumed only if its signer still has permission.
     ///
     /// [`Effect::JudgeResumed`]: crate::logic::effect::Effect::JudgeResumed
     Resumable {
-        /// The one that ran before the reboot.
+        /// The deployment that ran before the reboot.
         deployment: Deployment,
         /// Why not, for a person.
         verdict: Result<(), String>,
@@ -145,15 +145,15 @@ pub enum Input {
         /// The programs that are being reached.
         programs: BTreeSet<ProcessId>,
     },
-    /// The shim of such a program was reached, or there is none any more; what it had to tell has come before this.
+    /// The shim of such a program was reached, or there is none any more. Its reports have arrived before this.
     Reached {
         /// The program.
         process: ProcessId,
     },
-    /// The calendar clock of this host was set, or is heard of for the first time. Nothing else follows from it than the times
-    /// that events have for people.
+    /// The calendar clock of this host was set, or is reported for the first time. It only affects the times of events
+    /// for users.
     Calendar {
-        /// What it showed at [`Time::ZERO`](comms::logic::time::Time::ZERO), as time since 1970.
+        /// The time it showed at [`Time::ZERO`](comms::logic::time::Time::ZERO), since 1970.
         origin: Duration,
     },
     /// Leave: stop everything that has its home here, and release everything else.

@@ -1,11 +1,11 @@
 //! Questions for every event so far, which are answered once everybody has reported.
 //!
-//! The home of a deployment alone has its events. What has happened on another host may still be on its way, or wait there for a
-//! home that was cut off or killed. So the home asks each host of its deployments; messages of a host come in order, so its answer
-//! comes behind all that it has reported. A host whose node was killed answers once it has heard the shims of its programs again,
-//! which tell what has happened meanwhile.
+//! Only the home of a deployment has its events. Events of another host may still be on their way, or wait there for a
+//! home that was cut off or killed. So the home asks each host of its deployments. Messages of a host arrive in order,
+//! so its answer arrives after all its reports. A host whose node was killed answers once it has heard the shims of its
+//! programs again, which report the events of the time between.
 //!
-//! Nobody is waited for longer than [`WITHIN`]: whoever has not answered by then is named in the answer.
+//! No host is waited for longer than [`WITHIN`]: a host that has not answered by then is named in the answer.
 
 use super::Agent;
 use crate::logic::coordinator::Coordinator;
@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// How long a question waits: less than its caller does.
 pub(in crate::logic) const WITHIN: Duration = Duration::from_secs(3);
-/// How many questions wait, and how many of other hosts. What comes beside them is not waited for.
+/// How many questions may wait, and how many of other hosts. Further questions are answered without waiting.
 const OPEN_MAX: usize = 64;
 
 /// The questions that wait.
@@ -29,7 +29,7 @@ pub(super) struct Inquiries {
     open: Vec<Inquiry>,
     /// Programs that the node before has left, and whose shims are not reached again.
     unreached: BTreeSet<ProcessId>,
-    /// The homes that have asked meanwhile, each with the number of its question.
+    /// The homes that have asked in the meantime, each with the number of its question.
     asked_by: BTreeSet<(String, u64)>,
 }
 
@@ -49,7 +49,7 @@ impl Inquiries {
         self.unreached = programs;
     }
 
-    /// Takes note that a program was reached, and has told what it had to.
+    /// Takes note that a program was reached and has sent its reports.
     pub(super) fn reached(&mut self, process: &ProcessId) {
         self.unreached.remove(process);
     }
@@ -73,7 +73,7 @@ impl Inquiries {
 }
 
 impl Agent {
-    /// Asks every host that takes part in what has its home here, and answers the call once they have answered.
+    /// Asks every host of the deployments whose home is here, and answers the call once they have answered.
     pub(super) fn inquire(&mut self, call: u64, out: &mut Out<'_>) {
         let own = &self.identity.host;
         let all = self.coordinators.values().flat_map(Coordinator::taking_part);
@@ -112,7 +112,7 @@ impl Agent {
         self.callers.inquiries.answered(number, from);
     }
 
-    /// Answers what can be answered, or is not waited for any longer.
+    /// Answers the questions that can be answered, or whose time is over.
     pub(super) fn tick_inquiries(&mut self, out: &mut Out<'_>) {
         let is_reached = self.callers.inquiries.unreached.is_empty();
         if is_reached {

@@ -1,8 +1,9 @@
 //! Another node of this one's name: two robots that were set up alike, or two parts of a network that meet after a cut.
 //!
-//! Neither takes anything on while both are there, since nobody could say which is meant. Each tells the other what it runs, once
-//! a second. Of a deployment that runs on both, one goes on: that of the higher epoch; of one epoch that whose home is reached
-//! from there; else that of the node that was there first. The other is ended at once, at its home as preempted.
+//! Neither node takes on anything while both are there, since it would be unclear which of them is meant. Each tells
+//! the other once a second which deployments it runs. If a deployment runs on both, one instance is kept: the one of
+//! the higher epoch; within one epoch, the one whose home is reachable from its node; otherwise the one on the node
+//! that was there first. The other instance is ended at once, at its home as preempted.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
@@ -11,13 +12,13 @@ use crate::logic::protocol::{Answer, Deployment, FailureCause, Namesake};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What this node and others of its name have settled, while these are there.
+/// The agreements between this node and others of its name, while those are there.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Rivalry {
-    /// What was ended here, and the boot at which it goes on. Repeated until that one leaves: a word may be lost, or come before
-    /// the other one knows of this one.
+    /// The deployments that were ended here, each with the boot at which it continues. Repeated until the other node
+    /// leaves: a message may be lost, or arrive before the other node knows of this one.
     ended: BTreeMap<Deployment, u64>,
-    /// What was reported to run on both: the boot of the other, and the deployment.
+    /// The deployments that were reported to run on both nodes, each with the boot of the other node.
     reported: BTreeSet<(u64, Deployment)>,
 }
 
@@ -37,7 +38,7 @@ impl Agent {
         ))
     }
 
-    /// Tells others of this name what runs here.
+    /// Tells others of this name which deployments run here.
     pub(super) fn greet(&mut self, out: &mut Out<'_>) {
         let there: BTreeSet<u64> = self.peers.names.namesakes().map(|(boot, _)| boot).collect();
         self.peers.rivalry.ended.retain(|_, boot| there.contains(boot));
@@ -51,7 +52,8 @@ impl Agent {
         }
     }
 
-    /// Takes the word of another node of this name. What both run, and the other keeps, is ended here.
+    /// Takes the message of another node of this name. A deployment that runs on both nodes, and that the other one
+    /// keeps, is ended here.
     pub(super) fn greeted(&mut self, other: &Namesake, out: &mut Out<'_>) {
         let known = self.peers.names.namesakes().find(|(boot, _)| *boot == other.boot);
         let Some((boot, is_elder)) = known.filter(|_| other.to_boot == self.identity.boot) else { return };

@@ -19,7 +19,8 @@ const ORDERS_MAX: usize = 64;
 pub(super) struct Orders {
     next: u64,
     waiting: BTreeMap<u64, Waiting>,
-    /// Those that were accepted and not answered yet, with the node that has given each; of many the latest.
+    /// The orders that were accepted and not answered yet, each with the node that gave it; if there are many, the
+    /// latest ones.
     accepted: VecDeque<(u64, Deployment, String)>,
 }
 
@@ -31,12 +32,12 @@ struct Waiting {
 }
 
 impl Agent {
-    /// Takes a call. What a user has signed is passed on to those who act on it.
+    /// Takes a call. A request that a user has signed is passed on to the nodes that carry it out.
     pub(super) fn take_call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
         let Request::Signed(signed) = request else { return self.call(call, request, None, out) };
         match signed.request() {
             Ok(mut request) => {
-                // Who has signed it is who wants it.
+                // The signer of the request is its author.
                 if let (Request::Deploy { by, .. }, Ok((_, name))) =
                     (&mut request, request::Request::peek(&signed.head))
                 {
@@ -54,7 +55,7 @@ impl Agent {
         }
     }
 
-    /// Takes an order of another node. One that starts something waits for its verdict where this node is in a team.
+    /// Takes an order of another node. In a team, an order that starts something waits for its verdict.
     pub(super) fn take_order(&mut self, deployment: Deployment, order: ToParticipant, from: &str, out: &mut Out<'_>) {
         if !self.identity.is_guarded {
             if let Some(order) = order.plain() {
@@ -63,7 +64,7 @@ impl Agent {
             return;
         }
         if order == ToParticipant::Release {
-            // What has not begun need not begin.
+            // An order that has not begun can be dropped.
             self.orders.waiting.retain(|_, waiting| waiting.deployment != deployment || waiting.from != from);
         }
         if !order.starts() {

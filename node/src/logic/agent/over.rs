@@ -8,7 +8,7 @@ use crate::logic::protocol::{Deployment, Message, OpenEnd, OpenHost, ToCoordinat
 use comms::logic::time::Time;
 
 impl Agent {
-    /// Drops what is over; a node of which nothing is left then leaves, if it is to.
+    /// Drops the deployments that are over. A node with nothing left then leaves, if it is to leave.
     pub(super) fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
         for (deployment, coordinator) in self.coordinators.extract_if(.., |_, coordinator| coordinator.is_over()) {
             let (history, unconfirmed) = coordinator.into_history();
@@ -68,7 +68,7 @@ impl Agent {
                         self.peers.links.keys().filter(|host| self.peers.names.reaches(host)).cloned().collect();
                     others.iter().for_each(|host| self.transmit(host, Message::leaves(), &mut out));
                 }
-                // Who listens is told that this was all.
+                // The listeners are told that nothing follows.
                 effects.extend(self.callers.listeners.iter().map(|call| Effect::EndAnswers { call: *call }));
                 *self.run.lingers_until.insert(now + LINGER_MAX)
             }

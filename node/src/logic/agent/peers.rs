@@ -1,4 +1,4 @@
-//! The agent's view of other nodes: who is there, and the messages to them.
+//! The agent's view of other nodes: their presence, and the messages to them.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
@@ -10,7 +10,7 @@ use crate::logic::protocol::{Body, Deployment, Message, ToCoordinator};
 const LINKS_MAX: usize = 4;
 
 impl Agent {
-    /// Works out who is there now, and tells everybody whom that concerns.
+    /// Works out which nodes are there now, and tells everything that the changes concern.
     pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
         self.attend(out.now);
         let (changes, round) = self.peers.names.tick(out.now);
@@ -77,7 +77,8 @@ impl Agent {
         self.parts_lost(host, out);
     }
 
-    /// Takes a frame of the node that holds its name. One that is not there is asked first, and sends again.
+    /// Takes a frame of the node that holds its name. A node that is not listed is asked first, and sends the frame
+    /// again.
     pub(super) fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
         let (from, boot) = (frame.from.clone(), frame.boot);
         self.peers.names.heard_of(out.now, &from, boot);
@@ -90,7 +91,7 @@ impl Agent {
             self.send_frame(&from, frame, out);
         }
         if is_anew {
-            // It counts this node as lost, and what it had here as over.
+            // The other node counts this node as lost, and its parts here as over.
             self.parts_lost(&from, out);
             self.parts_back(&from, out);
         }
@@ -99,8 +100,8 @@ impl Agent {
         }
     }
 
-    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever. What is final is kept
-    /// for a node that is lost, which may not know that it is.
+    /// Sends to another node. A message that cannot be sent is answered as a loss, so that its sender does not wait for
+    /// ever. Final messages are kept for a lost node, which may not know that it is lost.
     pub(super) fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
         let is_known = self.peers.names.knows(to);
         let link = self.peers.links.get_mut(to).and_then(|links| links.last_mut());

@@ -7,7 +7,7 @@ use crate::logic::nameserver::{RelayedPong, Round};
 use crate::logic::protocol::{Message, Relay, Relayed};
 
 impl Agent {
-    /// Asks other nodes whether they are there; those that are silent through others, too.
+    /// Asks other nodes whether they are there. Silent nodes are also asked through others.
     pub(super) fn ask(&mut self, Round { number, only, shows, through }: Round, out: &mut Out<'_>) {
         out.effects.push(Effect::Ping { round: number, only, shows });
         for (via, host) in through {
@@ -28,10 +28,10 @@ impl Agent {
         self.transmit(&via, Message::relay(Relay { from, to: to.to_owned(), what, proof: Vec::new() }), out);
     }
 
-    /// Takes what `via` has sent for somebody else, or has passed on.
+    /// Takes a message that `via` has sent for another node, or has passed on.
     pub(super) fn relay(&mut self, relay: Relay, via: &str, out: &mut Out<'_>) {
         if relay.to != self.identity.host {
-            // Over one node, not over several: else it could go round for ever.
+            // A message passes over one node, not over several: otherwise it could circulate for ever.
             if relay.from == via && self.peers.names.reaches_directly(&relay.to) {
                 let to = relay.to.clone();
                 self.transmit(&to, Message::relay(relay), out);

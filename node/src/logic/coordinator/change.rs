@@ -73,7 +73,7 @@ struct Asked {
     by: String,
     wanted: Arc<Plan>,
     probation: Duration,
-    /// The differences, one line each, for people.
+    /// The differences, one line each, for users.
     lines: Vec<String>,
 }
 
@@ -391,7 +391,7 @@ impl Changes {
         }
     }
 
-    /// Does what is due.
+    /// Lets time pass.
     pub(super) fn tick(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
         let Some(change) = self.current.as_mut().filter(|change| change.until <= out.now) else { return };
         let late = change.awaited.iter().map(|host| format!("host `{host}` did not answer in time"));

@@ -20,7 +20,7 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// When a host is asked for the first time; from then on half as often each time.
+/// The delay before a host is asked for the first time; each further delay is twice as long.
 const FIRST: Duration = Duration::from_millis(200);
 /// How seldom it is asked in the end.
 const SELDOM: Duration = Duration::from_secs(30);

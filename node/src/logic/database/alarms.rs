@@ -8,7 +8,7 @@ use dbmanager::logic::version_vector::ReplicaId;
 const ALARMS_MAX: usize = 16;
 
 impl Database {
-    /// Takes an alarm of the replica. What nobody may write comes again and again, and is told once.
+    /// Takes an alarm of the replica. A forbidden write arrives again and again, and is reported once.
     pub(super) fn take_alarm(&mut self, alarm: &Alarm, effects: &mut Vec<Effect>) {
         let words = self.words(alarm);
         if let Alarm::Forged { from, why } = alarm {
@@ -21,7 +21,7 @@ impl Database {
         self.alarm(words, effects);
     }
 
-    /// Keeps and reports an alarm, unless it is the same as the one before.
+    /// Keeps and reports an alarm, unless it is the same as the previous one.
     pub(super) fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
         if self.alarms.back() != Some(&words) {
             effects.push(Effect::Alarm(words.clone()));

@@ -1,4 +1,4 @@
-//! Whether messages of other replicas are from whom they say.
+//! Checks whether messages of other replicas are from the claimed sender.
 
 use super::Database;
 use super::question::Envelope;
@@ -8,7 +8,7 @@ impl Database {
     /// Checks that the member `author` may send a message: it speaks for replicas of its own robot only.
     ///
     /// # Errors
-    /// As whom it speaks, and why that is refused, for a person.
+    /// The claimed author, and the reason for the refusal, for a user.
     pub fn check_author(&self, envelope: &Envelope, author: &str) -> Result<(), (String, String)> {
         let said = match &envelope.message {
             Message::Hello(hello) => Some(hello.robot.as_str()),

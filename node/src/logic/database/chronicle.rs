@@ -1,4 +1,4 @@
-//! The records of deployments that a home writes: the plan, who deployed it, and how it ended.
+//! The records of deployments that a home writes: the plan, the user who deployed it, and the result.
 //!
 //! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
 //! gives the epochs of all names, so only the database, which has the records, knows which those are.
@@ -19,7 +19,7 @@ const KEPT: usize = 100;
 /// How many records are forgotten at a time at most.
 const FORGOTTEN_MAX: usize = 512;
 
-/// Returns what is written down when a deployment begins.
+/// Returns the record of the beginning of a deployment.
 pub fn begun(home: &str, deployment: &Deployment, plan: &Plan, by: &str) -> Commit {
     let hosts = plan.hosts.iter().map(|host| Datum::from(host.as_str())).collect();
     let fields = [
@@ -30,7 +30,7 @@ pub fn begun(home: &str, deployment: &Deployment, plan: &Plan, by: &str) -> Comm
     commit(home, deployment, "begun", fields)
 }
 
-/// Returns what a node writes down; with the beginning of a deployment the oldest records of its name are forgotten.
+/// Returns the record that a node writes. The beginning of a deployment also removes the oldest records of its name.
 pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
     let Some((below, begun)) = commit.writes.iter().find_map(|write| beginning(&write.key)) else { return commit };
     let epoch = |key: &Key| key.as_str().strip_prefix(&below)?.split_once('/')?.0.parse::<u64>().ok();
@@ -51,7 +51,7 @@ fn beginning(key: &Key) -> Option<(String, u64)> {
     Some((format!("{below}/"), epoch.parse().ok().filter(|_| is_chronicle)?))
 }
 
-/// Returns what is written down when a deployment is over; nothing if its reports do not say how it ended.
+/// Returns the record of the end of a deployment, or nothing if its reports do not include the end.
 pub fn ended(home: &str, history: &History) -> Option<Commit> {
     let fields = history.latest().find_map(|report| match report {
         Report::Finished { ending, at, unconfirmed } => Some([

@@ -1,8 +1,9 @@
 //! The failure of the disk and its recovery: what callers, watchers and other replicas are told.
 //!
-//! A turn that was not written has not happened, so nothing goes out that says it has: no commit, no order that is done, no
-//! event and no version with names of transactions that may be given to others. Whoever was promised something in an earlier turn
-//! hears no more of it: a commit stays committed, a watcher goes on from where it was.
+//! A turn that was not written has not happened, so no effect of it is carried out: no commit, no answer to an order,
+//! no event, and no version with names of transactions that may be given to others. A caller that was promised
+//! something in an earlier turn hears nothing further: a commit stays committed, and a watcher continues from its
+//! position.
 
 use super::question::{AsOf, Question, Reply};
 use super::{Checkpoints, Database, Effect};
@@ -17,14 +18,15 @@ pub struct Durable {
 }
 
 impl Database {
-    /// Returns what can be read now, before a turn that may turn out not to be on the disk. The maps are shared, so that
-    /// this costs nothing.
+    /// Returns the readable state before a turn that may fail to reach the disk. The maps are shared, so this costs
+    /// nothing.
     pub fn durable(&self) -> Durable {
         Durable { state: self.state().clone(), local: self.local().clone() }
     }
 
-    /// The disk has not taken a turn. Returns what is left of it: `rest`, which was to come after the write, without all
-    /// that has not happened. From now on only questions are answered, from `before`, what was there before the turn.
+    /// Takes note that the disk has not taken a turn. Returns the remaining effects: `rest`, the effects planned after
+    /// the write, without those that have not happened. From now on only questions are answered, from `before`, the
+    /// state before the turn.
     pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
         let mut effects: Vec<Effect> = rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect();
         let watchers = std::mem::take(&mut self.calls.watchers).into_keys();
@@ -36,11 +38,11 @@ impl Database {
         effects
     }
 
-    /// The store was opened anew: this is what is in it.
+    /// The store was opened again, with this content.
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
         (self.disk.closed, self.disk.durable) = (None, None);
-        // What was wrong with the disk is over: what is listed is what is wrong now.
+        // The earlier failures of the disk are over; only the present ones are listed.
         let failures = std::mem::take(&mut self.disk.failures);
         self.alarms.retain(|alarm| !failures.contains(alarm));
         self.replaced();
@@ -51,12 +53,12 @@ impl Database {
         (self.resettled, self.derived.schemas, self.derived.checkpoints) = (true, None, Checkpoints::default());
     }
 
-    /// Returns what can be read: nothing that may not be on the disk.
+    /// Returns the readable state: nothing that may not be on the disk.
     pub fn state(&self) -> &State {
         self.disk.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.state)
     }
 
-    /// Returns what can be read below `local/`: nothing that may not be on the disk.
+    /// Returns the readable state below `local/`: nothing that may not be on the disk.
     pub(super) fn local(&self) -> &State {
         self.disk.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
     }
@@ -66,8 +68,8 @@ impl Database {
         self.disk.closed.as_deref()
     }
 
-    /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
-    /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
+    /// Ends a call whose answer would name transactions that may not be on the disk; returns whether it was such a
+    /// call. A watcher that continues from a position gets no answer, and asks again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
         let asks = matches!(question, Question::Watch { .. } | Question::Follow { .. } | Question::Version(AsOf::Now));
         let Some(why) = self.disk.closed.as_ref().filter(|_| asks) else { return false };
@@ -79,7 +81,7 @@ impl Database {
     }
 }
 
-/// Returns what is left of an effect of a turn that was not written.
+/// Returns the rest of an effect of a turn that was not written.
 fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
     match effect {
         Effect::AnswerCaller(call, Reply::Committed(_) | Reply::Done(_)) => {
@@ -87,7 +89,7 @@ fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
             vec![Effect::AnswerCaller(call, unknown), Effect::End(call)]
         }
         Effect::AnswerCaller(_, Reply::Notification(_) | Reply::Version(_)) => vec![],
-        // What else was only asked is answered from what is in memory.
+        // Other questions are answered from memory.
         Effect::AnswerCaller(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
         Effect::ReplyToPeer(asked, _) => vec![Effect::ReplyToPeer(asked, None)],
         Effect::Persist(_)

@@ -19,8 +19,8 @@ impl Database {
         Past { log: self.replica.log(), state: self.state() }
     }
 
-    /// Returns who has changed what was asked for, as far as it is kept here: who has joined begins with a state, and a long log
-    /// is cut.
+    /// Returns the authors of changes to the keys asked for, as far as they are kept here. A replica that has joined
+    /// begins with a state, and a long log is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
         if let Some(gone) = self.forgotten() {
             say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.place.robot)));
@@ -34,7 +34,7 @@ impl Database {
         (gone > 0).then(|| counted(gone, "older transaction"))
     }
 
-    /// Returns what nobody has settled below a prefix.
+    /// Returns the unsettled conflicts below a prefix.
     pub(super) fn conflicts(&self, prefix: &str, say: &mut impl FnMut(Reply)) {
         let past = self.past();
         if let Some(gone) = self.forgotten() {
@@ -50,7 +50,7 @@ impl Database {
         races.for_each(|part| say(Reply::Conflicts(Vec::new(), part)));
     }
 
-    /// Returns what was changed from one moment to another.
+    /// Returns the changes from one moment to another.
     pub(super) fn diff(&self, [from, to]: [&AsOf; 2], prefix: &str, say: &mut impl FnMut(Reply)) {
         let states = self.at(from, prefix).and_then(|before| Ok((before, self.at(to, prefix)?)));
         match states {
@@ -84,7 +84,7 @@ impl Database {
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }
 
-    /// Returns what a read finds at a moment below a prefix. What is local has no past.
+    /// Returns the state that a read finds at a moment below a prefix. Local keys have no past.
     pub(super) fn readable(&self, prefix: &str, moment: &AsOf) -> Result<State, String> {
         match moment {
             AsOf::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
@@ -95,7 +95,7 @@ impl Database {
         }
     }
 
-    /// Returns the state, and beside it what is local.
+    /// Returns the state together with the local keys.
     fn everything(&self) -> State {
         let (mut all, none) = (self.state().clone(), VersionVector::default());
         for (key, versions) in self.local().scan("") {
@@ -125,7 +125,8 @@ impl Database {
         }
     }
 
-    /// Returns what is said where there is no conflict: that it is as wished, or that it is not and nothing was written.
+    /// Returns the reply where there is no conflict: the key has the chosen value already, or it has another one and
+    /// nothing was written.
     fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
         let versions = self.replica.state().versions(key);
         let is_so = match choice {
@@ -199,7 +200,7 @@ pub(super) fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
 fn parts<T: Serialize>(items: Vec<T>) -> Vec<Vec<T>> {
     let (mut parts, mut size) = (vec![Vec::new()], 0);
     for item in items {
-        // What cannot be encoded is told when it is to be sent.
+        // An item that cannot be encoded is reported when it is sent.
         let bytes = postcard::to_stdvec(&item).map_or(0, |bytes| bytes.len());
         if size + bytes > REPLY_SIZE_MAX {
             parts.push(Vec::new());

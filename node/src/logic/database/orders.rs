@@ -52,7 +52,7 @@ impl Database {
         self.found(now, effects)
     }
 
-    /// Retires what a robot was called before.
+    /// Retires the previous names of a robot.
     fn retire_all(&mut self, now: Time, robot: &str, origins: Vec<ReplicaId>, effects: &mut Vec<Effect>) -> Reply {
         let wall = self.wall;
         for origin in &origins {
@@ -73,7 +73,7 @@ impl Database {
         }
     }
 
-    /// Returns under which names a robot is a member besides the one that it has now.
+    /// Returns the names under which a robot is a member besides its present one.
     fn older(&self, now: Time, robot: &str) -> Result<Vec<ReplicaId>, String> {
         let members = self.replica.members().active().filter(|(_, name)| *name == robot);
         let names: Vec<ReplicaId> = members.map(|(origin, _)| origin).collect();

@@ -1,4 +1,5 @@
-//! Robots of another team that has the name of this one: it was begun apart, as by two people in the same minute.
+//! Robots of another team that has the name of this one: it was founded separately, for example by two users in the
+//! same minute.
 //!
 //! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). Of two teams with several members an
 //! operator decides which stays; until then every member of both says so.
@@ -34,7 +35,7 @@ impl OtherTeam {
         heard.max_by_key(|(_, (_, at))| *at).map(|(origin, _)| *origin)
     }
 
-    /// Returns the robots that were heard of late, but for those of the own team.
+    /// Returns the robots that were heard of lately, except those of the own team.
     pub(super) fn robots(&self, now: Time, is_own: impl Fn(&str) -> bool) -> Vec<String> {
         let late = self.0.values().filter(|(robot, at)| now.since(*at) < HEARD_WITHIN && !is_own(robot));
         late.map(|(robot, _)| robot.clone()).collect::<BTreeSet<_>>().into_iter().collect()
@@ -42,7 +43,7 @@ impl OtherTeam {
 }
 
 impl Database {
-    /// Returns who does not get what is written here although one might expect it, and where to read what to do.
+    /// Returns which robots do not get the writes made here although users might expect it, and where to read about it.
     pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
         let Place { robot, team, .. } = &self.place;
         if !self.replica.is_member() {

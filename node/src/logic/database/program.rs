@@ -1,8 +1,10 @@
-//! What programs ask of the database of their node: which keys they may touch, and the form of questions and answers.
+//! The questions of programs to the database of their node: the keys that programs may touch, and the form of questions
+//! and answers.
 //!
-//! A program reads every key but those below `sys/`. It writes below `team/`, below `robot/ROBOT/` of its own robot, and below
-//! `local/`; what steers programs and nodes there (parameters, settings, records of deployments, schemas) is for people. On a node in a team
-//! with keys it writes what its spec connects it with, and nothing else: the spec is what a user has signed.
+//! A program reads every key except those below `sys/`. It writes below `team/`, below `robot/ROBOT/` of its own robot,
+//! and below `local/`. Keys there that steer programs and nodes (parameters, settings, records of deployments, schemas)
+//! are reserved for users. On a node in a team with keys, a program writes only the keys that its spec connects it
+//! with, because the spec is signed by a user.
 
 use super::question::{AckLevel, Commit, Question, Reply};
 use comms::logic::control::KeyPort;
@@ -20,7 +22,7 @@ use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::watch::{Event, Notification};
 use std::time::Duration;
 
-/// Below `robot/ROBOT/`, what is for people and for the node itself.
+/// The keys below `robot/ROBOT/` that are reserved for users and for the node itself.
 const FOR_PEOPLE: [&str; 3] = ["params", "node", "deployments"];
 /// A commit to the local disk is answered when it is there; nothing else is waited for.
 const WITHIN: Duration = Duration::ZERO;
@@ -35,10 +37,10 @@ pub struct Access {
 }
 
 impl Access {
-    /// Returns the question for what a key holds.
+    /// Returns the question for the value of a key.
     ///
     /// # Errors
-    /// It is no key, or one that programs do not read.
+    /// It is not a key, or programs may not read it.
     pub fn get(&self, key: String) -> Result<Question, DatabaseRefusal> {
         let key = readable(key)?;
         Ok(Question::Get { key })
@@ -47,7 +49,7 @@ impl Access {
     /// Returns the question for a key, or for the keys below a prefix that ends in `/`.
     ///
     /// # Errors
-    /// It is no key or prefix, or one that programs do not read.
+    /// It is not a key or a prefix, or programs may not read it.
     pub fn follow(&self, prefix: &str) -> Result<Question, DatabaseRefusal> {
         let key = readable(prefix.strip_suffix('/').unwrap_or(prefix).to_owned())?;
         let keys = if prefix.ends_with('/') { Keys::Below(prefix.to_owned()) } else { Keys::Only(key) };
@@ -57,7 +59,7 @@ impl Access {
     /// Returns the question for a transaction of a program with these ports.
     ///
     /// # Errors
-    /// Something of it is no key, is too long, or is not for programs.
+    /// Part of it is not a key, is too long, or is not allowed to programs.
     pub fn transact(&self, transaction: Transaction, ports: &[KeyPort]) -> Result<Question, DatabaseRefusal> {
         check_sizes(&transaction)?;
         let Transaction { reason, requires, writes } = transaction;
@@ -139,7 +141,7 @@ pub fn watches_enough() -> DatabaseRefusal {
     DatabaseRefusal::Database { why: format!("a program watches {WATCHES_MAX} keys or prefixes at a time at most") }
 }
 
-/// Returns the answer to a `Get` or a `Transact`; nothing if the reply is a note beside it.
+/// Returns the answer to a `Get` or a `Transact`; nothing if the reply is only a note.
 pub fn answer(reply: Reply) -> Option<DatabaseAnswer> {
     if matches!(reply, Reply::Note(_)) {
         return None;
@@ -167,7 +169,7 @@ fn refusal(reply: Reply) -> DatabaseRefusal {
     DatabaseRefusal::Database { why }
 }
 
-/// Returns the next part of a watch. Nothing if the watch has to begin anew.
+/// Returns the next part of a watch, or nothing if the watch has to begin again.
 pub fn part(reply: Reply) -> Option<DatabaseAnswer> {
     if let Reply::Entries(entries) = reply {
         return Some(DatabaseAnswer::Present(present(entries)));
@@ -181,7 +183,7 @@ pub fn part(reply: Reply) -> Option<DatabaseAnswer> {
     let changed = |(key, datum): (Key, Option<_>)| Entry {
         is_conflict: conflicts.contains(&key),
         key: key.to_string(),
-        // What was stored can be stored.
+        // A value that was stored can be encoded again.
         value: datum.and_then(|datum: Datum| datum.encode().ok()).map(stored),
         version,
     };
@@ -189,7 +191,7 @@ pub fn part(reply: Reply) -> Option<DatabaseAnswer> {
     Some(DatabaseAnswer::Changed(Change { version, by: entry.by, reason: entry.reason, entries }))
 }
 
-/// Returns what a read shows of keys, and leaves out those that were deleted.
+/// Returns the readable values of keys, without the deleted keys.
 fn present(entries: Vec<(Key, Vec<Version>)>) -> Vec<Entry> {
     let shown = |(key, versions): (Key, Vec<Version>)| {
         let is_conflict = differ(&versions);
@@ -285,7 +287,7 @@ mod tests {
         assert!(refused(Transaction { writes: many, ..Transaction::default() }).starts_with("262168 bytes"));
     }
 
-    /// The typed values of programs and those of people are the same bytes.
+    /// The typed values of programs and those of users are the same bytes.
     #[test]
     fn values_are_those_of_the_database() {
         let table = database::Value::table([("x", 1.5.into()), ("on", true.into())]);

@@ -45,8 +45,8 @@ pub enum Question {
         /// The state of the copy that is asked for.
         at: AsOf,
     },
-    /// Write. Answered by [`Reply::Committed`], then, if more than the local disk is waited for, by one of
-    /// [`Reply::Reached`] and [`Reply::Pending`].
+    /// Write. Answered by [`Reply::Committed`]; if the call waits for more than the local disk, one of
+    /// [`Reply::Reached`] and [`Reply::Pending`] follows.
     Commit(Commit),
     /// How the replica and its team are. Answered by [`Reply::Status`].
     Status,
@@ -61,7 +61,7 @@ pub enum Question {
     HealClock,
     /// Asks for the changes and their authors. Answered by a stream of [`Reply::History`].
     History(Filter),
-    /// Asks for the conflicts that nobody has settled. Answered by a stream of [`Reply::Conflicts`].
+    /// Asks for the unsettled conflicts. Answered by a stream of [`Reply::Conflicts`].
     Conflicts {
         /// How the keys begin.
         prefix: String,
@@ -96,7 +96,7 @@ pub enum Question {
     },
     /// Say who alone writes below a prefix. Answered as `Commit` is.
     Own(Own),
-    /// Asks for the owners of prefixes, who alone write there. Answered by [`Reply::Owners`].
+    /// Asks for the owners of prefixes. Only the owner of a prefix may write below it. Answered by [`Reply::Owners`].
     Owners,
     /// The names that a robot had before the one under which it is heard now will never write again. Answered by
     /// [`Reply::Done`].
@@ -160,7 +160,7 @@ pub enum Choice {
     Value(Option<Value>),
 }
 
-/// A transaction that somebody wants.
+/// A transaction that a caller asks for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Commit {
     /// The reason, for the history.
@@ -182,7 +182,7 @@ pub struct Own {
     pub prefix: Key,
     /// The robot; nothing if everybody may write there.
     pub robot: Option<String>,
-    /// Whether it is taken from its owner, who may be out of reach and not know of it.
+    /// Whether it is taken from its owner, even if the owner is out of reach and does not know.
     pub by_force: bool,
     /// The reason, for the history.
     pub reason: String,
@@ -216,7 +216,7 @@ pub enum AckLevel {
 /// An element of the answer to a [`Question`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Reply {
-    /// Some keys with their versions, by stamp: the last is what a read shows.
+    /// Some keys with their versions, by stamp: a read shows the last one.
     Entries(Vec<(Key, Vec<Version>)>),
     /// The transaction is durable on the robot that was asked, and will be everywhere.
     Committed(Dot),
@@ -235,7 +235,7 @@ pub enum Reply {
     Status(Box<Status>),
     /// A sentence for a person: it is done.
     Done(String),
-    /// A sentence for a person, beside what is answered.
+    /// A sentence for a user, in addition to the answer.
     Note(String),
     /// To `History`: the oldest first.
     History(Vec<HistoryEntry>),
@@ -249,7 +249,7 @@ pub enum Reply {
     Notification(Notification),
     /// To `Export`: a part of the text.
     Text(String),
-    /// To `Owners`: prefixes, and who writes there; nothing if everybody may.
+    /// The answer to `Owners`: prefixes, each with its writer; none if all replicas may write.
     Owners(Vec<(String, Option<String>)>),
     /// To `Commit`: nothing was done, since a condition does not hold.
     Unmet {
@@ -258,7 +258,7 @@ pub enum Reply {
         /// A sentence for a person.
         why: String,
     },
-    /// A sentence for a person: nobody knows whether it was done.
+    /// A sentence for a user: it is unknown whether the write was done.
     Unknown(String),
 }
 
@@ -324,16 +324,16 @@ pub struct MemberStatus {
     pub robot: String,
     /// Under which name it writes.
     pub origin: ReplicaId,
-    /// When it was last heard of; nothing if never since the node was started, or if it is the one that was asked.
+    /// When it was last heard of; nothing if never since the node was started, or if it is the replica that was asked.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
     /// The transactions of this replica that it is not known to have.
     pub lacks: Lag,
     /// How many transactions are known to exist there and are not here; known only where it has said so.
     pub ahead: u64,
-    /// Whether what it lacks keeps deleted keys and old transactions from being forgotten.
+    /// Whether its lag keeps deleted keys and old transactions from being removed.
     pub pins: bool,
-    /// Its clock, as far as it has said.
+    /// Its clock, if it has reported one.
     pub clock: Option<Clock>,
 }
 
@@ -342,7 +342,8 @@ pub struct MemberStatus {
 pub struct Clock {
     /// How far it is to be believed: `unset`, `battery`, `network` or `satellite`.
     pub quality: String,
-    /// By how many milliseconds it was ahead of the clock of whoever was asked, when it said so; the way between them included.
+    /// By how many milliseconds its clock was ahead of the clock of the replica that was asked, at the time of its
+    /// report; includes the delay between them.
     pub ahead: i64,
 }
 

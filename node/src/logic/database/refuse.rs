@@ -1,5 +1,5 @@
-//! Refuses at once, each with one sentence: a level that nobody can reach, an invalid key, a key in no namespace, and local
-//! keys for a caller on another machine.
+//! Refuses some requests at once, each with one sentence: an unreachable level, an invalid key, a key in no namespace,
+//! and local keys for a caller on another machine.
 
 use super::Database;
 use super::question::{AckLevel, AsOf, Commit, Question, Reply};
@@ -14,7 +14,8 @@ pub(super) const LOCAL: &str = "local/";
 const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
 
 impl Database {
-    /// Returns why a transaction cannot get as far as somebody wants, if nobody is there whom it would have to reach.
+    /// Returns why a transaction cannot reach the level asked for, if a replica that it would have to reach is not
+    /// there.
     pub(super) fn out_of_reach(&self, level: &AckLevel) -> Option<String> {
         let members = self.replica.members().active().map(|(_, robot)| robot);
         let others: BTreeSet<&str> = members.filter(|robot| *robot != self.place.robot).collect();
@@ -42,7 +43,8 @@ impl Database {
     }
 }
 
-/// Returns why a draft is refused for its keys, if one is none, or in no namespace. What is there all the same can be deleted.
+/// Returns why a draft is refused for its keys, if a key is invalid or in no namespace. Such a key can still be deleted
+/// if it exists.
 pub(super) fn namespaces(draft: &Draft) -> Option<String> {
     let written = || draft.writes().filter(|(_, value)| value.is_some()).map(|(key, _)| key);
     let granted = draft.grants().map(|(prefix, _)| prefix);
@@ -55,7 +57,7 @@ pub(super) fn namespaces(draft: &Draft) -> Option<String> {
     ))
 }
 
-/// Returns whether a key is one of somebody. Those of the database itself are refused elsewhere, in other words.
+/// Returns whether a key belongs to users. Keys of the database itself are refused elsewhere, with another sentence.
 fn is_at_home(key: &Key) -> bool {
     let segments = key.as_str().split('/').count();
     match key.namespace() {
@@ -77,7 +79,7 @@ pub(super) fn unmet_or_refused(why: &TxnError) -> Reply {
     Reply::Refused(why.to_string())
 }
 
-/// Returns what a question of somebody on another machine comes to: the same without what is local.
+/// Returns the question of a caller on another machine without its local keys.
 ///
 /// # Errors
 /// It is about that; for a person.
@@ -111,7 +113,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Quest
         return Err(ELSEWHERE.to_owned());
     }
     if let Question::List { prefix, at } | Question::Export { prefix, at } = &mut question {
-        // The state at this moment, unlike what can be read now, has nothing that is local.
+        // The state at this moment, unlike the present readable state, has no local keys.
         if LOCAL.starts_with(prefix.as_str()) && *at == AsOf::Now {
             *at = now.clone();
         }

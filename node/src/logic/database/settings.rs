@@ -1,12 +1,13 @@
 //! The keys of a robot for its own node: parameters of controllers, and settings of the node.
 //!
-//! `robot/<robot>/params/<deployment>/<instance>/<parameter>`: goes over the argument that the spec gives to an instance of
-//! this host. The instance is its path without `main`, or the end of it: `robot/c3/params/door_opening/hit/force/threshold =
-//! 12.0`. Where several keys name one instance, the one that names most of its path counts.
+//! `robot/<robot>/params/<deployment>/<instance>/<parameter>`: overrides the argument that the spec gives to an
+//! instance of this host. The instance is its path without `main`, or a suffix of it:
+//! `robot/c3/params/door_opening/hit/force/threshold = 12.0`. If several keys name one instance, the one with the
+//! longest path counts.
 //!
-//! `robot/<robot>/node/<setting>`: goes over what the node was started with, until the key is deleted. `log` is what it logs, a
-//! filter such as `"info"`; `agent_loss_grace` is how long programs that start from then on have to stop when it is gone, in
-//! seconds.
+//! `robot/<robot>/node/<setting>`: overrides the value the node was started with, until the key is deleted. `log` is
+//! the log filter, such as `"info"`; `agent_loss_grace` is how many seconds programs that start from then on may run
+//! after the loss of the agent.
 
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::State;
@@ -83,7 +84,7 @@ impl Settings {
     }
 }
 
-/// Returns what is another parameter now, or has another value: with it, or without any if the key is gone.
+/// Returns the parameters that are new or have another value now; a parameter whose key is gone has no value.
 pub fn changes(before: &[(String, String)], now: &[(String, String)]) -> Vec<(String, Option<String>)> {
     let new = now.iter().filter(|one| !before.contains(one)).map(|(name, value)| (name.clone(), Some(value.clone())));
     let gone = before.iter().filter(|(name, _)| !now.iter().any(|(other, _)| other == name));
@@ -114,7 +115,7 @@ fn prefix(robot: &str, below: &str) -> String {
     format!("robot/{robot}{below}")
 }
 
-/// Returns what a read shows of the keys below a prefix, by what follows it.
+/// Returns the readable values of the keys below a prefix, by the rest of the key.
 fn below<'a>(state: &'a State, prefix: &'a str) -> impl Iterator<Item = (String, Datum)> {
     state.scan(prefix).filter_map(move |(key, versions)| {
         let value = versions.last()?.value.as_ref()?;
@@ -188,7 +189,7 @@ mod tests {
         };
         check("main/hit/force", &[("level", "2.5"), ("mode", "soft")]);
         check("main/hit", &[("level", "3")]);
-        // The end of a path names it, too; what names more of it counts.
+        // A suffix of the path is enough; a longer suffix takes precedence.
         check("main/arm/hit", &[("level", "3")]);
         check("main/arm/hit/force", &[("level", "2.5"), ("mode", "soft")]);
         check("main/door/hitter", &[("level", "4")]);

@@ -1,4 +1,5 @@
-//! The status of a replica and its team: who is behind, by how much, and who keeps old data from being removed.
+//! The status of a replica and its team: which replicas are behind, by how much, and which of them keep old data from
+//! being removed.
 
 use super::Database;
 use super::question::{Clock, ContentsStatus, MemberStatus, Status, StoreStatus};

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 /// How many digits of a state are shown: enough to compare two by eye.
 const DIGITS: usize = 12;
-/// How far apart clocks are before that is told; what is less is the way between two robots, or of no consequence.
+/// How far apart clocks are before that is reported. A smaller difference is the delay between two robots, or
+/// insignificant.
 const APART: Duration = Duration::from_secs(10);
 
 /// Returns a status as text.
@@ -75,7 +76,7 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     // A robot that had two disks is there twice until the older one is retired.
     let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
     let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
-    // Of several names of one robot, the present one is this robot's own, or the one that was heard last.
+    // If a robot has several names, the present one is this robot's own, or the one that was heard last.
     let rank = |one: &MemberStatus| (one.origin == status.origin, one.heard.map(Reverse));
     let is_older = status.members.iter().any(|other| other.robot == member.robot && rank(other) > rank(member));
     let pins = if is_older {
@@ -89,7 +90,7 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     vec![name, heard, clock, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins]
 }
 
-/// Returns what a clock is kept by, and how wrong it is beside the own one.
+/// Returns how a clock is synchronised, and how far it is from the own one.
 fn apart(clock: &Clock) -> String {
     let Clock { quality, ahead } = clock;
     match Duration::from_millis(ahead.unsigned_abs()) {
@@ -98,13 +99,13 @@ fn apart(clock: &Clock) -> String {
     }
 }
 
-/// Returns what somebody lacks: how much, and since when.
+/// Returns how much a replica lacks, and since when.
 fn lag(lag: Lag) -> String {
     match lag {
         Lag { transactions: 0, .. } => "-".to_owned(),
         Lag { transactions, dropped, .. } if dropped > 0 => format!("{transactions}, the whole state has to be sent"),
         Lag { transactions, bytes, since, .. } => {
-            // What an unkept clock says would be told as a date in 1970.
+            // The time of an unkept clock would be shown as a date in 1970.
             let since =
                 since.filter(|since| since.trusted).map(|since| format!(", since {}", date::text(since.millis)));
             let since = since.unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The watchers of a database. Each gets every change once, and a slow one delays nobody.
+//! The watchers of a database. Each gets every change once, and a slow watcher does not delay the others.
 
 use super::look;
 use super::question::Reply;
@@ -9,8 +9,8 @@ use dbmanager::logic::view::as_of::AsOfError;
 use dbmanager::logic::view::past::{Keys, Past};
 use dbmanager::logic::view::watch::Watch;
 
-/// How many watch at a time. The one that has watched for longest gives way: it can go on from where it was, and a command
-/// that was killed says nothing.
+/// How many watchers there may be at a time. The oldest watcher gives way: it can continue from its position, and a
+/// command that was killed does not sign off.
 const WATCHERS_MAX: usize = 256;
 /// The refusal of a watcher of local keys.
 const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
@@ -59,7 +59,7 @@ impl Database {
         }
     }
 
-    /// Tells each watcher what comes next for it.
+    /// Gives each watcher its next changes.
     pub(super) fn tell_watchers(&mut self, effects: &mut Vec<Effect>) {
         while self.calls.watchers.len() > WATCHERS_MAX {
             let oldest = self.calls.watchers.pop_first();

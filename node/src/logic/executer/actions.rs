@@ -1,7 +1,7 @@
 //! Other event actions for a group, while it runs.
 //!
-//! What runs goes on at its place in them ([`carry`]). Whether it has one is looked at before anything changes, and again at the
-//! moment itself, since the group moves on in between.
+//! A running member keeps its place in the new event actions ([`carry`]). Whether it has a place is checked before
+//! anything changes, and again when the change takes effect, since the group may have moved in between.
 
 use super::{ExecContext, Executer, member_path};
 use crate::logic::effect::Out;
@@ -27,7 +27,7 @@ impl Executer {
         ))
     }
 
-    /// Goes on with the event actions of the plan. Returns how the group ended, if that ended it. Where what runs
+    /// Switches to the event actions of the plan. Returns how the group ended, if that ended it. If a running member
     /// has no place in them, the group is stopped and has failed.
     pub fn adopt_actions(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let group = context.plan.groups.get(self.group as usize)?;

@@ -1,10 +1,10 @@
-//! Fences: what may still be in use of what `using` takes, although the algebra has given it back.
+//! Fences: resources of `using` that may still be in use although the algebra has released them.
 //!
-//! A member on a lost host has failed for its supervisor, which goes on. But nobody knows that it has stopped: it may go on
-//! for as long as its spec lets it. The same holds of a program that could not be ended: its stop is unconfirmed. So what was
-//! taken for it stays shut for all others until it is known: the host has said how the activation ended, that the program has
-//! ended after all, or its home has heard that nothing of the deployment is left there. Fail closed: a host that never comes
-//! back gives nothing back, and neither does a program that never ends.
+//! For its supervisor, a member on a lost host has failed, and the group proceeds. But it is unknown whether the member
+//! has stopped: it may run for as long as its spec lets it. The same is true for a program that could not be ended: its
+//! stop is unconfirmed. So its resources stay reserved until the host has reported how the activation ended, the
+//! program has ended after all, or its home has heard that nothing of the deployment is left there. Fences fail closed:
+//! a host that never returns releases nothing, and neither does a program that never ends.
 //!
 //! Whether a member on another host has ended is known to its own supervisor alone. So a group that ends tells the one above
 //! which hosts may still do something for it, before it says how it ended (`ToParticipant::Loose`); it does so if something is taken
@@ -17,7 +17,7 @@ use language::plan::{Expression, Group, MemberKind, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Stands for what is taken for the whole group, somewhere above; no resource has this name.
+/// Stands for resources that a group further up has taken for the whole group. No resource has this name.
 const ABOVE: &str = "";
 
 /// The resources that are taken for each member, by slot.
@@ -50,7 +50,7 @@ pub(super) struct Fences {
     stuck: BTreeSet<(u32, u32, String)>,
     /// Hosts that may still do something for a member that is a group and has ended.
     loose: BTreeMap<u32, BTreeSet<String>>,
-    /// Activations that wait, of which people know.
+    /// Waiting activations that users have been told about.
     told: BTreeSet<(u32, u32)>,
     /// Whether something is taken for the group, somewhere above.
     is_below: bool,
@@ -88,7 +88,7 @@ impl Fences {
         self.lost.insert(host.to_owned());
     }
 
-    /// Takes note that a host is there again. What ran there may run still.
+    /// Notes that a host is back. Its programs may still run.
     pub(super) fn reach(&mut self, host: &str) {
         self.lost.remove(host);
     }
@@ -108,8 +108,8 @@ impl Fences {
         self.stuck.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
     }
 
-    /// Takes note that nobody could confirm the end of an activation on a host. One that is not current counts if it might
-    /// have gone on anyway.
+    /// Notes that the end of an activation on a host could not be confirmed. An activation that is not current counts
+    /// if it might still have been running.
     pub(super) fn unconfirmed(&mut self, slot: u32, number: u32, host: &str, is_current: bool) {
         let before = self.up.len();
         self.up.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
@@ -142,7 +142,7 @@ impl Fences {
         self.left.extend(hosts);
     }
 
-    /// Returns the hosts that may still do something for the group, if its supervisor has to be told anew.
+    /// Returns the hosts that may still do something for the group, if its supervisor has to be told again.
     pub(super) fn news(&mut self) -> Option<BTreeSet<String>> {
         let is_above = |slot: u32| self.taken.get(&slot).is_some_and(|taken| taken.contains(ABOVE));
         let mut now: BTreeSet<String> =
@@ -154,7 +154,7 @@ impl Fences {
         })
     }
 
-    /// Returns what a member has to wait for, if anything.
+    /// Returns the fence that a member has to wait for, if there is one.
     pub(super) fn against(&self, slot: u32) -> Option<Against<'_>> {
         let wanted = self.taken.get(&slot)?;
         let shared = |other: u32, counts: &dyn Fn(&str) -> bool| {
@@ -172,7 +172,7 @@ impl Fences {
         })
     }
 
-    /// Returns whether what a member has to wait for is to be told of this activation: once.
+    /// Returns whether the fence of a member is still to be reported for this activation: it is reported once.
     pub(super) fn is_news(&mut self, slot: u32, number: u32) -> bool {
         self.against(slot).is_some() && self.told.insert((slot, number))
     }
@@ -230,7 +230,7 @@ fn taken(group: &Group) -> Taken {
     taken
 }
 
-/// Finds what is taken around each run of a member.
+/// Finds the resources taken around each run of a member.
 fn collect(expression: &Expression, around: &mut BTreeSet<String>, taken: &mut Taken) {
     if let Expression::Run { member, .. } = expression
         && !around.is_empty()

@@ -13,8 +13,8 @@ use std::time::Duration;
 const NUMBERS: u32 = 22;
 
 impl Executer {
-    /// Begins for the time `number` on this host: its numbers are others than those of the times before, of which answers may
-    /// still be on their way.
+    /// Begins for the time `number` on this host: its numbers differ from those of the previous times, whose answers
+    /// may still be on their way.
     pub fn rejoins(&mut self, number: u32) {
         self.state = State::numbered_from(&self.program, Activation(number << NUMBERS));
         self.generation = u64::from(number) << 32;
@@ -30,13 +30,13 @@ impl Executer {
         self.order_flips((&[], &theirs, &[]), 0, context, out);
     }
 
-    /// Takes the loss of a host: its members fail, and nobody waits for it any more.
+    /// Takes the loss of a host: its members fail, and the group stops waiting for them.
     pub fn host_lost(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.switch_without(host, context, out);
         let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
         self.confirm(&theirs.collect());
         let group = context.plan.groups.get(self.group as usize)?;
-        // What waits has never been told to run.
+        // A waiting member was never told to run.
         let begun = self.active.iter().filter(|(slot, _)| !self.waiting.contains_key(slot));
         let theirs = begun.filter(|(slot, _)| member_host(context.plan, group, **slot) == Some(host)).filter_map(
             |(slot, number)| {
@@ -46,7 +46,8 @@ impl Executer {
         );
         self.fences.lose(host, theirs);
         self.activate_ready(context, out);
-        // What one loss fells has failed of that, also what the group would stop for the sake of the first.
+        // All members of the host fail because of the one loss, including those that the group would stop after the
+        // first failure.
         let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
         let lost: Vec<(u32, u32, bool)> =
             self.active.iter().map(|(slot, number)| (*slot, *number, is_stopping(*slot))).collect();
@@ -64,7 +65,7 @@ impl Executer {
         None
     }
 
-    /// Sees what an ending says of what a fence is about: that it has ended, or that it may go on.
+    /// Notes how an ending bears on a fence: the activation has ended, or it may still run.
     pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, context: ExecContext<'_>) {
         let group = context.plan.groups.get(self.group as usize);
         let Some((target, host)) = group.and_then(|group| self.target(context.plan, group, slot)) else { return };
@@ -74,7 +75,7 @@ impl Executer {
         }
         let cause = if let Ending::Aborted(failure) = ending { Some(&failure.cause) } else { None };
         let is_known = match (target, cause) {
-            // Somebody has said so who cannot know: the host itself was not asked.
+            // The report is of a host that cannot know: the host itself was not asked.
             (_, Some(FailureCause::HostLost(lost) | FailureCause::HostLostStopping(lost))) => lost != host,
             // A group that its node has left goes before its programs do.
             (Target::Group(_), Some(FailureCause::NotAvailable(_))) => false,
@@ -91,10 +92,10 @@ impl Executer {
         self.open_fences(context, out);
     }
 
-    /// Does what has waited for lost hosts, and says what others have to know.
+    /// Does the work that has waited for lost hosts, and reports the changes to others.
     pub(super) fn open_fences(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.activate_ready(context, out);
-        // What runs may still end well: who is above is told at the end.
+        // A running group may still end well. Its supervisor is told at the end.
         if !self.running {
             self.pass_on_fences(context, out);
         }
@@ -104,14 +105,15 @@ impl Executer {
     pub(super) fn pass_on_fences(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(hosts) = self.fences.news() else { return };
         let message = ToParticipant::Loose { target: Target::Group(self.group), hosts: hosts.into_iter().collect() };
-        // Groups stand behind the one that they are in.
+        // Groups are listed after the group that contains them.
         let is_here = |group: &&Group| group.members.iter().any(|one| one.kind == MemberKind::Group(self.group));
         let above =
             context.plan.groups.iter().find(is_here).and_then(|group| context.plan.hosts.get(group.host as usize));
         above.into_iter().for_each(|host| out.send(host, context.deployment.to_participant(message.clone())));
     }
 
-    /// Returns what a member waits for that is taken, but that the algebra has given it, and who may still use it.
+    /// Returns the reserved resource that a member waits for although the algebra has granted it, and the program that
+    /// may still use it.
     pub(super) fn held(&self, slot: u32, plan: &Plan) -> Option<Change> {
         let Against { resource, host, user, is_lost } = self.fences.against(slot)?;
         let (resource, host) = (resource.to_owned(), host.to_owned());
@@ -122,7 +124,7 @@ impl Executer {
         Some(Change::HeldBy { resource, host, by: member_path(plan, group, user)? })
     }
 
-    /// Returns what a person has to know of members that wait for what others may still use, one sentence each.
+    /// Returns one sentence for users about each member that waits for a resource which others may still use.
     pub fn waits(&self, plan: &Plan) -> Vec<String> {
         let Some(group) = plan.groups.get(self.group as usize) else { return Vec::new() };
         let sentence = |slot: &u32| {

@@ -1,4 +1,4 @@
-//! Where the processes of a plan are, and what they are called.
+//! The hosts and the names of the processes of a plan.
 
 use crate::logic::protocol::Target;
 use language::plan::{Group, MemberKind, Plan};

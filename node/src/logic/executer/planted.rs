@@ -1,7 +1,8 @@
-//! Mistakes of a supervisor, planted in it: what it has recorded then is found by `verify::conform`.
+//! Faults planted in a supervisor: `verify::conform` must find them in its records.
 //!
-//! The supervisor is the node's own, and does what it records: a mistake is made behind `step`, before its commands are carried out. The
-//! world around it does as it is told: programs run when they are activated, and end one after the other.
+//! The supervisor is the node's own, and carries out what it records: a fault is planted after `step`, before its
+//! commands are carried out. The simulated world obeys: programs run when they are activated, and end one after the
+//! other.
 
 use super::{ExecContext, Executer};
 use crate::logic::effect::Out;
@@ -27,7 +28,7 @@ pub(super) struct Step<'s> {
     outcome: &'s mut Option<Outcome>,
 }
 
-/// What a supervisor does wrong, in every step of it.
+/// A fault of the supervisor, applied to every step.
 pub(super) type Fault = fn(&mut Step<'_>);
 
 impl Executer {
@@ -76,7 +77,7 @@ fn compiled(mission: &str) -> (Plan, Sites) {
     compiled.plan.zip(sites).unwrap_or_else(|| panic!("{mission}: {:?}", compiled.diagnostics))
 }
 
-/// The programs around a supervisor, and what was sent to them.
+/// The programs around a supervisor, and the messages that were sent to them.
 struct World<'w> {
     plan: &'w Plan,
     deployment: Deployment,
@@ -89,7 +90,7 @@ struct World<'w> {
 }
 
 impl World<'_> {
-    /// Lets the supervisor do something, and hears what it wants.
+    /// Lets the supervisor act, and collects its commands.
     fn let_it(&mut self, act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>) {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
         let mut out = Out { now: self.now, since_1970: Duration::ZERO, effects: &mut effects, messages: &mut messages };
@@ -130,7 +131,8 @@ impl World<'_> {
         self.let_it(|executer, at, out| executer.ended((leaf, activation), ending, at, out));
     }
 
-    /// Something happens: what is to stop has stopped, the first that runs ends, or else time passes. Returns whether anything did.
+    /// Lets something happen: a member that is to stop has stopped, the first running one ends, or else time passes.
+    /// Returns whether anything did.
     fn goes_on(&mut self) -> bool {
         let soon = self.now + Duration::from_millis(50);
         let ends = |leaf: u32| self.plan.leaves[leaf as usize].module != "Eye";
@@ -155,7 +157,7 @@ impl World<'_> {
     }
 }
 
-/// What the supervisor of a plan records of a mission.
+/// Returns the steps that the supervisor of a plan records of a mission.
 fn recorded(plan: &Plan, planted: Option<Fault>) -> Vec<StepRecord> {
     let executer = Executer::new(plan, 0, false).expect("there is a group");
     let deployment = Deployment { name: "test".to_owned(), epoch: 1 };
@@ -176,7 +178,7 @@ fn recorded(plan: &Plan, planted: Option<Fault>) -> Vec<StepRecord> {
         }
     }
     world.let_it(|executer, at, out| executer.stop(1, at, out));
-    // What would be recorded with the next steps.
+    // The steps that would be recorded with the next ones.
     world.steps.append(&mut world.executer.steps.1);
     world.steps
 }

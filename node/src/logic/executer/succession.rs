@@ -4,9 +4,9 @@
 //! rewire ─the next ones get the activations─▶ pending ─all of them run─▶ a switch ─taken─▶ the ones before are stopped
 //!                                                └─ an event moves wires or members: at once
 //! ```
-//! The switch has one boundary in band. A producer of the old program sends to the next one from there on. The old program closes its
-//! outputs once it has calculated what came before the boundary; the next one opens its own before what comes after it. Consumers
-//! take the old values first. So nothing is lost, doubled or taken in another order.
+//! The switch has one in-band boundary. A producer of the old program sends to the next program from the boundary on.
+//! The old program closes its outputs once it has processed the values before the boundary; the next program opens its
+//! own before the values after it. Consumers take the old values first. So nothing is lost, doubled or reordered.
 
 use super::switching::pushes_to;
 use super::wires::{Difference, ends_before};
@@ -22,11 +22,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Members whose place others are about to take.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Succession {
-    /// The members that run, by slot, and their activations: the next programs have them, too.
+    /// The running members, by slot, with their activations: the next programs take these over.
     begun: BTreeMap<u32, u32>,
     /// The next programs that do not run yet.
     starting: BTreeSet<u32>,
-    /// Programs that are not there to hand over what they have.
+    /// Programs that are not there to hand over their state.
     gone: BTreeSet<u32>,
 }
 
@@ -46,7 +46,7 @@ impl Executer {
     /// Uses the connection sets as the plan has them now, and the programs.
     pub fn rewire(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        // One that was not made is taken back: what it has begun leaves with the change.
+        // A succession that was not made is taken back: the programs it has begun leave with the change.
         self.succession = None;
         let mut succession = Succession::default();
         for (slot, (_, leaf)) in self.pairs(group) {
@@ -75,7 +75,7 @@ impl Executer {
         self.succeed_if_ready(context, out);
     }
 
-    /// Notes what a member was activated with, for another one in its place.
+    /// Notes the value that a member was activated with, for a successor.
     pub(super) fn note_value(&mut self, slot: u32, value: &[u8]) {
         match value {
             [] => drop(self.values.remove(&slot)),
@@ -104,7 +104,7 @@ impl Executer {
             let activation = begun.get(&slot).copied().filter(|_| self.active.get(&slot) == begun.get(&slot));
             let is_there = !gone.contains(&old);
             succeeded.extend(activation.map(|activation| Succeeded { old, new, activation, is_there }));
-            // One that is being stopped says itself how it ends.
+            // A member that is being stopped reports its end itself.
             if activation.is_some() || !self.is_stopping(slot) {
                 self.acting.insert(slot, new);
             } else {
@@ -141,7 +141,7 @@ impl Executer {
         is_acting
     }
 
-    /// Returns a member and its host: of two programs, the one that runs.
+    /// Returns a member and its host: of two programs, the running one.
     pub(super) fn target<'a>(&self, plan: &'a Plan, group: &Group, slot: u32) -> Option<(Target, &'a str)> {
         match (member_target(plan, group, slot)?, self.acting.get(&slot)) {
             ((Target::Leaf(_), _), Some(leaf)) => Some((Target::Leaf(*leaf), leaf_host(plan, *leaf)?)),
@@ -149,7 +149,7 @@ impl Executer {
         }
     }
 
-    /// Returns by slot the leaves that run and those of the plan, where they differ.
+    /// Returns by slot the running leaves and those of the plan, if they differ.
     fn pairs(&self, group: &Group) -> BTreeMap<u32, (u32, u32)> {
         let pair = |(slot, old): (&u32, &u32)| Some((*slot, (*old, leaf_of(group, *slot)?)));
         self.acting.iter().filter_map(pair).filter(|(_, (old, new))| old != new).collect()
@@ -168,7 +168,7 @@ impl Executer {
         let (plan, generation) = (context.plan, self.generation);
         let from = |wire: u32| plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
         let is_gone = |leaf: u32| succeeded.iter().any(|one| one.old == leaf && !one.is_there);
-        // Nobody waits for a program that is not there to take something, or to say that it sends nothing more.
+        // A missing program is not expected to take something, or to report that it sends nothing more.
         let ends = |wire: u32| plan.wires.get(wire as usize).map(|wire| [wire.from.leaf, wire.to.leaf]);
         let is_unheard = |wire: &u32| ends(*wire).is_none_or(|ends| ends.into_iter().any(is_gone));
         let unheard: BTreeSet<u32> = difference.close.iter().copied().filter(is_unheard).collect();
@@ -197,7 +197,7 @@ impl Executer {
         }
     }
 
-    /// Waits for nobody in a handover any more until all of it is ordered; says whether anything was left.
+    /// Stops waiting for the members of a handover until all of it is ordered; returns whether anything was left.
     pub(super) fn hurry(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) -> bool {
         let mut was_left = false;
         while let Some(switch) = self.switches.get_mut(&generation).filter(|switch| switch.is_to_be_ordered()) {
@@ -208,14 +208,15 @@ impl Executer {
         was_left
     }
 
-    /// Puts the next program of a member in its place, if that waits for it: it is to be stopped with the one before.
+    /// Puts the next program of a member in its place, if that waits for it: it is to be stopped together with the
+    /// previous one.
     pub(super) fn succeed_member(&mut self, slot: u32, context: ExecContext<'_>, out: &mut Out<'_>) {
         if self.succession.as_ref().is_some_and(|succession| succession.begun.contains_key(&slot)) {
             self.succeed_now(context, out);
         }
     }
 
-    /// Has a member that is activated be the one of the plan.
+    /// Makes a member that is activated use the leaf of the plan.
     pub(super) fn renew_member(&mut self, slot: u32, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         if self.succession.is_some() && self.pairs(group).contains_key(&slot) {
@@ -229,7 +230,7 @@ impl Executer {
     /// Stops the programs whose places were taken.
     pub(super) fn stop_succeeded(&self, succeeded: &[Succeeded], context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        // One that a change which is taken back needs again goes on.
+        // A program is kept if a change that is taken back needs it again.
         let is_back = |leaf: u32| group.members.iter().any(|member| member.kind == MemberKind::Leaf(leaf));
         for Succeeded { old, activation, .. } in succeeded.iter().filter(|one| !is_back(one.old)) {
             let Some(host) = leaf_host(context.plan, *old) else { continue };

@@ -1,8 +1,9 @@
-//! What a group does when a program of one of its members has died and is started again.
+//! The reaction of a group when a program of one of its members has died and is started again.
 //!
-//! That is below its event actions: an activation outlives its program, and the expression hears nothing. As the strategy of the
-//! group says, programs of other members are started anew with it, since they may hold on to what the dead one knew. A group
-//! bears only so many restarts in a time. At the next one it stops everything and has aborted, and the group above decides.
+//! Restarts happen below the event actions of the group: an activation outlives its program, and the expression hears
+//! nothing. The strategy of the group may restart programs of other members with it, since they may depend on state of
+//! the dead one. A group allows a limited number of restarts within a time. When the limit is exceeded, the group stops
+//! everything and has aborted, and the group above decides.
 
 use super::{ExecContext, Executer, member_path};
 use crate::logic::effect::Out;
@@ -88,7 +89,7 @@ pub fn wants_restarts(supervision: &Supervision) -> bool {
     *supervision != Supervision::default()
 }
 
-/// Returns the leaves that are started anew with a member of a group.
+/// Returns the leaves that are restarted together with a member of a group.
 fn leaves_with(plan: &Plan, group: u32, slot: u32) -> BTreeSet<u32> {
     let Some(group) = plan.groups.get(group as usize) else { return BTreeSet::new() };
     let is_meant = |other: u32| match group.supervision.strategy {

@@ -1,7 +1,8 @@
 //! Switches of connection sets at run time, from the order to the word of every consumer.
 //!
-//! A switch that an event causes goes out at once. What comes over its new wires waits at the consumer for the end of the old ones,
-//! by the boundaries in band, so nobody here waits for anybody. A switch that a person asks for goes in steps, each confirmed:
+//! A switch that an event causes is ordered at once. Values on its new wires wait at the consumer for the end of the
+//! old ones, by the in-band boundaries, so the supervisor does not wait. A switch that a user asks for has several
+//! steps, each confirmed:
 //!
 //! ```text
 //! Expecting ─all consumers─▶ Opening ─producers that only open─▶ Closing ─all others, and every consumer─▶ switched
@@ -9,7 +10,8 @@
 //!                          ▼
 //!          taken back: the old sets stay
 //! ```
-//! So does one by which programs take the places of others, but for that it is never taken back: what is late is not waited for.
+//! A switch by which programs replace others has the same steps, but is never taken back: late confirmations are not
+//! waited for.
 
 mod consumers;
 
@@ -56,7 +58,7 @@ pub(super) struct Switch {
     asked: Option<(u32, u64)>,
     /// Programs whose places others take by it.
     succeeded: Vec<Succeeded>,
-    /// Closed wires of which nobody waits for the end, and wires that programs flip by themselves.
+    /// Closed wires whose end no consumer waits for, and wires that programs flip by themselves.
     unheard: BTreeSet<u32>,
     by_themselves: BTreeSet<u32>,
 }
@@ -74,7 +76,7 @@ impl Executer {
         self.switches.values().map(|switch| switch.until).min()
     }
 
-    /// Returns the sets to close for those that the event actions close: others, if a person has switched to those.
+    /// Returns the sets to close for those that the event actions close: others, if a user has switched to those.
     pub(super) fn instead_of(&mut self, close: Vec<u32>, group: &Group) -> Vec<u32> {
         let owner = |set: &u32| group.sets.get(*set as usize).and_then(|set| set.owner);
         let mut closed = Vec::new();
@@ -113,8 +115,8 @@ impl Executer {
         }
     }
 
-    /// Hands the connections of programs over to those in their places, which flip wires of their own by `then`. Of the `unheard` wires
-    /// nobody can say that nothing more comes.
+    /// Hands the connections of programs over to their successors, which flip their own wires by `then`. For the
+    /// `unheard` wires it is unknown whether further values arrive.
     pub(super) fn begin_handover(
         &mut self,
         (difference, unheard): (Difference, BTreeSet<u32>),
@@ -136,7 +138,7 @@ impl Executer {
         self.go_on(generation, context, out);
     }
 
-    /// Switches a member that runs to other sets of its own. The home hears what has become of it.
+    /// Switches a running member to other connection sets of its own. The home hears the result.
     pub fn switch_sets(&mut self, (slot, sets): (u32, &[u32]), call: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         match self.sets_to_switch(slot, sets, context) {
             Ok(difference) if difference.sets_closed.is_empty() && difference.sets_opened.is_empty() => {
@@ -156,7 +158,7 @@ impl Executer {
         }
     }
 
-    /// Says why a member cannot be switched to these sets now, or what that would flip.
+    /// Returns why a member cannot be switched to these sets now, or the wires that the switch would flip.
     fn sets_to_switch(&self, slot: u32, sets: &[u32], context: ExecContext<'_>) -> Result<Difference, String> {
         let Some(group) = context.plan.groups.get(self.group as usize) else {
             return Err("there is no such group".into());
@@ -204,7 +206,8 @@ impl Executer {
         }
     }
 
-    /// Takes the word of a consumer that it has taken a switch: what it counts, and the wires that nothing came of.
+    /// Takes the report of a consumer that it has taken a switch: the values it counts, and the wires from which
+    /// nothing came.
     pub fn taken(
         &mut self,
         (generation, leaf): (u64, u32),
@@ -239,7 +242,7 @@ impl Executer {
         match switch.step {
             Step::Expecting if switch.expecting.is_empty() => {
                 (switch.step, switch.until) = (Step::Opening, out.now + OPEN_WITHIN);
-                // Who closes wires, too, does both between two values.
+                // A producer that also closes wires does both between two values.
                 let ((close, open), ends) = (switch.ordered(), switch.ends());
                 let producer = |wire: &u32| context.plan.wires.get(*wire as usize).map(|wire| wire.from.leaf);
                 let closing: BTreeSet<Option<u32>> = close.iter().map(producer).collect();
@@ -284,7 +287,7 @@ impl Executer {
         self.switched_to.insert(slot, open);
     }
 
-    /// Waits for nobody of a host that is lost.
+    /// Stops waiting for programs of a lost host.
     pub(super) fn switch_without(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
         let is_elsewhere = |leaf: &u32| leaf_host(context.plan, *leaf) != Some(host);
         let gone: BTreeSet<u64> =
@@ -299,7 +302,7 @@ impl Executer {
         }
     }
 
-    /// Follows no switch any more: the group has ended. Who has asked for one is answered.
+    /// Drops all switches, since the group has ended. Callers that asked for one are answered.
     pub(super) fn end_switches(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.switches.retain(|_, switch| switch.asked.is_some() || !switch.succeeded.is_empty());
         for generation in self.switches.keys().copied().collect::<Vec<_>>() {
@@ -308,7 +311,7 @@ impl Executer {
         self.switched_to.clear();
     }
 
-    /// Gives up what is too late.
+    /// Gives up the switches that are too late.
     pub(super) fn tick_switches(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let late = self.switches.iter().filter(|(_, switch)| switch.until <= out.now).map(|(number, _)| *number);
         for generation in late.collect::<Vec<_>>() {

@@ -1,7 +1,7 @@
 //! The wires of a group: which of its connection sets are open, and which wires their producers have not confirmed yet.
 //!
-//! What one event closes and opens is one switch: each producer flips its wires between two values, and a wire that stays in use
-//! stays open.
+//! All wires that one event closes and opens form one switch: each producer flips its wires between two values, and a
+//! wire that stays in use stays open.
 
 use super::{ExecContext, Executer, leaf_host};
 use crate::logic::effect::Out;
@@ -95,7 +95,7 @@ impl Executer {
         Difference { sets_closed, sets_opened, close: close.into_iter().collect(), open: open.into_iter().collect() }
     }
 
-    /// Returns the wires of a set, as they are used now: during a change the plan may have others already.
+    /// Returns the wires of a set in current use: during a change the plan may already have others.
     pub(super) fn wires_of(&self, set: u32) -> &[u32] {
         self.sets.get(set as usize).map_or(&[], Vec::as_slice)
     }
@@ -122,8 +122,8 @@ impl Executer {
         Difference { close: close.into_iter().collect(), open: open.into_iter().collect(), ..Difference::default() }
     }
 
-    /// Orders the producers to flip wires of the switch `generation`. What comes over new wires waits for the end of those that the
-    /// switch `ends`. Returns the numbers by which their hosts confirm.
+    /// Orders the producers to flip wires of the switch `generation`. Values on new wires wait for the end of those
+    /// that the switch `ends`. Returns the numbers by which their hosts confirm.
     pub(super) fn order_flips(
         &mut self,
         (close, open, ends): (&[u32], &[u32], &[u32]),

@@ -1,4 +1,4 @@
-//! Which requests need the signature of a user, for which action, and to whom they are addressed.
+//! The requests that need the signature of a user, the action that each needs, and its addressees.
 
 use crate::logic::database::question::{Commit, Question};
 use crate::logic::protocol::Request;
@@ -11,7 +11,8 @@ use trust::role::Action;
 /// The most keys of a transaction that the audit log names.
 const KEYS_MAX: usize = 4;
 
-/// Returns what the signer of a request has to be allowed; nothing for a request that changes nothing, or proves itself.
+/// Returns the permission that the signer of a request needs; nothing for a request that changes nothing, or proves
+/// itself.
 pub fn action(request: &Request) -> Option<Action> {
     match request {
         Request::Deploy { .. } | Request::Change(_) | Request::Switch(_) => Some(Action::Deploy),
@@ -20,7 +21,8 @@ pub fn action(request: &Request) -> Option<Action> {
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
         Request::Call(call) => of_access(call.access),
         Request::Tell(_) => Some(Action::Operate),
-        // To stop everything is everybody's; the set of the revoked, and what a user asks with to be renewed, are signed themselves.
+        // Every user may stop everything. The set of revoked keys and the renewal request of a user are signed
+        // themselves.
         Request::Estop(_)
         | Request::Revoke { .. }
         | Request::Revocations(_)
@@ -41,7 +43,7 @@ pub fn action(request: &Request) -> Option<Action> {
         | Request::Team
         | Request::Credentials
         | Request::Duplicates
-        // A signature around a signature is nothing that anybody asks for.
+        // A signature around a signature is not a valid request.
         | Request::Signed(_) => None,
     }
 }
@@ -84,7 +86,7 @@ pub(super) fn plan_of(request: &Request) -> Option<&Plan> {
     if let Request::Change(change) = request { Some(&change.plan) } else { None }
 }
 
-/// Returns what a request is about, for the audit log.
+/// Returns the subject of a request, for the audit log.
 #[expect(clippy::wildcard_enum_match_arm, reason = "`action` says of each request whether it is ever asked for")]
 pub fn subject(request: &Request) -> String {
     match request {
@@ -125,7 +127,8 @@ fn subject_of(question: &Question) -> String {
     }
 }
 
-/// Returns to whom a request is addressed that is sent to a host: what starts on several hosts is for those of the deployment.
+/// Returns the addressees of a request that is sent to a host: a request that starts something on several hosts is for
+/// those of the deployment.
 ///
 /// # Errors
 /// The host has a name that no certificate can have.

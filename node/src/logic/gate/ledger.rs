@@ -1,4 +1,4 @@
-//! What a node has accepted: the numbers of requests that are spent, and by which requests each deployment runs.
+//! The requests that a node has accepted: the numbers that are spent, and the requests by which each deployment runs.
 //!
 //! ```text
 //! ledger     `dca ledger 1` and a line feed, then records
@@ -6,8 +6,9 @@
 //! 1st record Form: all that was accepted before
 //! then       Entry: one request that was accepted
 //! ```
-//! So a request adds some 250 bytes to the file and takes one write to the disk, and not a new file. What a power cut has left of a
-//! record at the end does not count: nothing was done for its request. A ledger that is damaged in another way is none.
+//! So a request adds about 250 bytes to the file and takes one write to the disk, instead of a new file. An incomplete
+//! record that a power cut has left at the end does not count: its request was not carried out. A ledger that is
+//! damaged in another way is invalid.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ use trust::revocation::Revocations;
 pub const LEDGER_MAX: usize = 8 << 20;
 /// How many bytes of records follow the first one; then a new ledger begins.
 pub const ENTRIES_MAX: usize = 1 << 20;
-/// Of how many deployments it knows the last epoch; of more, those that were accepted last.
+/// For how many deployments it knows the last epoch; if there are more, those accepted last.
 const DEPLOYMENTS_MAX: usize = 1024;
 /// How many requests of one deployment it knows: the one that began it, and the last changes.
 const REQUESTS_MAX: usize = 64;
@@ -30,7 +31,7 @@ const BEGIN: &[u8] = b"dca ledger 1\n";
 /// Length and checksums of a record, in bytes.
 const HEAD: usize = 12;
 
-/// A deployment by its home and its name: each home gives epochs of its own.
+/// A deployment by its home and its name: each home numbers epochs for itself.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) struct Place {
     home: String,
@@ -45,7 +46,7 @@ struct Running {
     requests: Vec<([u8; 32], u64, u64)>,
 }
 
-/// What a node has accepted.
+/// The requests that a node has accepted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ledger {
     replays: Replays,
@@ -59,7 +60,7 @@ struct Form {
     running: Vec<(Place, Running)>,
 }
 
-/// What one request adds.
+/// The entry that one request adds.
 #[derive(Serialize, Deserialize)]
 struct Entry {
     signer: [u8; 32],
@@ -82,13 +83,13 @@ pub(super) struct Start {
 /// A ledger as it was found.
 #[derive(Debug)]
 pub struct Found {
-    /// What was accepted.
+    /// The ledger of accepted requests.
     pub ledger: Ledger,
     /// Whether records can be added: no part of a torn record stands at the end.
     pub is_whole: bool,
 }
 
-/// Bytes are no ledger: it is not known what was accepted.
+/// The bytes are not a ledger, so it is unknown which requests were accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("it is no list of accepted requests")]
 pub struct LedgerError;
@@ -109,10 +110,11 @@ impl Ledger {
         bytes
     }
 
-    /// Reads its form. Who was revoked since is left out: nothing of them is accepted any more.
+    /// Decodes a ledger. Entries of users who were revoked since are left out, because none of their requests is
+    /// accepted any more.
     ///
     /// # Errors
-    /// The bytes are no ledger.
+    /// The bytes are not a ledger.
     pub fn from_bytes(bytes: &[u8], revoked: &Revocations) -> Result<Found, LedgerError> {
         let mut ledger = Self::default();
         let mut left = bytes.strip_prefix(BEGIN).ok_or(LedgerError)?;
@@ -156,8 +158,8 @@ impl Ledger {
         requests.find(|(by, of, _)| (*by, *of) == (signer.0, number)).map(|(_, _, at)| UnixTime(*at))
     }
 
-    /// Notes that a request was accepted whose number is spent. One that starts something is of an epoch that is not below the last
-    /// one of its deployment. Returns the record of it.
+    /// Notes the spent number of an accepted request. A request that starts something has an epoch not below the last
+    /// one of its deployment. Returns its record.
     pub(super) fn accept(&mut self, ReplayWrite { signer, bytes }: ReplayWrite, start: Option<Start>) -> Vec<u8> {
         start.iter().for_each(|start| self.begin(signer, start.clone()));
         record(&Entry { signer: signer.0, replays: bytes, start })
@@ -197,7 +199,8 @@ fn record(payload: &impl Serialize) -> Vec<u8> {
     bytes
 }
 
-/// Takes the next record; nothing at the end, where `left` has what a power cut has left of one: not all of its bytes, or zeros.
+/// Takes the next record; nothing at the end, where `left` has the rest of a record that a power cut has left: only
+/// some of its bytes, or zeros.
 fn next<T: DeserializeOwned>(left: &mut &[u8]) -> Result<Option<T>, LedgerError> {
     let Some((head, rest)) = left.split_at_checked(HEAD) else { return Ok(None) };
     if left.iter().all(|byte| *byte == 0) {

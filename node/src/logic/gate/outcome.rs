@@ -1,9 +1,9 @@
-//! What became of a request that was accepted, as the answers to it say.
+//! The outcome of an accepted request, derived from the answers to it.
 
 use crate::logic::database::question::Reply;
 use crate::logic::protocol::{Answer, ChangeReply, Report, StopReply, ToCoordinator};
 
-/// What became of a request: it was done, or why it was not, for a person.
+/// The outcome of a request: done, or the reason why not, for a user.
 pub type Outcome = Result<(), String>;
 
 /// Returns what became of a request by an answer to it; nothing if that does not say so yet.
@@ -68,7 +68,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
     match report {
         Report::Go { .. } | Report::Changed { .. } => Some(Ok(())),
         Report::Refused { reasons } | Report::Unchanged { reasons, .. } => Some(Err(reasons.join("; "))),
-        // Whatever was asked for had not been done by then.
+        // The request had not been carried out by then.
         Report::Finished { .. } => Some(Err("the deployment has ended before".to_owned())),
         Report::Accepted { .. }
         | Report::Prepared { .. }

@@ -1,4 +1,4 @@
-//! What an instance has to say to its deployment.
+//! The reports of an instance to its deployment.
 
 use crate::logic::protocol::{Change, Ending, LeafFacts};
 
@@ -28,9 +28,9 @@ pub enum Note {
     },
     /// An activation ended.
     Ended(u32, Ending),
-    /// The program of an activation has ended, which nobody could confirm when that was stopped.
+    /// The program of an activation has ended whose stop could not be confirmed.
     EndedLate(u32),
-    /// For those who watch.
+    /// A change, for the users who watch.
     Changed(Change),
     /// The program was started again and is somewhere else now.
     Moved(LeafFacts),

@@ -1,4 +1,4 @@
-//! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
+//! The program of an instance: its start, its messages, and the state of the instance after its end.
 
 use super::{
     CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Program, SHIM_KILL_WITHIN, Stage,
@@ -115,7 +115,7 @@ impl Instance {
         }
     }
 
-    /// Takes a word from the shim. `output` is the end of what the program wrote.
+    /// Takes a message from the shim. `output` is the end of the program's output.
     pub fn observe(&mut self, report: ShimReport, output: Vec<String>, context: &mut InstanceContext<'_>) {
         match report {
             ShimReport::Ready => {
@@ -141,7 +141,7 @@ impl Instance {
         }
     }
 
-    /// Does what is due.
+    /// Lets time pass.
     pub fn tick(&mut self, context: &mut InstanceContext<'_>) {
         if self.deadline().is_none_or(|at| at > context.now) {
             return;
@@ -185,7 +185,7 @@ impl Instance {
         }
     }
 
-    /// Nobody can confirm that nothing of the program is left.
+    /// It cannot be confirmed that nothing of the program is left.
     pub(super) fn give_up_end(&mut self, context: &mut InstanceContext<'_>) {
         (self.stage, self.program.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
         if self.current.is_none() {
@@ -253,7 +253,7 @@ impl Instance {
                 } else if self.probation.is_some() {
                     self.died(cause, context);
                 } else if self.restarts.are_allowed() {
-                    // Nobody needs it now, and the mission may be about to end.
+                    // The program is not needed now, and the mission may be about to end.
                     self.forget_program();
                     self.stage = Stage::Waiting { until: None };
                 } else {
@@ -278,8 +278,8 @@ impl Instance {
         }
     }
 
-    /// Returns why a program that has ended before its links stood cannot take part, with the last lines of its output. One
-    /// that has left by itself with a single line has said why.
+    /// Returns why a program that has ended before its links were up cannot take part, with the last lines of its
+    /// output. A program that has exited with a single line has given the reason there.
     fn refusal(&self, cause: &FailureCause) -> String {
         let said = if let FailureCause::Exec(why) = cause { why.clone() } else { cause.to_string() };
         match &self.program.output[..] {
@@ -289,12 +289,12 @@ impl Instance {
         }
     }
 
-    /// Whether a plain program has done what it was activated for.
+    /// Returns whether a plain program has done the work it was activated for.
     fn has_done(&self, cause: &FailureCause) -> bool {
         *cause == FailureCause::Exit(0) && !self.is_controller() && !self.restarts.are_permanent()
     }
 
-    /// Starts a program again that has ended although nobody wanted that, or gives it up.
+    /// Starts a program that has ended unexpectedly again, or gives it up.
     fn died(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         let output = std::mem::take(&mut self.program.output);
         if self.probation.is_some() && self.put_back(&cause.clone().of_program(0, output.clone()), context) {
@@ -347,14 +347,15 @@ impl Instance {
         }
     }
 
-    /// Ends a program that has hung at its start; what it wrote is told with the refusal once it is gone.
+    /// Ends a program that has hung at its start. The refusal, sent once the program is gone, quotes its output.
     fn give_up(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         self.program.cause.get_or_insert(cause);
         self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
         self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
 
-    /// Has no use for the program as it is: the first time nothing begins without it, later the next one may do better.
+    /// Rejects the program as it is: at the first start the deployment does not begin, later the next program may do
+    /// better.
     pub(in crate::logic) fn turn_away(&mut self, why: &str, context: &mut InstanceContext<'_>) {
         if self.joined {
             self.program.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
@@ -382,14 +383,14 @@ impl Instance {
         context.notes.push(Note::Gone);
     }
 
-    /// The program has ended by itself, and its shim ends what it has left. That has the time that a stop has.
+    /// The program has ended by itself, and its shim ends the processes it has left. They get the time of a stop.
     pub(super) fn clear(&mut self, context: &InstanceContext<'_>) {
         if matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
             self.program.clearing = Some(context.now + KILL_WITHIN);
         }
     }
 
-    /// Gives up what a program that has ended by itself has left.
+    /// Gives up the processes that a program which has ended by itself has left.
     pub(super) fn tick_clearing(&mut self, context: &mut InstanceContext<'_>) {
         if self.program.clearing.is_none_or(|at| at > context.now) {
             return;

@@ -1,8 +1,8 @@
 //! Another program takes the place of this one while the deployment runs.
 //!
-//! The program is asked to leave; once nothing of it is left, the next one is started as after a restart: it finds its links and
-//! the activation of the one before. Within its probation a new program that dies, cannot make its links or aborts is not
-//! healthy: the one before is started again in its place. Its supervisor hears nothing of all that.
+//! The program is asked to leave. Once nothing of it is left, the next one is started as after a restart: it finds the
+//! links and the activation of its predecessor. A new program that dies, cannot make its links or aborts within its
+//! probation is unhealthy: its predecessor is started again in its place. Its supervisor hears nothing of all that.
 
 use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage, watchdog};
 use crate::logic::effect::SpawnOrder;
@@ -37,7 +37,7 @@ pub(super) struct Saved {
     is_due: bool,
 }
 
-/// A program that has taken the place of another one of late.
+/// A program that has recently taken the place of another one.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Probation {
     /// The program to go back to if the new one is not healthy; none once that was done.
@@ -53,7 +53,7 @@ pub(super) struct Probation {
 }
 
 impl Instance {
-    /// Returns whether a program that is started so would be the same, whatever becomes of it when it dies or stops.
+    /// Returns whether a program started by this order would be the same, apart from the handling of its death or stop.
     pub fn is_same_program(&self, Start { order, .. }: &Start) -> bool {
         let mut own = self.start.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
@@ -76,7 +76,7 @@ impl Instance {
         }
     }
 
-    /// Takes on what becomes of the program when it dies or stops.
+    /// Takes on the handling of the program's death and stop.
     pub fn settle(&mut self, start: Start) {
         if self.restarts.differ(&start.order.policy) {
             self.restarts = start.restarts();
@@ -84,7 +84,8 @@ impl Instance {
         self.start = start;
     }
 
-    /// Ends the program and starts this one in its place. Says so by [`Note::Replaced`] when it is up, or by [`Note::Unhealthy`].
+    /// Ends the program and starts this one in its place. Reports [`Note::Replaced`] when it is up, or
+    /// [`Note::Unhealthy`].
     pub fn replace(&mut self, next: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         if self.is_unconfirmed() {
             let why = "what it ran before may still be there".to_owned();
@@ -102,12 +103,12 @@ impl Instance {
             Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
                 self.make_place(next, self.is_controller(), context);
             }
-            // One that has not said hello has no channel for an order yet.
+            // A program that has not said hello has no channel for an order yet.
             Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => {
                 self.make_place(next, false, context);
             }
             Stage::Replacing { .. } => self.next = Some(next),
-            // Nothing takes the place of what is to leave.
+            // A program that is to leave is not replaced.
             Stage::Leaving { .. } => {}
         }
     }
@@ -118,8 +119,8 @@ impl Instance {
         self.replace(before, probation, context);
     }
 
-    /// Ends the program and starts it again, since `with` of its group has died. One that is being started is new anyway, one
-    /// that stops or that is never started again is left as it is.
+    /// Restarts the program because `with` of its group has died. A program that is being started is new anyway; a
+    /// program that is stopping, or is never restarted, is left as it is.
     pub fn renew(&mut self, with: &str, context: &mut InstanceContext<'_>) {
         let runs = self.stage == Stage::Running || self.stage == Stage::Idle && self.is_controller();
         if !runs || !self.restarts.are_allowed() || self.probation.is_some() {
@@ -129,7 +130,8 @@ impl Instance {
         context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
     }
 
-    /// Ends the program, so that `next` can take its place: asks it to leave if it takes orders, else has its shim end it.
+    /// Ends the program, so that `next` can take its place: asks it to leave if it takes orders, otherwise has its shim
+    /// end it.
     fn make_place(&mut self, next: Start, takes_orders: bool, context: &mut InstanceContext<'_>) {
         let is_stopping = matches!(self.stage, Stage::Stopping { .. });
         let until = context.now + self.start.stop_within + GRACE;
@@ -143,7 +145,7 @@ impl Instance {
         }
     }
 
-    /// Does what is due of a program that is to make place.
+    /// Lets time pass for a program that is to make room.
     pub(super) fn tick_replacing(&mut self, forced: bool, is_stopping: bool, context: &mut InstanceContext<'_>) {
         if !forced {
             let until = context.now + GRACE + KILL_WITHIN;
@@ -165,7 +167,7 @@ impl Instance {
         self.take_place(next, context);
     }
 
-    /// Takes note that the program is up and goes on where the one before was.
+    /// Takes note that the program is up and continues the work of its predecessor.
     pub(super) fn is_up(&mut self, context: &mut InstanceContext<'_>) {
         if let Some(probation) = self.probation.as_mut().filter(|probation| probation.until.is_none()) {
             probation.until = Some(context.now + probation.length);
@@ -174,7 +176,8 @@ impl Instance {
         self.tick_probation(context);
     }
 
-    /// Takes note that a controller gets the order to initialise itself. The first time its probation begins anew with the success.
+    /// Notes that a controller gets the order to initialise itself. The first time, its probation restarts at the
+    /// success.
     pub(super) fn suspend_probation(&mut self) {
         if let Some(probation) = self.probation.as_mut().filter(|probation| !probation.was_activated) {
             (probation.was_activated, probation.until) = (true, None);
@@ -221,7 +224,7 @@ impl Instance {
         is_new
     }
 
-    /// Ends a probation that is over.
+    /// Ends a probation whose time is over.
     pub(super) fn tick_probation(&mut self, context: &mut InstanceContext<'_>) {
         if self.probation_until().is_some_and(|until| until <= context.now) {
             self.probation = None;

@@ -1,10 +1,10 @@
 //! Whether a program that has died is started again, and when.
 //!
-//! The first time at once, since most programs that die are well again when they are new; then after pauses that double.
-//! What has died too often is given up, and its supervisor decides: a robot that waits for one of its programs is a robot
-//! that does nothing, so the limit is a matter of seconds. A spec may say `backoff`: then the pauses grow as long as no program
-//! has run for a while, and each is a little shorter by its own share, so that what has died together, of one cause, is not
-//! started again together.
+//! The first restart is immediate, since most programs that die work again after a restart; later pauses double. A
+//! program that has died too often is given up, and its supervisor decides: a robot that waits for one of its programs
+//! is a robot that does nothing, so the limit is a matter of seconds. A spec may say `backoff`: then the pauses grow
+//! until a program has run for some time. Each pause is shortened by a random share, so that programs that have died
+//! together, from one cause, are not restarted together.
 
 use comms::logic::random::Random;
 use comms::logic::time::Time;
@@ -41,7 +41,7 @@ impl Restarts {
         Self { rule, backoff, leaf, recent: VecDeque::new(), in_a_row: 0 }
     }
 
-    /// Returns whether these are those of another policy.
+    /// Returns whether these are the restarts of another policy.
     pub(super) fn differ(&self, policy: &Policy) -> bool {
         (self.rule, self.backoff) != (policy.restart, policy.backoff)
     }

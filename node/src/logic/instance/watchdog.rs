@@ -25,8 +25,9 @@ pub fn ready_within(policy: &Policy) -> Duration {
     policy.ready_within.unwrap_or(READY_WITHIN)
 }
 
-/// Returns how long a new program is on probation if `asked` was asked for: never shorter than it takes to find that it hangs
-/// from its first calculation on, but none if none was asked for. That of a plain program begins before it is ready.
+/// Returns the probation of a new program if `asked` was asked for: never shorter than the time to detect that it hangs
+/// from its first calculation on, but none if none was asked for. The probation of a plain program begins before it is
+/// ready.
 pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
     if asked.is_zero() {
         return asked;
@@ -38,9 +39,9 @@ pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
     found.map_or(asked, |found| asked.max(found + HANG_MARGIN))
 }
 
-/// Returns what the shim of a program is to watch: how long the program may give no sign of life, and how long it may
-/// prepare. A plain program is watched only where its policy says so, since most do not speak. One that must not be watched is
-/// not, unless the time to be ready is given.
+/// Returns how the shim watches a program: how long the program may give no sign of life, and how long it may prepare.
+/// A plain program is watched only if its policy says so, since most do not send signs of life. A program that must not
+/// be watched is watched only if its time to be ready is given.
 pub fn watched(kind: LeafKind, policy: &Policy) -> (Option<Duration>, Option<Duration>) {
     match (kind, policy.watchdog) {
         (LeafKind::Controller, Watchdog::Usual) => (Some(WATCHDOG), Some(ready_within(policy))),

@@ -1,31 +1,31 @@
-//! Whom a node asks each second, and whom seldom.
+//! Chooses the nodes that a node asks each second, and those it asks seldom.
 //!
-//! An idle network is quiet: a node asks all others only each [`QUIET_EVERY`], and expects nothing of them in between. Each second it
-//! asks those that matter now: the *close* ones, which a deployment here depends on, those of which something is in doubt, those
-//! that have just come, and all while a person looks. The silence of a host counts from when it was asked, so one that becomes close is
-//! missing as soon as it would have been, had it been close all the time; and one at rest is missing at the latest
-//! [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. A link that is lost takes the token along, which has its host
-//! asked at once.
+//! An idle network is quiet: a node asks all others only each [`QUIET_EVERY`], and expects nothing of them in between.
+//! Each second it asks the nodes that matter now: the *close* ones, which a deployment here depends on, the doubtful
+//! ones, the newly arrived ones, and all nodes while a user looks. The silence of a host counts from when it was asked.
+//! So a host that becomes close is missing as soon as if it had been close all the time, and a host at rest is missing
+//! at the latest [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. A lost link removes the token as
+//! well, so its host is asked at once.
 
 use super::{ASK_EVERY, ASKED_MAX, Boot, NameServer, ROUNDS_MAX, Round};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How often all others are asked. A link at rest may carry 52 bytes a second each way, over IPv6: a word each 7.5 s and what TCP
-/// answers are 23, questions and answers 10.
+/// How often all others are asked. An idle link may carry 52 bytes a second each way, over IPv6: a message each 7.5 s
+/// and the TCP acknowledgements are 23, questions and answers 10.
 pub(in crate::logic) const QUIET_EVERY: Duration = Duration::from_secs(60);
 /// For how long a host that has come is asked each second, and a node asks all each second that has come itself.
 pub(in crate::logic) const NEW_FOR: Duration = Duration::from_secs(5);
 /// For how long all are asked each second after a person has asked this node something.
 const WATCHED_FOR: Duration = Duration::from_secs(10);
-/// A node of a team shows who it is in every how many questions to all.
+/// A node of a team proves its identity in one of this many questions to all.
 const SHOWN_TO_ALL: u64 = 4;
-/// A node of a team shows who it is in every how many other rounds.
+/// A node of a team proves its identity in one of this many other rounds.
 const SHOWN: u64 = 16;
 
 impl NameServer {
-    /// Takes note of the hosts that something here depends on. Who was not among them is asked at once.
+    /// Takes note of the hosts that something here depends on. A host that is new among them is asked at once.
     pub fn keep_close(&mut self, now: Time, hosts: BTreeSet<String>) {
         let before = std::mem::replace(&mut self.close, hosts);
         for host in self.close.difference(&before).cloned().collect::<Vec<_>>() {
@@ -44,7 +44,7 @@ impl NameServer {
         self.close.iter().cloned().chain(self.helpers().into_iter().map(str::to_owned)).collect()
     }
 
-    /// Takes note that a person looks: what is shown is not older than a moment.
+    /// Takes note that a user looks: the view is kept up to date.
     pub fn watch(&mut self, now: Time) {
         self.watched_until = now + WATCHED_FOR;
     }
@@ -101,11 +101,11 @@ impl NameServer {
         }
     }
 
-    /// Returns who is asked each second.
+    /// Returns the nodes that are asked each second.
     fn attended(&self, now: Time) -> BTreeSet<String> {
         let helpers = self.helpers();
         let known = self.peers.keys().filter(|host| self.is_attended(now, host, &helpers));
-        // Also those that are close and were never heard.
+        // Includes close nodes that were never heard.
         known.chain(&self.close).cloned().collect()
     }
 

@@ -6,7 +6,7 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A change of another node, for the agent and for people.
+/// A change of another node, for the agent and for users.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
     /// A node answers that did not.
@@ -34,7 +34,7 @@ pub enum Change {
         /// Its name.
         host: String,
     },
-    /// A node does not answer itself, and another one passes on what it says and what it is told.
+    /// A node does not answer directly, and another one passes messages on in both directions.
     Detour {
         /// Its name.
         host: String,
@@ -71,7 +71,7 @@ pub enum Change {
 }
 
 impl Change {
-    /// Returns whether the change is no trouble.
+    /// Returns whether the change is harmless.
     pub fn is_good(&self) -> bool {
         matches!(self, Self::Appeared { .. })
     }

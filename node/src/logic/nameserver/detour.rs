@@ -1,8 +1,8 @@
 //! Nodes that do not answer themselves, and that others reach.
 //!
-//! A link may be cut, in one direction or in both, while everybody else reaches both its ends. So a node that is silent is asked
-//! through others before it is missing, and what it answers there counts as its answer. As long as it does, messages go the same
-//! way. One that is lost is not asked through others: it has to answer itself.
+//! A link may be cut, in one direction or in both, while all other nodes reach both its ends. So a silent node is asked
+//! through others before it is missing, and an answer on that way counts as its answer. As long as it answers, messages
+//! take the same way. A lost node is not asked through others: it has to answer directly.
 
 use super::{Boot, Change, NameServer, Reach, SILENCE_MAX};
 use comms::logic::time::Time;
@@ -21,7 +21,7 @@ const THROUGH_MAX: usize = 3;
 pub struct Round {
     /// Its number.
     pub number: u64,
-    /// The names of those who are asked; none for all.
+    /// The names of the nodes asked; none for all.
     pub only: Option<BTreeSet<String>>,
     /// Whether some may not know yet who asks.
     pub shows: bool,
@@ -36,7 +36,7 @@ pub struct RelayedPong<'a> {
     pub from: &'a str,
     /// Its boot number.
     pub boot: u64,
-    /// Boot number of the one who asked.
+    /// Boot number of the node that asked.
     pub to_boot: u64,
     /// The question's number.
     pub round: u64,
@@ -58,7 +58,7 @@ impl NameServer {
     /// Takes an answer that another node has passed on.
     pub fn answered_through(&mut self, now: Time, pong: RelayedPong<'_>) {
         let is_asked = self.asked.rounds.iter().any(|(round, _)| *round == pong.round) && pong.to_boot == self.boot;
-        // Who has lost this node, or deals with another of its name, does not take its messages.
+        // A node that has lost this node, or deals with another node of its name, does not take its messages.
         if !is_asked || pong.holder != Some(self.boot) || pong.from == self.host || !self.reaches_directly(pong.via) {
             return;
         }
@@ -94,7 +94,7 @@ impl NameServer {
         self.held(host).is_some_and(|life| life.is_there() && life.detour.is_none())
     }
 
-    /// Works out who is asked through whom.
+    /// Works out which nodes are asked through which others.
     pub(super) fn asked_through(&self, now: Time) -> Vec<(String, String)> {
         let is_asked = |host: &&String| {
             **host != self.host && self.held(host).is_some_and(|life| !life.is_lost() && life.is_suspect(now))
@@ -108,7 +108,8 @@ impl NameServer {
         let helpers: Vec<&String> = self.peers.keys().filter(helps).collect();
         let mut through = Vec::new();
         for host in silent {
-            // The present way first, so that it is kept; then who has answered last, and is there for sure.
+            // The present way comes first, so that it is kept; then the node that has answered last, which is certainly
+            // there.
             let present = self.detour(host);
             let mut via: Vec<&String> = helpers.clone();
             via.sort_by_key(|via| (Some(via.as_str()) != present, Reverse(self.heard(via))));

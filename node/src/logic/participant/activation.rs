@@ -14,7 +14,7 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// By how much GO may be late before people are told.
+/// How late GO may be before users are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
 /// By how much this node may wake up late for the moment before they are: on a busy machine it waits for a core, as programs do.
 pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
@@ -54,7 +54,7 @@ impl Together {
     }
 }
 
-/// How long a home is waited for that is there and does not answer: longer than it takes until one that is not there is lost.
+/// How long a home that is there is given to answer: longer than the time after which an absent home is lost.
 const WITHIN: Duration = Duration::from_secs(30);
 
 /// A question to the home.
@@ -70,7 +70,7 @@ pub(in crate::logic) fn gone() -> FailureCause {
 }
 
 impl Participant {
-    /// Says what the clock of this host shows, and from now on waits for the moment.
+    /// Reports the clock of this host, and from now on waits for the moment.
     pub(super) fn read_clock(&mut self, asked: Time, out: &mut Out<'_>) {
         if self.together.go_at.is_none() {
             self.together.start = Start::Unknown;
@@ -118,8 +118,8 @@ impl Participant {
         self.together.waiting.len() < count
     }
 
-    /// Activates what has waited, if the moment has come. This node may have been suspended, or killed and started again, when it came: if it
-    /// comes too late, its home is told.
+    /// Activates what has waited, if the moment has come. This node may have been suspended, or killed and started
+    /// again, at that moment: if it is too late, its home is told.
     pub(super) fn begin_together(&mut self, late_min: Duration, out: &mut Out<'_>) {
         let Some(start) = self.starts_at().filter(|start| *start <= out.now) else { return };
         self.together.is_over = true;
@@ -132,7 +132,7 @@ impl Participant {
         self.activate_waiting(out);
     }
 
-    /// Ends what has waited: this part of the deployment comes to its end.
+    /// Ends the waiting activations, because this part of the deployment ends.
     pub(super) fn begin_never(&mut self, out: &mut Out<'_>) {
         for (target, activation, _) in std::mem::take(&mut self.together.waiting) {
             self.tell_supervisor(target, activation, Ending::Stopped, out);
@@ -174,7 +174,7 @@ impl Participant {
         self.each_executer(out, |executer, at, out| executer.checked_in(at, out));
     }
 
-    /// Does not wait for ever.
+    /// Limits the wait for the home.
     pub(super) fn tick_check_in(&mut self, out: &mut Out<'_>) {
         if self.together.check_in.is_some_and(|check_in| check_in.until <= out.now) {
             let (deployment, home) = (&self.site.deployment, &self.site.home);

@@ -4,8 +4,8 @@
 //! Apply ──▶ the programs of the next plan are started     Link ──▶ its links are made, beside those that are still used
 //! Adopt ──▶ supervisors use the next connection sets      Settle ──▶ links, programs and claims that have gone are dropped
 //! ```
-//! Between `Link` and `Settle` the wires of both plans are linked. So no value is lost on a wire that stays, a new wire is open only
-//! when both its ends stand, and a change that is taken back finds what it needs.
+//! Between `Link` and `Settle` the wires of both plans are linked. So no value is lost on a wire that stays, a new wire
+//! is open only when both its ends are up, and a change that is taken back finds its links.
 //!
 //! An added program is idle until the event actions of its group activate it. A program that is taken away is stopped by its supervisor
 //! at `Adopt` and leaves at `Settle`, so it is there again at once if the change is taken back.
@@ -98,12 +98,12 @@ impl Participant {
         self.claims.extend(Claims::of_owner(path, &facts.owns));
     }
 
-    /// Returns what the programs of this host hold by the plan as it is, and by their own word.
+    /// Returns the devices that the programs of this host hold by the current plan, and by their own reports.
     pub(super) fn claims_now(&self) -> Claims {
         let mut claims = Claims::of(&self.site.plan, &self.site.host);
         let own = self.links.registrations.facts.values();
         let own = own.filter(|facts| leaf_host(&self.site.plan, facts.leaf) == Some(&self.site.host));
-        // What another deployment runs has its devices itself.
+        // A program of another deployment holds its devices itself.
         for facts in own.filter(|facts| self.site.plan.external(facts.leaf).is_none()) {
             let path = self.path(facts.leaf).unwrap_or_default();
             claims.extend(Claims::of_owner(path, &facts.owns));
@@ -135,7 +135,7 @@ impl Participant {
         }
     }
 
-    /// Tells the home what is against the next plan here.
+    /// Tells the home the reasons against the next plan here.
     pub fn examined(&self, number: u32, problems: Vec<String>, out: &mut Out<'_>) {
         let host = &self.site.host;
         let reasons = problems.into_iter().map(|why| format!("host `{host}`: {why}")).collect();
@@ -176,7 +176,7 @@ impl Participant {
         self.add_groups();
         let mut live = self.site.plan.live_wires();
         let rewired: BTreeSet<u32> = self.links.live.symmetric_difference(&live).copied().collect();
-        // What never came cannot be linked by those that are put back.
+        // The programs that are put back cannot link to one that never arrived.
         let has_come = |leaf: u32| self.links.registrations.facts.contains_key(&leaf);
         let both = |wire: &&u32| {
             self.site
@@ -314,7 +314,7 @@ impl Participant {
         }
     }
 
-    /// Drops the links that the plan does not have any more. Until then what was under way over them has come.
+    /// Drops the links that the plan does not have any more. By then the values under way over them have arrived.
     pub(super) fn unlink(&mut self, out: &mut Out<'_>) {
         let live = self.site.plan.live_wires();
         let gone: BTreeSet<u32> = self.links.live.difference(&live).copied().collect();
@@ -322,7 +322,7 @@ impl Participant {
         self.link_again(&gone, out);
     }
 
-    /// Tells the home what it waits for, once that is so.
+    /// Tells the home that its condition is met, once that is the case.
     pub(super) fn report_change(&mut self, out: &mut Out<'_>) {
         let hands_over = self.changes.current.is_some() && self.hands_over();
         let Some(change) = &mut self.changes.current else { return };
@@ -437,7 +437,7 @@ impl Participant {
         }
     }
 
-    /// A change has held, or was taken back, everywhere: what is not in the plan any more leaves.
+    /// A change has held, or was taken back, everywhere: programs that are not in the plan any more leave.
     pub(super) fn settle_change(&mut self, out: &mut Out<'_>) {
         self.changes.current = None;
         self.changes.succeeding.clear();

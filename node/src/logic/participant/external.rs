@@ -1,8 +1,10 @@
-//! Processes of other deployments that this one uses. They are looked for while everything is prepared, called while it runs, and never
-//! started or stopped. Who activates one watches it: it aborts when its own deployment ends it, and is stopped at once.
+//! Processes of other deployments that this one uses. They are looked up while everything is prepared, called while it
+//! runs, and never started or stopped. An activation of such a process watches it: it aborts when the other deployment
+//! ends the process, and is stopped at once.
 //!
-//! The agent looks after each input whether what runs here is still what was seen (`agent/external.rs`). A process that its own deployment
-//! starts again stays active meanwhile, as for its own supervisor, and its callers are told where it is then.
+//! After each input the agent checks whether such a process is unchanged (`agent/external.rs`). A process that its own
+//! deployment starts again stays active during the restart, as for its own supervisor, and its callers are then told
+//! its new address.
 
 use super::{Participant, Phase};
 use crate::logic::effect::Out;
@@ -27,13 +29,13 @@ pub struct Seen {
 /// A process of another deployment that this one uses.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct ExternalProcess {
-    /// What was seen of it last, or why it is not there.
+    /// The last state seen, or why the process is not there.
     seen: Result<Seen, String>,
     /// The activation that has not ended.
     current: Option<u32>,
 }
 
-/// What a plan wants of a process of another deployment.
+/// The use that a plan makes of a process of another deployment.
 #[derive(Clone, Debug)]
 pub struct Wanted<'a> {
     /// The process.
@@ -45,7 +47,8 @@ pub struct Wanted<'a> {
 }
 
 impl<'a> Wanted<'a> {
-    /// Returns what a plan wants where a leaf stands for a process of another deployment; nothing where it does not.
+    /// Returns the use that a plan makes of a process of another deployment at a leaf; nothing if the leaf is not such
+    /// a process.
     pub fn of(plan: &'a Plan, leaf: u32) -> Option<Self> {
         let calls = plan.wires.iter().filter(|wire| wire.to.leaf == leaf && wire.transfer == Transfer::Call);
         let exports = calls.map(|wire| wire.to.port.as_str()).collect();
@@ -100,7 +103,7 @@ impl Participant {
         }
     }
 
-    /// Takes note of the processes of other deployments that it uses here. What is not there is a reason against it.
+    /// Takes note of the processes of other deployments that it uses here. A missing process is a reason against it.
     pub(super) fn find_externals(&mut self, all: BTreeMap<u32, Result<Seen, String>>) {
         for (leaf, seen) in all {
             match &seen {
@@ -135,7 +138,7 @@ impl Participant {
         }
     }
 
-    /// Takes note of what is seen of a process of another deployment now.
+    /// Takes note of the present state of a process of another deployment.
     pub fn sees(&mut self, leaf: u32, seen: Result<Seen, String>, out: &mut Out<'_>) {
         let Some(process) = self.externals.get_mut(&leaf).filter(|process| process.seen != seen) else { return };
         process.seen = seen;
@@ -194,14 +197,14 @@ impl Participant {
         }
     }
 
-    /// Returns the order that tells a program who is at the other ends of its wires, and who calls it from other deployments.
+    /// Returns the order that tells a program the other ends of its wires, and its callers from other deployments.
     pub(super) fn partners(&self, leaf: u32) -> Option<Order> {
         let mut partners = partners(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf)?;
         partners.extend(self.links.clients.get(&leaf).into_iter().flatten().cloned());
         Some(Order::Partners { partners })
     }
 
-    /// Returns the processes of other deployments as people see them.
+    /// Returns the processes of other deployments, as shown to users.
     pub(super) fn external_status(&self) -> impl Iterator<Item = ProcessStatus> + '_ {
         self.externals.iter().filter_map(|(leaf, process)| {
             let found = self.site.plan.leaves.get(*leaf as usize)?;

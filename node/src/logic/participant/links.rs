@@ -1,10 +1,10 @@
 //! The links of this host's programs: made before GO, opened and closed by supervisors, and made again for a program that
 //! was started again.
 //!
-//! Such a program is elsewhere than before. It dials whom it needs as it did at first; who dials it is told where it is now,
-//! on its own host by its node, elsewhere by a message from here to there. Its home has no part in that. What others say
-//! about their programs and what the home says about all of them come on different ways: the word of a program's own host
-//! counts.
+//! Such a program has a new address. It dials its sources as it did at first. Programs that dial it are told its new
+//! address: on its own host by its node, elsewhere by a message from here to there. Its home has no part in that. The
+//! reports of other hosts about their programs and the report of the home about all programs take different ways: the
+//! report of a program's own host counts.
 
 use super::{Participant, Phase};
 use crate::logic::effect::Out;
@@ -109,7 +109,7 @@ impl Participant {
         Ok(partners.into_iter().chain(shapes(&self.site.plan, leaf)).chain(calls).chain([links]))
     }
 
-    /// Links a program of this host that was started again, and tells the hosts of those who dial it.
+    /// Links a program of this host that was started again, and tells the hosts of the programs that dial it.
     pub(super) fn rejoin(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let leaf = facts.leaf;
         self.tell_where(&facts, out);
@@ -121,7 +121,8 @@ impl Participant {
         });
     }
 
-    /// Tells the hosts of those who dial a program, or have wires to it, where it is now, and the home, which tells a host that rejoins.
+    /// Tells the new address of a program to the hosts of programs that dial it or have wires to it, and to the home,
+    /// which tells a host that rejoins.
     pub(super) fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
         let here = leaf_host(&self.site.plan, facts.leaf);
         let mut concerned = dialers(&self.site.plan, &self.links.registrations, facts.leaf);
@@ -136,7 +137,8 @@ impl Participant {
         }
     }
 
-    /// Takes note of where a program is now, and tells those of this host who dial it or have wires to it.
+    /// Takes note of the new address of a program, and tells the programs of this host that dial it or have wires to
+    /// it.
     pub(super) fn moved(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let moved = facts.leaf;
         if self.links.registrations.facts.get(&moved) == Some(&facts) {
@@ -214,7 +216,7 @@ impl Participant {
         self.confirm_switches(out);
     }
 
-    /// A program that is gone confirms nothing any more; one that is started again gets its open wires anew.
+    /// A program that is gone confirms nothing any more; a program that is started again gets its open wires again.
     pub(super) fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
         if !self.instances.get(leaf).is_some_and(Instance::is_linked) {
             for switching in self.links.switching.values_mut() {

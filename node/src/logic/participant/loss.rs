@@ -1,13 +1,13 @@
 //! The reaction of this part of a deployment to hosts that cannot be reached.
 //!
-//! A host that is missing for 5 s is lost, and what it supervises here has failed in its eyes. Then each program does as its
-//! `on_link_loss` says. It is stopped unless that says otherwise; `keep` and `hold` let it go on, the latter without anything
-//! new; `safe_stop_after` has a time of its own, from when the host was missed. A group goes on with its expression as long
-//! as any program below it may go on. When the lost host is back, what went on without it is stopped: its supervisor has
-//! given it up, and something else may have taken its place.
+//! A host that is missing for 5 s is lost, and everything it supervises here has failed in its eyes. Then each program
+//! follows its `on_link_loss`. By default it is stopped; `keep` and `hold` let it run, the latter without anything new;
+//! `safe_stop_after` has a time of its own, from when the host was missed. A group proceeds with its expression as long
+//! as any program below it may run. When the lost host returns, the programs that ran without it are stopped: its
+//! supervisor has given them up, and may have replaced them.
 //!
-//! When the home is lost, this part is on its own: programs that are to stop leave, and so does everything once nothing runs
-//! any more, since nobody could end it.
+//! When the home is lost, this part is on its own: programs that are to stop leave. Once nothing runs any more,
+//! everything leaves, since no host could end it.
 
 use super::change::supervisors;
 use super::{Participant, Phase};
@@ -30,8 +30,8 @@ pub(super) struct Loss {
 }
 
 impl Participant {
-    /// Returns the hosts whose loss is one for something here: the home, those of what is supervised from here, on any level, and those
-    /// from which something here is. A loss of any other is its supervisors' matter.
+    /// Returns the hosts whose loss matters here: the home, the hosts of everything supervised from here, on any level,
+    /// and the hosts that supervise something here. The loss of any other host is left to its supervisors.
     pub fn relevant_hosts(&self) -> &BTreeSet<String> {
         &self.site.relevant
     }
@@ -84,7 +84,7 @@ impl Participant {
             self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
         }
         if host == self.site.home {
-            // Nobody answers any more.
+            // No answer is to be expected any more.
             self.checked_in(out);
         }
     }
@@ -167,7 +167,7 @@ impl Participant {
         }
     }
 
-    /// Stops what runs here for a supervisor that cannot be reached, or has given it up.
+    /// Stops the programs and groups here of a supervisor that cannot be reached, or has given them up.
     fn stop_for(&mut self, target: Target, host: &str, out: &mut Out<'_>) {
         match target {
             Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, moment| instance.cut(host, moment)),
@@ -195,7 +195,7 @@ impl Participant {
         std::iter::successors(above(&target), above).any(is_there)
     }
 
-    /// Whether some program below a group may go on when hosts are lost.
+    /// Whether some program below a group may continue when hosts are lost.
     fn endures(&self, group: u32) -> bool {
         let mut targets = vec![Target::Group(group)];
         while let Some(target) = targets.pop() {
@@ -212,7 +212,7 @@ impl Participant {
         false
     }
 
-    /// Returns what a group supervises.
+    /// Returns the members that a group supervises.
     fn members(&self, group: u32) -> impl Iterator<Item = Target> {
         let members = self.site.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
         members.iter().map(|member| member.kind.into())

@@ -20,7 +20,7 @@ impl Participant {
             None if target == Target::Group(0) => {
                 self.site.tell_home(ToCoordinator::MainEnded { ending }, out);
             }
-            // It was taken away, and nobody waits for it.
+            // It was taken away, and no caller waits for it.
             None => {}
         }
     }
@@ -69,8 +69,8 @@ impl Participant {
         self.site.tell_home(message, out);
     }
 
-    /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
-    /// often they are of one executable.
+    /// Returns the reasons against this deployment, and clears them. A reason that several programs share is given
+    /// once: most often they are of one executable.
     pub(super) fn take_reasons(&mut self) -> Vec<String> {
         let mut reasons = std::mem::take(&mut self.roll.reasons);
         for (why, leaves) in std::mem::take(&mut self.roll.refusals) {
@@ -111,7 +111,8 @@ impl Participant {
             .collect()
     }
 
-    /// Refuses to begin a program that would use a device beside one that could not be ended; says whether it was.
+    /// Refuses to begin a program that would use a device at the same time as a program that could not be ended;
+    /// returns whether it did.
     pub(super) fn refuse_held(&self, leaf: u32, activation: u32, out: &mut Out<'_>) -> bool {
         let wanted = self.devices(leaf);
         let holder = |other: u32| {
@@ -151,7 +152,7 @@ impl Participant {
         self.leave(out);
     }
 
-    /// Returns an ending with the emergency stop as its cause, if there was one: people read the first cause that is told.
+    /// Returns an ending with the emergency stop as its cause, if there was one: users read the first cause.
     pub(super) fn as_stopped(&self, ending: Ending) -> Ending {
         match (ending, &self.estop) {
             (Ending::Aborted(Failure { origin, cause: FailureCause::NotAvailable(_), at }), Some(estop)) => {

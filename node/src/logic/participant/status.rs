@@ -1,4 +1,4 @@
-//! A participant as people see it.
+//! The state of a participant, as shown to users.
 
 use super::{Participant, Phase};
 use crate::logic::executer::Executer;
@@ -17,7 +17,7 @@ impl Participant {
         self.instances.visits() + self.executers.visits()
     }
 
-    /// Returns what runs here, in the plan's order.
+    /// Returns the running processes, in the plan's order.
     pub fn status(&self) -> DeploymentStatus {
         let live = self.site.plan.live_groups();
         let group = |(number, executer): (u32, &Executer)| {
@@ -51,7 +51,7 @@ impl Participant {
         DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new(), refused: Vec::new() }
     }
 
-    /// Returns the ends of a wire, for people.
+    /// Returns the ends of a wire, for users.
     pub fn wire(&self, number: u32) -> Option<String> {
         self.site.plan.wires.get(number as usize).map(|wire| self.site.plan.ends(wire))
     }
@@ -90,18 +90,18 @@ impl Participant {
     pub fn locations(&self) -> Vec<(String, Dial)> {
         let location = |(number, instance): (u32, &Instance)| {
             let leaf = self.site.plan.leaves.get(number as usize).filter(|_| !self.is_succeeded(number))?;
-            // Of one that has ended, and may be started again, the place is out of date.
+            // The address of a program that has ended, and may be started again, is out of date.
             let leaf = instance.has_program().then_some(leaf)?;
             Some((leaf.path.clone(), observe(&self.links.registrations, number)?))
         };
         self.instances.iter().filter_map(location).collect()
     }
 
-    /// Returns what may be told to the programs of this host while they run.
+    /// Returns the parameters that can be sent to the programs of this host while they run.
     pub fn parameters(&self, programs: &Programs) -> Vec<InstanceParameters> {
         let leaves = self.instances.iter().filter_map(|(number, _)| self.site.plan.leaves.get(number as usize));
         let of_leaf = |leaf: &Leaf| {
-            // A plain program is told nothing while it runs.
+            // The parameters of a plain program cannot be changed while it runs.
             let secrets = parameters::of_plain(&leaf.arguments);
             let declared = match leaf.kind {
                 LeafKind::Controller => declared(leaf, programs),

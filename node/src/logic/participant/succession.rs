@@ -1,8 +1,9 @@
 //! Programs of this host that take the place of others while both are there.
 //!
-//! The next program is started and linked by the change, as one that is added. Then its supervisor has it take over the activation
-//! of the one before, which goes on meanwhile. Once it runs, the supervisor hands the connections over, and stops the one before.
-//! That leaves when the change has held; it is there until then, in case the next one is not healthy.
+//! The change starts and links the next program as if it were added. Then its supervisor has it take over the
+//! activation of its predecessor, which keeps running in the meantime. Once it runs, the supervisor hands the
+//! connections over, and stops the predecessor. The predecessor leaves when the change has held; it stays until then,
+//! in case the next program is unhealthy.
 
 use super::Participant;
 use crate::logic::effect::Out;
@@ -30,7 +31,7 @@ impl Participant {
     /// Activates a program beside another one, for a supervisor.
     pub(super) fn succeed(&mut self, by: Supervisor, leaf: u32, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         let Some(instance) = self.instances.get(leaf) else { return };
-        // One that was not healthy is taken away again: its home knows.
+        // A program that was not healthy is taken away again: its home knows.
         if self.is_adding(leaf) && !instance.is_linked() {
             return;
         }
@@ -104,7 +105,7 @@ impl Participant {
         members.get(*slot as usize).is_none_or(|member| member.kind != MemberKind::Leaf(leaf))
     }
 
-    /// Tells the people who watch of a change. Of a process with two programs they see one.
+    /// Reports a change to the users who watch. They see a process with two programs as one.
     pub(super) fn tell_change(&self, leaf: u32, change: Change, out: &mut Out<'_>) {
         if matches!(change, Change::Stopping | Change::Ended(Ending::Stopped)) && self.is_succeeded(leaf) {
             return;

@@ -1,4 +1,4 @@
-//! A change of a deployment while it runs: what is asked for, and the steps between its home and its hosts.
+//! A change of a deployment while it runs: the request, and the steps between its home and its hosts.
 //!
 //! ```text
 //! home                          each host
@@ -9,7 +9,7 @@
 //!   ──Adopt────▶  connection sets  ──Healthy──▶  once new programs have passed their probation
 //!                                  ──Failed───▶  one has not; on its host the program before is started again
 //! ```
-//! A change that has failed somewhere is taken back by the same steps from `Apply` on, with the plan of before.
+//! A change that has failed on a host is taken back by the same steps from `Apply` on, with the previous plan.
 
 use super::LeafFacts;
 use language::plan::Plan;
@@ -25,11 +25,11 @@ pub struct ChangeRequest {
     pub epoch: u64,
     /// The revision that was seen: another one since then refuses the change.
     pub revision: u32,
-    /// The plan that is wanted, with numbers of its own.
+    /// The new plan, with numbers of its own.
     pub plan: Plan,
-    /// Processes whose programs are started anew although their plan is the same: absolute paths.
+    /// Processes whose programs are started again although their plan is the same: absolute paths.
     pub again: Vec<String>,
-    /// How long a new program has to stay healthy; else what was there before is put back.
+    /// How long a new program has to stay healthy; otherwise its predecessor is restored.
     pub probation: Duration,
     /// The user who wants it, for the records, such as `ann@c1`.
     pub by: String,
@@ -42,7 +42,7 @@ pub struct Revision {
     pub epoch: u64,
     /// How often it was changed since it was deployed.
     pub revision: u32,
-    /// Its plan as it is now: during a change the next one, once the hosts take it on.
+    /// Its present plan: during a change the next one, once the hosts take it on.
     pub plan: Plan,
     /// The change that is being made.
     pub change: Option<ChangeUnderway>,
@@ -69,7 +69,7 @@ pub enum ChangeStage {
     Applied,
     /// It is made, and new programs have to stay healthy.
     Probation,
-    /// It has failed, and what was before comes back.
+    /// It has failed, and the previous state is restored.
     TakenBack,
 }
 
@@ -80,7 +80,7 @@ pub enum ChangeOrder {
     Examine {
         /// Numbers the change, and is echoed.
         number: u32,
-        /// The next plan, with the numbers of the one that runs.
+        /// The next plan, with the numbers of the running one.
         plan: Plan,
     },
     /// Take the plan on: end and start programs. The connection sets stay as they are.
@@ -89,12 +89,12 @@ pub enum ChangeOrder {
         number: u32,
         /// The next plan.
         plan: Plan,
-        /// Leaves whose programs are started anew although their plan is the same.
+        /// Leaves whose programs are started again although their plan is the same.
         again: Vec<u32>,
         /// How long a new program has to stay healthy.
         probation: Duration,
     },
-    /// Make the links of the plan that was applied, beside those that are there.
+    /// Make the links of the plan that was applied, in addition to the present ones.
     Link {
         /// Echoed.
         number: u32,
@@ -104,8 +104,8 @@ pub enum ChangeOrder {
         /// Echoed.
         number: u32,
     },
-    /// The change is made, or taken back, everywhere: what only the plan of before has had leaves, and what it has held is free.
-    /// Nobody answers.
+    /// The change is made, or taken back, everywhere: programs that only the previous plan has leave, and their devices
+    /// are free. Not answered.
     Settle {
         /// The change.
         number: u32,
@@ -144,14 +144,14 @@ pub enum ChangeReply {
         /// As ordered.
         number: u32,
     },
-    /// A new program was not healthy, and the one before was put back; or its links could not be made.
+    /// A new program was unhealthy, and its predecessor was restored; or its links could not be made.
     Failed {
         /// As ordered.
         number: u32,
         /// A sentence for a person.
         reason: String,
     },
-    /// To `Apply`: every program of the host is up, also those that were added.
+    /// The answer to `Apply`: every program of the host is up, including the added ones.
     Joined {
         /// As ordered.
         number: u32,

@@ -9,17 +9,17 @@ use std::time::Duration;
 pub struct ClockReading {
     /// The time since 1970 that the clock shows.
     pub shown: Duration,
-    /// Whether somebody keeps it.
+    /// Whether the clock is synchronised.
     pub keeping: ClockKeeping,
 }
 
-/// Whether somebody keeps a calendar clock in step with others.
+/// Whether a calendar clock is kept in step with others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClockKeeping {
-    /// Somebody does, as the kernel says.
+    /// The kernel says that it is.
     Kept,
-    /// Nobody does; it shows a date that may be right.
+    /// It is not; it shows a date that may be right.
     Unkept,
     /// It shows a date that cannot be right.
     Unset,

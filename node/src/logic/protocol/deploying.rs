@@ -1,4 +1,4 @@
-//! What the home of a deployment, its hosts and its supervisors say to each other.
+//! Messages between the home of a deployment, its hosts and its supervisors.
 
 use super::{Change, ChangeOrder, ChangeReply, Ending, FailureCause, LeafFacts, Ordered, SetsSwitched, Target};
 use comms::logic::switch::{Expect, Flip};
@@ -42,7 +42,7 @@ pub enum ToCoordinator {
         /// How it ended.
         ending: Ending,
     },
-    /// For the people who watch.
+    /// For the users who watch.
     Happened {
         /// The process.
         target: Target,
@@ -53,16 +53,16 @@ pub enum ToCoordinator {
     Unconfirmed,
     /// To a step of a change while it runs.
     Change(ChangeReply),
-    /// For the record: what a supervisor has done about some events.
+    /// For the record: the reaction of a supervisor to some events.
     Stepped {
         /// Its group.
         group: u32,
         /// The number of the first step, from 0 on.
         number: u64,
-        /// The events, and what it did.
+        /// The events, and the supervisor's commands.
         steps: Vec<StepRecord>,
     },
-    /// What has become of [`ToParticipant::SwitchSets`].
+    /// The result of [`ToParticipant::SwitchSets`].
     SetsSwitched {
         /// As ordered.
         call: u64,
@@ -73,7 +73,7 @@ pub enum ToCoordinator {
     ClockRead {
         /// As asked.
         asked: Time,
-        /// What the clock that nobody sets shows at the host.
+        /// The time of the host's monotonic clock.
         shown: Time,
     },
     /// The moment of [`ToParticipant::GoAt`] was over when the host heard of it, or looked at its clock again.
@@ -150,8 +150,8 @@ pub enum ToParticipant {
         /// The facts of the new program.
         facts: LeafFacts,
     },
-    /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for it:
-    /// what was taken for it is not free. The latest counts.
+    /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for
+    /// it: its resources are not free. The latest message counts.
     Loose {
         /// The group.
         target: Target,
@@ -169,22 +169,22 @@ pub enum ToParticipant {
     Restarted {
         /// Which process.
         target: Target,
-        /// Of what it has died.
+        /// The cause of its death.
         cause: FailureCause,
     },
-    /// Start these programs of yours anew, with one that has died.
+    /// Start these programs of yours again, together with one that has died.
     Renew {
         /// Indices into `Plan::leaves`.
         leaves: Vec<u32>,
-        /// Absolute path of the one that has died.
+        /// Absolute path of the dead one.
         with: String,
     },
     /// Start every program of yours again, idle: you were lost, or have left, and nothing of the deployment is left at yours.
     Rejoin {
-        /// The whole plan of the deployment as it is now.
+        /// The whole present plan of the deployment.
         plan: Plan,
-        /// Which time this is for the deployment, from 1. Your supervisors number what they order from it on, so that nothing
-        /// is taken for an answer that was on its way when you were lost.
+        /// How many times this has been done for the deployment, from 1. Your supervisors number their orders from it
+        /// on, so that an answer that was on its way when you were lost is not mistaken for a new one.
         number: u32,
         /// Since GO at the home.
         since_go: Duration,
@@ -196,7 +196,7 @@ pub enum ToParticipant {
     },
     /// An order that starts something, by the request of a user: what nodes in a team take.
     Ordered(Box<Ordered>),
-    /// Flip wires whose producers are yours, each producer all of its own between two values. Answered by `Switched`.
+    /// Flip wires whose producers are yours, each producer all its wires between two values. Answered by `Switched`.
     Flip {
         /// The group whose supervisor asks, and its number for this, echoed.
         group: u32,
@@ -238,7 +238,7 @@ pub enum ToParticipant {
         /// Wires that nothing was heard of in time.
         missing: Vec<u32>,
     },
-    /// Switch a member that runs to other connection sets of its own.
+    /// Switch a running member to other connection sets of its own.
     SwitchSets {
         /// The group.
         group: u32,
@@ -249,7 +249,7 @@ pub enum ToParticipant {
         /// Echoed.
         call: u64,
     },
-    /// As `Expect`; and when all that came before the switch has had its calculation, the program flips outputs of its own.
+    /// Like `Expect`. When all values before the switch have had their calculation, the program flips its own outputs.
     ExpectAnd {
         /// The group whose supervisor asks.
         group: u32,
@@ -257,10 +257,11 @@ pub enum ToParticipant {
         leaf: u32,
         /// Its inputs.
         expect: Expect,
-        /// Its outputs. What it only opens is open before the first calculation after the switch.
+        /// The switch of its outputs. Wires that it only opens are open before the first calculation after the switch.
         then: Flip,
     },
-    /// A program of yours is to take the place of another one, which goes on meanwhile. Answered by `Succeeding`.
+    /// A program of yours is to take the place of another one, which keeps running in the meantime. Answered by
+    /// `Succeeding`.
     Succeed {
         /// The group whose supervisor asks.
         group: u32,
@@ -280,7 +281,7 @@ pub enum ToParticipant {
         /// Whether the other one is there, so that it can hand its connections over.
         is_handed_over: bool,
     },
-    /// Say what your clock shows that nobody sets: the start is aligned. Nothing is activated before `GoAt`, or `Go`. Answered by
+    /// Report your monotonic clock: the start is aligned. Nothing is activated before `GoAt`, or `Go`. Answered by
     /// `ClockRead`.
     ReadClock {
         /// When the home asks, on its own clock; echoed.
@@ -288,7 +289,7 @@ pub enum ToParticipant {
     },
     /// As `Go`; and programs that are activated before a moment begin at that moment.
     GoAt {
-        /// The moment, on the clock of who is told.
+        /// The moment, on the clock of the receiver.
         start: Time,
     },
     /// A message for an activity that you supervise. An activity that does not run drops the message.

@@ -1,4 +1,4 @@
-//! Messages of `dca estop`: everything on a node stops at once, and nothing begins there until somebody releases it.
+//! Messages of `dca estop`: everything on a node stops at once, and nothing begins there until a user releases it.
 
 use crate::logic::printable::printable;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use std::fmt;
 /// The longest name or reason that is kept, in characters.
 const WORDS_MAX: usize = 200;
 
-/// Who has stopped everything on a node, and why.
+/// The user who has stopped everything on a node, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Estop {
     /// A user, such as `ann@c1`, as the user says.

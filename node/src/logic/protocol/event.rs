@@ -9,17 +9,17 @@ use std::time::Duration;
 pub struct Event {
     /// Of which deployment.
     pub deployment: Deployment,
-    /// Its number among the reports of the deployment, from 0 on: what is told twice has the same.
+    /// Its number among the reports of the deployment, from 0 on: an event that is repeated has the same number.
     pub number: u64,
-    /// The host that it is about; that of `main` for what is about all.
+    /// The host of the event; the host of `main` for an event about all.
     pub host: String,
     /// How long ago it was when it was told: what happened before what, also where the clocks of two homes differ.
     #[serde(with = "comms::logic::human::seconds")]
     pub ago: Duration,
     /// The event.
     pub report: Report,
-    /// When it was, for people: since 1970, as the calendar clock of the home showed when it noted the event. Each answer
-    /// has the same.
+    /// When it was, for users: since 1970, by the calendar clock of the home when it noted the event. Each answer has
+    /// the same time.
     #[serde(with = "comms::logic::human::seconds")]
     pub time: Duration,
 }

@@ -59,7 +59,7 @@ pub enum FailureCause {
     },
     /// Its host could not be reached any more while it was stopping.
     HostLostStopping(String),
-    /// Its program ended although nobody wanted that, and had written something.
+    /// Its program ended unexpectedly, with some output.
     Program {
         /// How it ended.
         end: ProgramEnd,
@@ -111,13 +111,13 @@ pub enum FailureCause {
     },
     /// Another node of its home's name goes on with its deployment: where that runs.
     Preempted(String),
-    /// Somebody has stopped everything on its home.
+    /// A user has stopped everything on its home.
     Estop(Estop),
     /// The machine of its home was rebooted.
     Rebooted,
-    /// The node of its home was started anew, and has taken nothing over.
+    /// The node of its home was restarted, and has taken nothing over.
     Restarted,
-    /// Somebody has stopped it while its home was away: the host that says so.
+    /// A user has stopped it while its home was away: the host that reports it.
     StoppedAway(String),
 }
 
@@ -133,7 +133,7 @@ pub enum ProgramEnd {
 impl fmt::Display for ProgramEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            // DCA has not sent it; its own are told by what they were sent for.
+            // A signal not sent by DCA. DCA's own signals are reported by their purpose.
             Self::Signal(number @ 9) => write!(f, "{} (external)", signal_name(*number)),
             Self::Signal(number) => f.write_str(&signal_name(*number)),
             Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
@@ -161,8 +161,8 @@ impl FailureCause {
         matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_))
     }
 
-    /// Returns the cause with what is known of the program that failed: how often it was started again, and the last lines
-    /// that it wrote.
+    /// Returns the cause with the details of the failed program: how often it was started again, and the last lines of
+    /// its output.
     #[must_use]
     pub fn of_program(self, restarts: u32, output: Vec<String>) -> Self {
         if let (Self::Exit(code), false) = (&self, output.is_empty()) {

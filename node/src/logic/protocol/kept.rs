@@ -1,10 +1,12 @@
-//! What is kept on the disks of nodes of deployments that run, and of those that were stopped while their home was away.
+//! The records on the disks of nodes: of deployments that run, and of those that were stopped while their home was
+//! away.
 
 use super::{Deployment, Signed};
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 
-/// What a home keeps of a deployment for as long as it is to run: a node that begins after a reboot finds it.
+/// The record that a home keeps of a deployment for as long as the deployment is to run. A node that begins after a
+/// reboot finds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     /// The deployment.
@@ -17,16 +19,16 @@ pub struct Kept {
     pub hosts: Vec<String>,
     /// Whether it has come to an end, since its node was told to leave: that was told.
     pub has_ended: bool,
-    /// Whether it waits to be resumed: then the next node resumes it in the same boot, too.
+    /// Whether it waits to be resumed: then the next node resumes it even in the same boot.
     pub waits: bool,
-    /// The plan, and the request if a user has signed it: nothing of what is not to be resumed.
+    /// The plan, and the request if a user has signed it; none if the deployment is not to be resumed.
     pub resume: Option<(Plan, Option<Signed>)>,
 }
 
 /// A deployment that ran when the node before this one ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Before {
-    /// What was kept of it.
+    /// The record that was kept.
     pub kept: Kept,
     /// Whether the machine was rebooted since.
     pub was_rebooted: bool,
@@ -37,11 +39,11 @@ pub struct Before {
 pub struct Tombstone {
     /// The host of `main`.
     pub home: String,
-    /// The deployment; those of the same name that were deployed before it are meant, too.
+    /// The deployment. Earlier deployments of the same name are included.
     pub deployment: Deployment,
 }
 
-/// What an agent is told at its start of the time before it.
+/// The state before its start that an agent is given.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Earlier {
     /// The deployments that ran, with their home here.

@@ -1,4 +1,4 @@
-//! What goes over the link between two nodes.
+//! The messages on the link between two nodes.
 
 use super::{Deployment, Relay, ToCoordinator, ToParticipant};
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ pub struct Message {
 }
 
 impl Message {
-    /// Returns what a node says before it ends.
+    /// Returns the last message of a node before it ends.
     pub fn leaves() -> Self {
         Self::about_none(Body::Leaves)
     }
@@ -23,7 +23,7 @@ impl Message {
         Self { deployment: Deployment { name: String::new(), epoch: 0 }, body }
     }
 
-    /// Returns what is to be passed on, or was.
+    /// Returns a message to be passed on, or one that was.
     pub fn relay(relay: Relay) -> Self {
         Self::about_none(Body::Relay(Box::new(relay)))
     }
@@ -46,7 +46,7 @@ pub enum Body {
     Coordinator(ToCoordinator),
     /// The deployment's part on the receiving host.
     Participant(ToParticipant),
-    /// Nobody: it takes the place of a message whose sender no longer means it.
+    /// No receiver: it replaces a message that its sender has withdrawn.
     Tombstone,
     /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
     Leaves,

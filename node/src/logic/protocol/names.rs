@@ -27,15 +27,15 @@ pub struct PortName {
     pub kind: Option<String>,
 }
 
-/// A device of a host, and who holds it.
+/// A device of a host, and its holder.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct DeviceName {
     /// The device.
     pub device: String,
     /// Of which deployment its holder is.
     pub deployment: Deployment,
-    /// Absolute path of the holder; of one of them where several read.
+    /// Absolute path of the holder, or of one of several readers.
     pub path: String,
-    /// Whether nobody else may hold it.
+    /// Whether the device is held exclusively.
     pub is_exclusive: bool,
 }

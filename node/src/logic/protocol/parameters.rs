@@ -13,7 +13,7 @@ pub struct InstanceParameters {
     pub path: String,
     /// Its type.
     pub module: String,
-    /// None if no program of the host says what parameters that type has.
+    /// None if no program of the host declares the parameters of that type.
     pub parameters: Option<Vec<ParameterStatus>>,
 }
 

@@ -1,4 +1,5 @@
-//! The ping and the pong: the question whether a node is there, and its answer; and what two nodes of one name say to each other.
+//! The ping and the pong: the question whether a node is there, and its answer. Also the messages between two nodes of
+//! one name.
 
 use super::Deployment;
 use comms::logic::codec::{Enveloped, Kind};
@@ -23,7 +24,7 @@ pub struct Pong {
     pub from: String,
     /// Its boot number.
     pub boot: u64,
-    /// Boot number of the one who asked.
+    /// Boot number of the node that asked.
     pub to_boot: u64,
     /// The question's number.
     pub round: u64,
@@ -31,7 +32,7 @@ pub struct Pong {
     pub up: Duration,
     /// Where it runs, for a person: machine and process id.
     pub place: String,
-    /// The boot that has the asker's name here, if any has: a node deals with one of each name.
+    /// The boot that has the asker's name here, if any: a node deals with one boot of each name.
     pub holder: Option<u64>,
     /// Its session, as in a [`Dial`](comms::logic::control::Dial).
     pub session: String,
@@ -39,10 +40,10 @@ pub struct Pong {
     pub origin: u32,
 }
 
-/// What a node says to another one of its own name: what it runs.
+/// The report of a node to another one of its name: the deployments it runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Namesake {
-    /// Boot number of the one who speaks.
+    /// Boot number of the sender.
     pub boot: u64,
     /// Boot number of the other one.
     pub to_boot: u64,
@@ -52,7 +53,7 @@ pub struct Namesake {
     pub ended: Vec<Deployment>,
 }
 
-/// What a node says to another one whose message it has refused.
+/// The message of a node to another one whose message it has refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Refusal {
     /// Name of the node that has refused it.
@@ -70,7 +71,7 @@ pub struct AuditHead {
     pub head: Vec<u8>,
 }
 
-/// The certificate of a node: it asks the others to renew it, or one of them has.
+/// The certificate of a node: the sender asks the others to renew it, or has renewed it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Renewing {
     /// Name of the node that says it.

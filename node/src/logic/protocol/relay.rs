@@ -1,4 +1,4 @@
-//! What a node passes on between two others that do not reach each other.
+//! Messages that a node passes on between two others that do not reach each other.
 
 use super::Message;
 use crate::logic::link::Ends;
@@ -13,7 +13,8 @@ pub struct Relay {
     pub to: String,
     /// The content.
     pub what: Relayed,
-    /// In a team the signature of who it is from: who passes it on does not speak for that one. Empty elsewhere.
+    /// In a team, the signature of the sender: the node that passes the message on does not speak for the sender. Empty
+    /// elsewhere.
     pub proof: Vec<u8>,
 }
 
@@ -22,16 +23,16 @@ pub struct Relay {
 pub enum Relayed {
     /// The question whether a node is there, as in a [`Ping`](super::Ping).
     Ping {
-        /// Boot number of the one who asks.
+        /// Boot number of the node that asks.
         boot: u64,
         /// Numbers the question.
         round: u64,
     },
     /// The answer, as in a [`Pong`](super::Pong).
     Pong {
-        /// Boot number of the one who answers.
+        /// Boot number of the node that answers.
         boot: u64,
-        /// Boot number of the one who asked.
+        /// Boot number of the node that asked.
         to_boot: u64,
         /// The question's number.
         round: u64,

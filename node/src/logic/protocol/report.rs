@@ -60,7 +60,7 @@ pub enum Report {
         /// Hosts that could not confirm.
         unconfirmed: Vec<String>,
     },
-    /// After GO: where the programs are that others hear, for those who record what goes over their ports.
+    /// After GO: the addresses of the programs that have outputs, for callers that record their ports.
     Programs {
         /// Instance path, where to dial.
         at: Vec<(String, Dial)>,
@@ -85,9 +85,9 @@ pub enum Report {
     Stepped {
         /// Absolute path of its group.
         path: String,
-        /// The number of the first step of this supervisor, from 0 on: a gap shows what is missing.
+        /// The number of the first step of this supervisor, from 0 on: a gap shows missing steps.
         number: u64,
-        /// The events, and what it did.
+        /// The events, and the supervisor's commands.
         steps: Vec<StepRecord>,
         /// Time since GO at the home node.
         #[serde(with = "comms::logic::human::seconds")]
@@ -98,10 +98,10 @@ pub enum Report {
         /// How many.
         count: u64,
     },
-    /// A change adopts another plan, or takes it back: what comes from here on goes by this one. Only who follows the mission hears
-    /// of it.
+    /// A change adopts another plan, or takes it back: later reports refer to this plan. Only callers that follow the
+    /// mission hear of it.
     Replanned {
-        /// The plan, with the numbers of the one before.
+        /// The plan, with the numbers of the previous one.
         plan: Box<Plan>,
     },
     /// Just before GO: the programs of the first step begin at one moment.
@@ -113,7 +113,7 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
-    /// What a host has of the first step began after that moment.
+    /// The part of the first step that a host began after that moment.
     BeganLate {
         /// The host.
         host: String,
@@ -164,18 +164,18 @@ pub enum Change {
     },
     /// Its program is ended, and another one takes its place.
     Replacing,
-    /// The program that took its place was not healthy; the one before is started again.
+    /// The program that took its place was unhealthy; its predecessor is started again.
     Reverting {
         /// The cause of the failure.
         cause: FailureCause,
     },
-    /// Its program is ended and started again, since another one of its group has died.
+    /// Its program is ended and started again, since another program of its group has died.
     Renewing {
         /// Absolute path of the other one.
         with: String,
     },
-    /// The process was to be activated, and waits: nobody has confirmed that another one has ended, which may still use what
-    /// it takes.
+    /// The process was to be activated, and waits: it is unconfirmed that another one has ended, which may still use
+    /// its resources.
     HeldBy {
         /// The resource; empty if it is taken for the group of both.
         resource: String,
@@ -184,7 +184,7 @@ pub enum Change {
         /// The host of the other one.
         host: String,
     },
-    /// Its program has ended after all, which nobody could confirm when it was stopped: what it held is free.
+    /// Its program, whose stop could not be confirmed, has ended after all: its resources are free.
     EndedLate,
     /// Connection sets of the group were switched, from one set of a consumer to another.
     Switched(SetsSwitched),
@@ -270,7 +270,8 @@ pub fn unreachable(host: &str) -> String {
     format!("host `{host}` {UNREACHABLE} --name {host}` on it, in the same team or with `--insecure-lan`")
 }
 
-/// Returns whether a host was lost, or could not be reached, of the reasons why something was not done. Who asks again may have it.
+/// Returns whether the reasons of a refusal say that a host was lost, or could not be reached. A later attempt may
+/// succeed.
 pub fn is_unreached(reasons: &[String]) -> bool {
     reasons.iter().any(|reason| reason.ends_with(UNREACHED) || reason.contains(UNREACHABLE))
 }

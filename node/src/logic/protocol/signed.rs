@@ -1,5 +1,5 @@
-//! A request that a user has signed, and what the home of a deployment orders by it. The request travels with the order, so that
-//! each node that acts sees for itself what the user has asked for.
+//! A request that a user has signed, and the orders of the home of a deployment that follow from it. The request
+//! travels with the order, so that each node that acts can check the user's request for itself.
 
 use super::{ChangeOrder, Request, ToParticipant};
 use comms::logic::codec::{self, CodecError};
@@ -10,17 +10,17 @@ use std::time::Duration;
 /// A request with the signature of a user.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signed {
-    /// What was signed and by whom: the form of `trust::request`.
+    /// The signed part and the signer: the form of `trust::request`.
     pub head: Vec<u8>,
-    /// What is asked for: a [`Request`] in its envelope.
+    /// The payload: a [`Request`] in its envelope.
     pub body: Vec<u8>,
 }
 
 impl Signed {
-    /// Returns what is asked for. Whether it is signed is not checked.
+    /// Returns the request. Its signature is not checked.
     ///
     /// # Errors
-    /// The body is no request.
+    /// The body is not a request.
     pub fn request(&self) -> Result<Request, CodecError> {
         codec::decode(&self.body)
     }
@@ -62,7 +62,7 @@ pub enum Order {
     Change(ChangeOrder),
 }
 
-/// The team of a node, for those who sign.
+/// The team of a node, for users who sign.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TeamOfNode {
     /// The id of the team's key.
@@ -74,7 +74,7 @@ pub struct TeamOfNode {
 }
 
 impl ToParticipant {
-    /// Returns whether a node of a team does it only for a user who has signed it.
+    /// Returns whether a node of a team does it only with a user's signature.
     pub const fn starts(&self) -> bool {
         matches!(
             self,

@@ -29,13 +29,13 @@ pub struct NodeStatus {
     /// Whom it lets come over the network.
     #[serde(default)]
     pub network: Network,
-    /// Who has stopped everything, if somebody has.
+    /// The user who has stopped everything, if there is one.
     #[serde(default)]
     pub estop: Option<Estop>,
     /// The execution policy that holds there, if one does.
     #[serde(default)]
     pub policy: Option<PolicyInUse>,
-    /// Other nodes that it has reached of late, and that do not answer. At each moment one that is known is there or here.
+    /// Other nodes that it has reached recently, and that do not answer. A known node is always either there or here.
     #[serde(default)]
     pub missing: Vec<String>,
     /// Deployments with their home here that have not begun.
@@ -88,7 +88,7 @@ impl fmt::Display for WaitingDeployment {
 pub struct PolicyInUse {
     /// Its file.
     pub file: String,
-    /// The sandbox of programs: `standard` or `none`, and what weakens it or the policy, for a person.
+    /// The sandbox of programs: `standard` or `none`, and the reasons why it or the policy is weakened, for a user.
     pub sandbox: String,
 }
 
@@ -102,7 +102,7 @@ impl fmt::Display for PolicyInUse {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Network {
-    /// Nobody: it stays on its own machine.
+    /// None: it stays on its own machine.
     #[default]
     Host,
     /// Everybody.
@@ -128,7 +128,8 @@ impl fmt::Display for Network {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Containment {
-    /// Its shim, which inherits whatever it leaves. What a killed shim has left is found by its environment and its session.
+    /// Its shim, which inherits every process it leaves. Processes that a killed shim has left are found by their
+    /// environment and their session.
     #[default]
     Subreaper,
     /// The shim, and a control group of version 2 around the node and all its programs, which none of them leaves by
@@ -156,7 +157,7 @@ pub struct DeploymentStatus {
     pub phase: String,
     /// Groups and leaves of this host.
     pub processes: Vec<ProcessStatus>,
-    /// What wires to its programs on this host have lost.
+    /// Values lost on wires to its programs on this host.
     pub lost: Vec<LostValues>,
     /// The values that inputs of its programs on this host have refused.
     pub refused: Vec<RefusedValues>,

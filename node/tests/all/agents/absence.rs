@@ -20,13 +20,14 @@ fn absent(world: &mut World, host: &str) -> Absent {
     }
 }
 
-/// Returns the deployments of which something may be left, with who has not confirmed, and why.
+/// Returns the deployments that may still run somewhere, with the hosts that have not confirmed their end, and the
+/// reasons.
 fn ends(world: &mut World, host: &str) -> Vec<(u64, String, Why)> {
     let of = |end: OpenEnd| end.hosts.into_iter().map(move |host| (end.deployment.epoch, host.host, host.why));
     absent(world, host).ends.into_iter().flat_map(of).collect()
 }
 
-/// A lost host may still run what it was told to: both sides say so, for as long as it takes, and ask when it is back.
+/// A lost host may still run its programs: both sides report this, for as long as it takes, and ask when it is back.
 #[test]
 fn an_end_that_nobody_has_confirmed_stays_open() {
     let mut world = World::new(&["c1", "c2"]);
@@ -55,7 +56,7 @@ fn an_end_that_nobody_has_confirmed_stays_open() {
     assert_eq!(world.settled, [("c1".to_owned(), named)]);
 }
 
-/// While the home cannot be reached, who took part in a deployment says that it may go on there.
+/// While the home cannot be reached, the participants of a deployment report that it may go on there.
 #[test]
 fn who_took_part_speaks_for_a_home_that_is_lost() {
     let mut world = World::new(&["c1", "c2"]);
@@ -89,7 +90,7 @@ fn an_open_end_can_be_forgotten() {
     assert_eq!((ends(&mut world, "c1"), world.settled.len()), (vec![], 1));
 }
 
-/// A home that is started again asks for what its journal has, and says so until it has been told.
+/// A restarted home asks for the deployments in its journal, and reports this until it has been told.
 #[test]
 fn a_home_that_was_started_again_asks() {
     let mut world = World::new(&["c1", "c2"]);
@@ -167,7 +168,7 @@ process main() {
     assert_eq!(ends(&mut world, "c1"), [(1, "c3".to_owned(), Why::Lost)]);
 }
 
-/// A node that ends as it was told to has said so before: nobody lists its host, neither at once nor when it counts as lost.
+/// A node that leaves says goodbye first: its host is listed as missing neither at once nor when it counts as lost.
 #[test]
 fn a_node_that_has_left_is_not_listed() {
     let mut world = World::new(&["c1", "c2"]);

@@ -1,4 +1,4 @@
-//! Nodes that are killed and started again take over what runs.
+//! Nodes that are killed and restarted adopt the running programs.
 
 use super::TWO_HOSTS;
 use super::world::{Coming, Draw, World};
@@ -38,17 +38,17 @@ impl Written {
 }
 
 impl World {
-    /// Kills the node of a host with its next input, once so many of the effects are carried out.
+    /// Kills the node of a host with its next input, after `effects` of the effects are carried out.
     pub(super) fn crash_after(&mut self, host: &str, effects: usize) {
         self.dies_after = Some((host.to_owned(), effects));
     }
 
-    /// Kills nobody any more.
+    /// Cancels the planned kill.
     pub(super) fn spare(&mut self) {
         self.dies_after = None;
     }
 
-    /// Kills the node of a host. Its programs go on.
+    /// Kills the node of a host. Its programs continue.
     pub(super) fn crash(&mut self, host: &str) {
         self.agents.remove(host);
         self.down.insert(host.to_owned(), Vec::new());
@@ -58,7 +58,7 @@ impl World {
         }
     }
 
-    /// Starts the node of a host again, which takes over what the one before has left.
+    /// Restarts the node of a host, which adopts the programs of the previous one.
     pub(super) fn adopt(&mut self, host: &str) {
         let held = self.down.remove(host).expect("it is down");
         let node = self.written[host].replay();
@@ -102,7 +102,7 @@ fn first() -> Deployment {
     Deployment { name: "test".into(), epoch: 1 }
 }
 
-/// Returns all that the home of the first deployment tells.
+/// Returns all reports of the first deployment's home.
 fn told(world: &mut World) -> Vec<Report> {
     let call = world.ask("c1", Request::Watch { deployment: first(), seen: 0 });
     world.run_for(Duration::from_millis(10));
@@ -165,7 +165,7 @@ fn a_mission_goes_on_where_its_nodes_were_killed_for(seeds: Range<u64>) {
     }
 }
 
-/// Whoever has deployed it was told that it is lost: a node that is started again much later begins nothing by itself.
+/// The user was told that the mission is lost: a node that is restarted much later begins nothing by itself.
 #[test]
 fn what_had_not_begun_does_not_begin_much_later() {
     for (away, again) in [(4, true), (6, false), (600, false)] {
@@ -188,7 +188,7 @@ fn what_had_not_begun_does_not_begin_much_later() {
     }
 }
 
-/// Who waits for the end of a mission may not have heard it when the node is killed: the next one tells it.
+/// A caller that waits for the end of a mission may not have heard it when the node is killed: the next node tells it.
 #[test]
 fn an_end_that_nobody_has_heard_is_told_by_the_next_node() {
     for millis in [0, 1, 500, 9000] {
@@ -208,13 +208,13 @@ fn an_end_that_nobody_has_heard_is_told_by_the_next_node() {
         world.adopt("c1");
         let told = told(&mut world);
         assert!(matches!(told.last(), Some(Report::Finished { ending: Ending::Done(_), .. })), "{told:#?}");
-        // Then there is nothing to take over any more.
+        // Then there is nothing left to adopt.
         world.run_for(Duration::from_secs(11));
         assert!(!world.agents["c1"].is_engaged());
     }
 }
 
-/// A node that is killed again and again ends what it has and takes nothing new on for a minute.
+/// A node that is killed again and again ends its deployments and accepts no new ones for a minute.
 #[test]
 fn a_node_in_a_crash_loop_takes_nothing_new_on() {
     let mut world = World::new(&["c1", "c2"]);

@@ -29,7 +29,7 @@ process main() {
 const HOSTS: [&str; 6] = ["c2", "c1", "c3", "c2", "c1", "c3"];
 
 impl World {
-    /// Returns what the clock of a host shows that nobody sets.
+    /// Returns the boot clock of a host.
     pub(super) fn there(&self, host: &str) -> Time {
         self.now + self.ahead.get(host).copied().unwrap_or_default()
     }
@@ -40,7 +40,7 @@ impl World {
         Some(Time::ZERO + there.since(Time::ZERO).saturating_sub(ahead))
     }
 
-    /// Three hosts whose machines have booted at other times, and whose calendars say anything.
+    /// Three hosts whose machines have booted at different times, and whose calendars differ.
     fn of_three() -> Self {
         let mut world = Self::new(&["c1", "c2", "c3"]);
         for (host, ahead) in [("c1", 500), ("c2", 100_000), ("c3", 7)] {
@@ -50,7 +50,7 @@ impl World {
         world
     }
 
-    /// Runs until GO. Returns what was said of the alignment: how long after GO, and how exact.
+    /// Runs until GO. Returns the reported alignment: the delay after GO, and its accuracy.
     fn until_go(&mut self, call: u64) -> Option<(Duration, Duration)> {
         let mut aligned = None;
         for _ in 0..5000 {
@@ -92,7 +92,7 @@ fn programs_of_the_first_step_begin_at_one_moment() {
         // A round trip is 2 ms here, and both ways take the same.
         assert_eq!(told, Some((Duration::from_millis(108), Duration::from_millis(2))));
         assert_eq!(moments, BTreeSet::from([go + Duration::from_millis(108)]));
-        // What comes later begins when it can: the step lasts 50 ms.
+        // Later members begin when they can: the step lasts 50 ms.
         let last = world.begun.iter().find(|(process, _)| process.leaf == 6).map(|(_, at)| *at - go);
         assert!(
             last.is_some_and(|last| last > Duration::from_millis(158) && last < Duration::from_millis(180)),
@@ -101,7 +101,7 @@ fn programs_of_the_first_step_begin_at_one_moment() {
     }
 }
 
-/// On one host, and where nobody asks for it, nothing is different.
+/// On one host, and without the option, nothing is different.
 #[test]
 fn on_one_host_nothing_waits() {
     let mut world = World::new(&["c1"]);
@@ -114,7 +114,7 @@ fn on_one_host_nothing_waits() {
     assert!(world.begun.values().any(|at| *at - go < Duration::from_millis(10)), "{:?}", world.begun);
 }
 
-/// A stop waits for nothing: what has not begun has never begun.
+/// A stop waits for nothing: a program that has not begun never begins.
 #[test]
 fn a_stop_before_the_moment_is_no_later_for_it() {
     let mut world = World::of_three();
@@ -134,7 +134,7 @@ fn a_stop_before_the_moment_is_no_later_for_it() {
     assert_eq!((world.begun.len(), &world.alive), (0, &BTreeSet::new()));
 }
 
-/// A step that is to end within 70 ms and takes 50 has not less for having waited, and a pause is as long as it says.
+/// A step that is to end within 70 ms and takes 50 has not less time for having waited, and a pause keeps its length.
 #[test]
 fn times_of_the_first_step_count_from_the_moment() {
     let text = THREE.replace("source[feed] , sink }", "source[feed] , (sink within 70 ms) , wait(300 ms) }");
@@ -152,8 +152,8 @@ fn times_of_the_first_step_count_from_the_moment() {
     );
 }
 
-/// Words that are lost come later. A host that hears of the moment too late begins at once; nobody begins early, and nothing
-/// is left out or done twice.
+/// Lost messages are repeated. A host that hears of the moment too late begins at once; no program begins early, and
+/// nothing is left out or done twice.
 #[test]
 fn lost_words_do_not_keep_anything_from_beginning() {
     let (mut aligned, mut late) = (0, 0);
@@ -168,10 +168,10 @@ fn lost_words_do_not_keep_anything_from_beginning() {
         assert_eq!(world.ending(call), &Ending::Done(vec![]), "seed {seed}");
         assert!(world.lives.values().all(|lives| *lives == 1), "seed {seed}");
         let begun = world.begun_first();
-        // A service whose word is late may be stopped before it has begun. A task has to begin.
+        // A service whose message is late may be stopped before it has begun. A task has to begin.
         let tasks = world.begun.keys().filter(|process| process.leaf < 6 && process.leaf % 2 == 1).count();
         assert_eq!(tasks, 3, "seed {seed}");
-        // Until GO is told here a millisecond may pass, and a round trip that was not the same both ways is another.
+        // Until GO arrives here a millisecond may pass, and an asymmetric round trip may add another.
         let early = begun.iter().filter(|at| **at + Duration::from_millis(2) < moment).count();
         assert_eq!(early, 0, "seed {seed}: {begun:?}, {moment:?}");
         for report in world.answers.get(&call).into_iter().flatten() {

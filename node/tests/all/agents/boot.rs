@@ -1,4 +1,4 @@
-//! What a home does after a reboot with the deployments that ran, on virtual time.
+//! The home after a reboot: the fate of its running deployments, on virtual time.
 
 use super::world::{Coming, World, offered};
 use node::logic::agent::{Agent, Identity, Input};
@@ -9,7 +9,7 @@ use node::logic::protocol::{
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// A mission on two hosts that ends when it is told to.
+/// A mission on two hosts that ends on request.
 pub(super) const LONG: &str = r#"
 process main() {
     host { "c1" }
@@ -23,7 +23,8 @@ fn deployment(epoch: u64) -> Deployment {
     Deployment { name: "test".into(), epoch }
 }
 
-/// The power of a host fails: its programs are gone, and what its node knows is what is on its disk. Others do not see it any more.
+/// The power of a host fails: its programs are gone, and its node only keeps the state on its disk. Other hosts do not
+/// see it any more.
 pub(super) fn power_off(world: &mut World, host: &str) {
     world.cut.insert(host.to_owned());
     world.agents.remove(host);
@@ -37,7 +38,7 @@ pub(super) fn power_off(world: &mut World, host: &str) {
     }
 }
 
-/// The host boots, with what is on its disk.
+/// The host boots, with the state on its disk.
 pub(super) fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
     let boot = world.boots[host] + 100;
     // A new boot takes nothing over.
@@ -69,7 +70,7 @@ pub(super) fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
     world.boots.insert(host.to_owned(), boot);
 }
 
-/// What `dca deploy` is told that asks again after its node was away.
+/// The answer to a `dca deploy` that asks again after its node was away.
 pub(super) fn told(world: &mut World, epoch: u64) -> Answer {
     let call = world.ask("c1", Request::Watch { deployment: deployment(epoch), seen: u64::MAX });
     world.run_for(Duration::from_millis(10));
@@ -121,7 +122,8 @@ fn a_mission_is_begun_again_after_a_reboot_where_its_spec_says_so() {
     }
 }
 
-/// What has ended, was stopped, or was refused is not begun again; a node that leaves, as at an orderly reboot, stops nothing for good.
+/// A deployment that has ended, was stopped, or was refused is not resumed; a node that leaves, as at an orderly
+/// reboot, stops nothing for good.
 #[test]
 fn what_has_ended_stays_ended() {
     for (what, is_kept) in [("ends", false), ("is stopped", false), ("is refused", false), ("leaves", true)] {
@@ -144,7 +146,7 @@ fn what_has_ended_stays_ended() {
     }
 }
 
-/// Hosts boot at their own pace. Without one of them nothing begins, and that is told.
+/// Hosts boot at their own pace. While one of them is missing nothing begins, and this is reported.
 #[test]
 fn it_waits_for_the_other_hosts_and_not_for_ever() {
     for (later, again) in [(60, true), (1000, false)] {
@@ -170,7 +172,7 @@ fn it_waits_for_the_other_hosts_and_not_for_ever() {
     }
 }
 
-/// Whoever has stopped everything has to release it; a reboot does not.
+/// A user who has stopped everything has to release it; a reboot does not.
 #[test]
 fn nothing_is_begun_again_while_everything_is_stopped() {
     let mut world = World::new(&["c1", "c2"]);
@@ -189,7 +191,8 @@ fn nothing_is_begun_again_while_everything_is_stopped() {
     );
 }
 
-/// In a team the home asks whether the user who has signed it still may have it, once all others are there who know of a revocation.
+/// In a team the home asks whether the user who signed the mission still may have it, once all others that know of a
+/// revocation are there.
 #[test]
 fn what_its_signer_may_not_have_any_more_is_not_begun_again() {
     for verdict in [None, Some("the key of `dan` is revoked")] {
@@ -224,8 +227,8 @@ fn stop_away(world: &mut World, host: &str, epoch: u64) -> Answer {
     world.answers[&call].first().cloned().expect("it is answered")
 }
 
-/// A user has stopped it while its home was away: whether that was rebooted or only cut off, nothing of it runs on, and the tombstone
-/// is gone once the home has heard of it. One of an earlier deployment means nothing to this one.
+/// A user has stopped it while its home was away. Whether the home was rebooted or only cut off, nothing of it runs on,
+/// and the tombstone is gone once the home has heard of it. A tombstone of an earlier deployment has no effect.
 #[test]
 fn what_was_stopped_while_its_home_was_away_is_not_resumed() {
     for (is_rebooted, is_late, epoch, runs_on) in [
@@ -252,7 +255,7 @@ fn what_was_stopped_while_its_home_was_away_is_not_resumed() {
         assert_eq!(stop_away(&mut world, "c3", epoch), Answer::Stop(StopReply::Stopped), "{case:?}");
         assert_eq!(world.tombstones["c3"].len(), 1);
         if is_late {
-            // Who knows is away itself.
+            // The host with the tombstone is away itself.
             power_off(&mut world, "c3");
         }
         if is_rebooted {
@@ -287,7 +290,7 @@ fn a_home_that_answers_is_asked_itself() {
     assert_eq!((stop_away(&mut world, "c1", 1), world.tombstones.len()), (refused, 0));
 }
 
-/// A change that says otherwise counts from when it is made.
+/// A change of `on_boot` counts from the moment when it is made.
 #[test]
 fn a_change_says_what_the_next_reboot_does() {
     let mut world = World::new(&["c1", "c2"]);
@@ -300,14 +303,15 @@ fn a_change_says_what_the_next_reboot_does() {
     }
 }
 
-/// A node that is killed and started again in the same boot takes over what runs, and what is on its disk stays right.
+/// A node that is killed and restarted in the same boot adopts the running programs, and its disk keeps the right
+/// state.
 #[test]
 fn a_node_that_takes_over_keeps_what_is_kept() {
     let mut world = World::new(&["c1", "c2"]);
     world.deploy("c1", LONG);
     world.run_for(Duration::from_secs(1));
     world.crash("c1");
-    // It may not have come to write it.
+    // It may have died before writing it.
     world.kept.clear();
     world.adopt("c1");
     world.run_for(Duration::from_secs(1));

@@ -38,7 +38,7 @@ pub(super) fn revision(world: &mut World) -> Revision {
     }
 }
 
-/// Returns what the change has led to: its lines, or the reasons against it.
+/// Returns the result of the change: its lines, or the reasons against it.
 #[track_caller]
 pub(super) fn outcome(world: &World, call: u64) -> Result<Vec<String>, Vec<String>> {
     match world.last_report(call) {
@@ -53,7 +53,7 @@ pub(super) fn lives(world: &World) -> Vec<u32> {
     by_leaf.into_values().collect()
 }
 
-/// Checks that every program runs as the plan says, and looks for its producers where they are.
+/// Checks that every program runs as planned, and looks for its producers at their addresses.
 #[track_caller]
 pub(super) fn check(world: &mut World) {
     let plan = revision(world).plan;
@@ -104,8 +104,8 @@ fn a_changed_program_takes_the_place_of_the_one_before_and_all_others_stay() {
     assert_eq!([&Change::Activated, &Change::Replacing, &Change::Resumed].map(count), [1, 1, 1], "{changes:?}");
 }
 
-/// Who follows the mission hears of the plan that counts before anything happens by it, also when it is taken back; and who asks
-/// during the probation is told so.
+/// Followers of the mission hear of the current plan before anything happens by it, also when it is taken back; and
+/// callers are told when a change is in its probation.
 #[test]
 fn followers_are_told_which_plan_counts() {
     let mut world = World::new(&["c1", "c2"]);
@@ -159,7 +159,7 @@ fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
             .replace("Tuned(\"c1\")", "Tuned(\"c1\", better)");
         let change = world.change("c1", &text, (1, 0), &[]);
         if way == "hangs" {
-            // Its `Init` does not come to an end, and until that has succeeded the change is not done.
+            // Its `Init` does not end, and until it has succeeded the change is not done.
             world.run_for(Duration::from_secs(4));
             assert!(!world.answers.contains_key(&change), "its probation has not begun");
             let why = EndReason::StartTimeout(Duration::from_secs(4));
@@ -267,7 +267,7 @@ pub(super) fn is_over(world: &World, call: u64) -> bool {
     matches!(world.last_report(call), Report::Finished { .. } | Report::Refused { .. })
 }
 
-/// A change is made as a whole or not at all, whatever is lost, delayed or killed.
+/// A change is made as a whole or not at all, with any losses, delays and kills.
 #[test]
 fn a_change_is_made_everywhere_or_nowhere() {
     a_change_is_made_everywhere_or_nowhere_for(0..100);

@@ -37,7 +37,7 @@ impl World {
         held.into_iter().for_each(|coming| self.at(0, host, coming));
     }
 
-    /// Returns what has begun on a host since it had begun so many times anywhere.
+    /// Returns the programs that have begun on a host since the first `count` beginnings.
     fn begun_since(&self, count: usize, host: &str) -> Vec<&str> {
         let on_host = self.begins[count..].iter().filter(|(_, on, _)| on == host);
         on_host.map(|(_, _, what)| what.as_str()).collect()
@@ -64,8 +64,8 @@ fn begun(hosts: &[&str], text: &str) -> (World, u64) {
     (world, call)
 }
 
-/// Takes c2 away for so long, where the program of the first leaf dies meanwhile, and brings it back. Returns how often something had begun
-/// anywhere by then.
+/// Takes c2 away for so long, where the program of the first leaf dies in the meantime, and brings it back. Returns the
+/// number of all beginnings by then.
 fn die_while_away(world: &mut World, way: Away, away: Duration) -> usize {
     world.take_away("c2", way);
     world.kill("c2", 0);
@@ -103,7 +103,7 @@ fn what_has_failed_meanwhile_is_not_started_again() {
     }
 }
 
-/// Its home has waited: it is asked, and then the program goes on where it was, at once.
+/// Its home has waited: it is asked, and then the program continues at once.
 #[test]
 fn what_is_still_wanted_is_started_again_at_once() {
     for (way, millis) in [(Away::Killed, 500), (Away::Killed, 4900), (Away::Suspended, 500), (Away::Suspended, 5900)] {
@@ -116,7 +116,7 @@ fn what_is_still_wanted_is_started_again_at_once() {
     }
 }
 
-/// The home itself was killed, too, and has given nobody up.
+/// The home itself was killed as well, and has given no host up.
 #[test]
 fn a_home_that_was_away_as_well_answers_when_it_is_back() {
     for (first, second) in [("c1", "c2"), ("c2", "c1")] {
@@ -135,8 +135,8 @@ fn a_home_that_was_away_as_well_answers_when_it_is_back() {
     }
 }
 
-/// Nobody waits for ever: a home that cannot be reached is lost in the end, and the policies decide as at any cut. When it is back, all that is
-/// stopped.
+/// Waiting has a limit: an unreachable home is lost in the end, and the policies decide as at any cut. When it is back,
+/// all of that is stopped.
 #[test]
 fn a_home_that_cannot_be_reached_is_lost_in_the_end() {
     for (policy, goes_on) in [("", false), ("on_link_loss keep; ", true), ("on_link_loss hold; ", true)] {
@@ -198,8 +198,8 @@ process main() {
     }
 }
 
-/// The system of a suspended node takes what is sent. An order to begin that has waited there counts only if its home still means it; what
-/// is to end is ended.
+/// The system of a suspended node still takes messages. An order to begin that has waited there counts only if its home
+/// still means it; an order to end is carried out.
 #[test]
 fn an_order_that_has_waited_in_the_system_is_not_carried_out_too_late() {
     let text = r#"
@@ -222,7 +222,7 @@ process main() {
     }
 }
 
-/// What the home orders after it has answered is carried out, and a stop before that, too.
+/// Orders that the home gives after its answer are carried out, and so is a stop before it.
 #[test]
 fn orders_of_the_home_are_carried_out_as_ever() {
     for way in WAYS {
@@ -244,7 +244,7 @@ fn orders_of_the_home_are_carried_out_as_ever() {
     }
 }
 
-/// Each home is asked for its own deployments, and this host needs nobody's answer for those that have their home here.
+/// Each home is asked for its own deployments, and this host needs no answer for those that have their home here.
 #[test]
 fn each_home_answers_for_its_own() {
     let spec = |home: &str, others: &str| {
@@ -364,10 +364,10 @@ process main() {
     assert!(given_up > 100 && begins > 1000, "{given_up} {begins}");
 }
 
-/// What is known of the parts on c2 and c3.
+/// The known state of the parts on c2 and c3.
 #[derive(Debug, Default)]
 struct Watched {
-    /// How much of what has happened was looked at.
+    /// How many of the changes were looked at.
     changes: usize,
     begins: usize,
     closed: usize,
@@ -375,7 +375,7 @@ struct Watched {
     lost: BTreeSet<String>,
     /// Hosts where nothing of the deployment is.
     empty: BTreeSet<String>,
-    /// Hosts that c1 has reached again, and told that it has given them up.
+    /// Hosts that c1 has reached again, and informed that it has given them up.
     told: BTreeSet<String>,
     given_up: usize,
     wrong: Vec<String>,

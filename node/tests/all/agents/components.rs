@@ -1,4 +1,4 @@
-//! Programs that come and go, and event actions that become others, while a deployment runs; and many people at once.
+//! Programs that come and go, and event actions that change, while a deployment runs; and many users at once.
 
 use super::changes::{FEED, check, is_over, lives, outcome, revision, start};
 use super::world::{Draw, World};
@@ -93,7 +93,7 @@ fn an_added_program_that_is_not_healthy_is_taken_away_and_the_mission_goes_on() 
     }
 }
 
-/// What runs has to stand in the new event actions; all that is against it is told.
+/// The running members must have a place in the new event actions; all misfits are reported.
 #[test]
 fn event_actions_change_where_what_runs_has_its_place() {
     let mut world = World::new(&["c1", "c2"]);
@@ -176,7 +176,8 @@ fn what_comes_and_goes_does_so_everywhere_or_nowhere_for(seeds: Range<u64>) {
     assert!(made * 2 > count && undone * 2 > count, "{made} made, {undone} not");
 }
 
-/// A hundred people deploy one name at the same time, again and again, from both hosts: one wins, the others are told who.
+/// A hundred users deploy one name at the same time, again and again, from both hosts: one wins, the others are told
+/// the winner.
 #[test]
 fn of_many_deploys_of_one_name_one_wins_and_nothing_is_mixed() {
     for seed in 0..20 {

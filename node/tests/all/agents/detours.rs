@@ -26,7 +26,7 @@ fn pair(from: &str, to: &str) -> (String, String) {
     (from.to_owned(), to.to_owned())
 }
 
-/// What a host was told of nodes that are missing or lost.
+/// The news of missing or lost nodes on a host.
 fn losses(world: &World) -> Vec<String> {
     let is_loss = |change: &Change| matches!(change, Change::Missing { .. } | Change::Lost { .. });
     world.changes.iter().filter(|(_, change)| is_loss(change)).map(|(on, change)| format!("{on}: {change}")).collect()
@@ -41,8 +41,8 @@ fn cut(world: &mut World, from: &str, to: &str, tokens: bool) {
     }
 }
 
-/// Whichever direction is cut, and whether the session notices: a third host passes messages on, nobody is lost or missing, and
-/// the mission ends as if nothing had happened.
+/// In every direction of the cut, noticed by the session or not, a third host passes messages on. No host is lost or
+/// missing, and the mission ends as usual.
 #[test]
 fn a_cut_between_two_hosts_is_no_loss_where_a_third_reaches_both() {
     for ways in [&[("c1", "c2")][..], &[("c2", "c1")], &[("c1", "c2"), ("c2", "c1")]] {
@@ -60,7 +60,7 @@ fn a_cut_between_two_hosts_is_no_loss_where_a_third_reaches_both() {
                 world.changes.iter().filter(|(who, change)| who == on && via(change)).count()
             };
             assert_eq!((detour("c1", "c2"), detour("c2", "c1")), (1, 1), "{ways:?}: {:?}", world.changes);
-            // Healed, they talk to each other again, and say so once.
+            // Healed, they talk to each other again, and report this once.
             world.one_way.clear();
             world.changes.clear();
             world.run_for(Duration::from_secs(3));
@@ -70,7 +70,7 @@ fn a_cut_between_two_hosts_is_no_loss_where_a_third_reaches_both() {
     }
 }
 
-/// A stop, a status and a start work over the third host, too.
+/// A stop, a status and a start also work over the third host.
 #[test]
 fn a_mission_is_stopped_over_a_third_host() {
     let mut world = World::new(&["c1", "c2", "c3"]);
@@ -87,7 +87,8 @@ fn a_mission_is_stopped_over_a_third_host() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// Nobody else reaches it, or who did is gone: then a host is lost after its 5 s, no earlier and not much later.
+/// No other host reaches it, or the one that did is gone: then a host is lost after its 5 s, no earlier and not much
+/// later.
 #[test]
 fn without_a_way_a_host_is_lost_in_its_time() {
     for third in [false, true] {
@@ -107,7 +108,7 @@ fn without_a_way_a_host_is_lost_in_its_time() {
         world.run_for(Duration::from_millis(3000));
         assert!(is_lost(&world), "{:?}", world.changes);
         assert!(matches!(world.answers[&call].last(), Some(Answer::Report(_))));
-        // Whatever was lost, at the return nothing runs twice and nothing stays.
+        // After any losses, nothing runs twice and nothing stays once the links are back.
         world.one_way.clear();
         world.cut.clear();
         world.run_for(Duration::from_secs(30));
@@ -145,7 +146,7 @@ fn one_cut_pair_after_the_other_ends_no_mission_for_more_seeds() {
 fn one_cut_pair_after_the_other_ends_no_mission_for(seeds: Range<u64>) {
     for seed in seeds {
         let (mut draw, mut world) = (Draw::new(seed), World::new(&["c1", "c2", "c3"]));
-        // Where the network loses frames, too, it may take a second or two to find the way.
+        // If the network also loses frames, it may take a second or two to find the way.
         let call = world.deploy("c1", &BACK_AND_FORTH.replace("safe_stop_after 1 s", "safe_stop_after 4 s"));
         world.run_for(Duration::from_millis(500 + draw.below(1000)));
         for _ in 0..6 {

@@ -1,4 +1,4 @@
-//! The devices of hosts: who holds one, until when, and what is refused meanwhile.
+//! The devices of hosts: their holders, the end of a hold, and refusals in between.
 
 use super::world::World;
 use node::logic::protocol::{Answer, Deployment, Ending, Report, Request, StopReply};
@@ -15,7 +15,7 @@ process main() {
 }
 "#;
 
-/// Returns who holds what on a host, such as `arm: main/a of test`.
+/// Returns the held devices on a host, such as `arm: main/a of test`.
 fn held(world: &mut World, host: &str) -> Vec<String> {
     let call = world.ask(host, Request::Names);
     world.run_for(Duration::from_millis(1));
@@ -56,7 +56,7 @@ fn after_a_change_of_claims_the_holders_are_those_of_the_new_plan() {
     }
 }
 
-/// What a program says is its own is held from its hello on, not only once the change is made.
+/// A device of a new program is held from its hello on, not only once the change is made.
 #[test]
 fn what_a_new_program_owns_is_held_while_the_change_is_made() {
     let text = |module: &str| {
@@ -98,8 +98,8 @@ fn a_change_that_claims_what_another_deployment_holds_is_refused_and_one_taken_b
     assert_eq!(held(&mut world, "c2"), before);
 }
 
-/// What could not be ended may still move the arm. It holds it until it has ended after all, or a person knows better. Nothing of
-/// its name starts beside it.
+/// A program that could not be ended may still move the arm. It holds the arm until it has ended after all, or a person
+/// releases it. No program of its name starts beside it.
 #[test]
 fn a_program_that_could_not_be_ended_holds_its_devices() {
     for is_forgotten in [true, false] {

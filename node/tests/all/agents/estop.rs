@@ -1,4 +1,5 @@
-//! `dca estop` on virtual time: what is asked ends at once, whatever the plan still wants, and nothing begins before the release.
+//! `dca estop` on virtual time: everything ends at once, whatever the plan still wants, and nothing begins before the
+//! release.
 
 use super::TWO_HOSTS;
 use super::losses::{FOUR, cut, heal};
@@ -19,7 +20,7 @@ fn nothing_left() -> Answer {
     Answer::Estopped(Estopped::default())
 }
 
-/// The hosts of the programs that are there.
+/// The hosts of the living programs.
 fn hosts_alive(world: &World) -> BTreeSet<String> {
     world.alive.iter().map(|(host, _)| host.clone()).collect()
 }
@@ -62,7 +63,8 @@ fn everything_ends_without_what_the_plan_does_at_its_end_and_stays_so() {
     assert_eq!(world.estops["c2"], None);
 }
 
-/// At any moment of a start, and whichever host hears of it first: who has stopped everything is the cause that people read.
+/// At any moment of a start, and for any host that hears of it first: people read the user who stopped everything as
+/// the cause.
 #[test]
 fn at_each_moment_of_a_start_the_cause_is_who_has_stopped_everything() {
     for (millis, order) in (0..40).flat_map(|millis| [(millis, ["c1", "c2"]), (millis, ["c2", "c1"])]) {
@@ -84,7 +86,7 @@ fn at_each_moment_of_a_start_the_cause_is_who_has_stopped_everything() {
     }
 }
 
-/// A part whose home nobody can reach ends, too, and stays ended when the home is back, which would have it again.
+/// A part with an unreachable home also ends, and stays ended when the home is back, which would want it again.
 #[test]
 fn a_host_that_has_lost_its_home_ends_its_part() {
     let mut world = World::new(&["c1", "c2", "c3", "c4"]);
@@ -101,7 +103,7 @@ fn a_host_that_has_lost_its_home_ends_its_part() {
     assert!(!hosts_alive(&world).contains("c2"), "{:?}", world.alive);
 }
 
-/// What cannot be ended is named; a second command finds it still there.
+/// A program that cannot be ended is named; a second command finds it still there.
 #[test]
 fn what_could_not_be_ended_is_named() {
     let mut world = World::new(&["c1", "c2"]);
@@ -118,7 +120,8 @@ fn what_could_not_be_ended_is_named() {
     }
 }
 
-/// Nothing runs, but the disk does not have that: whoever asks is told, and so is who releases it. Once it has, nothing is said.
+/// Nothing runs, but the disk does not have the stop: the caller is told, and so is the user who releases it. Once the
+/// disk has it, nothing is reported.
 #[test]
 fn what_the_disk_does_not_have_is_told() {
     let mut world = World::new(&["c1", "c2"]);
@@ -135,7 +138,7 @@ fn what_the_disk_does_not_have_is_told() {
     world.run_for(Duration::from_secs(1));
     assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten }]);
     world.disk_refuses = None;
-    // A later wish overtakes an earlier one: both are answered by what the last write says.
+    // A later wish overtakes an earlier one: both are answered with the result of the last write.
     let (asked, released) = (stop_all(&mut world, "c2"), world.ask("c2", Request::ReleaseEstop));
     world.run_for(Duration::from_secs(1));
     assert_eq!(world.answers[&asked], [nothing_left()]);
@@ -143,7 +146,8 @@ fn what_the_disk_does_not_have_is_told() {
     assert_eq!(world.estops["c2"], None);
 }
 
-/// The node is killed between the command and the end of its programs: the next one goes on with it, and answers nobody.
+/// The node is killed between the command and the end of its programs: the next node goes on with the stop, and has no
+/// caller to answer.
 #[test]
 fn a_node_that_is_killed_meanwhile_goes_on_with_it() {
     let mut world = World::new(&["c1", "c2"]);

@@ -132,7 +132,8 @@ fn who_does_not_watch_it_goes_on_without_it() {
     assert_eq!(world.ending(call), &Ending::Done(vec![]));
 }
 
-/// A program that its own deployment starts again is elsewhere then: who calls it is told, and nobody's expression sees anything.
+/// A program that its own deployment restarts has another address then: its callers are told, and no expression sees
+/// anything.
 #[test]
 fn a_restart_of_the_hardware_is_no_fault_of_the_mission() {
     let (mut world, _) = with_hardware(&HARDWARE.replace("temporary", "transient"));
@@ -148,7 +149,7 @@ fn a_restart_of_the_hardware_is_no_fault_of_the_mission() {
     assert_eq!(world.ending(call), &Ending::Done(vec![]));
 }
 
-/// A node that is killed and made again from its inputs knows what it watches.
+/// A node that is killed and rebuilt from its inputs keeps its watches.
 #[test]
 fn a_node_that_was_killed_watches_on() {
     for ends in [false, true] {
@@ -171,7 +172,7 @@ fn a_node_that_was_killed_watches_on() {
     }
 }
 
-/// What it claims belongs to its own deployment: a mission that only uses it claims nothing.
+/// Its claims belong to its own deployment: a mission that only uses it claims nothing.
 #[test]
 fn the_hardware_alone_holds_its_devices() {
     let (mut world, _) = with_hardware(HARDWARE);

@@ -1,4 +1,5 @@
-//! The bytes of what nodes say about a deployment that changes while it runs, and of what is revoked. If one of them fails, `WIRE_VERSION` has to go up.
+//! The bytes of messages between nodes about a deployment that changes while it runs, and about revocations. If one of
+//! the tests fails, `WIRE_VERSION` has to go up.
 
 use comms::logic::switch::{Expect, Flip, Opening};
 use comms::logic::time::Time;

@@ -16,7 +16,7 @@ fn host(number: usize) -> String {
     format!("h{:02}", number % HOSTS)
 }
 
-/// `main`, 4 regions of 5 areas of 10 programs each: every process on another host than the one before.
+/// `main`, 4 regions of 5 areas of 10 programs each: every process is on another host than the previous one.
 fn mission() -> String {
     let mut text = String::new();
     let mut group = |head: &str, at: usize, instances: Vec<(String, String)>| {

@@ -32,7 +32,8 @@ fn a_node_that_leaves_is_not_waited_for() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// A resource that was taken for a group is free when its programs have ended, not when its node says that it goes.
+/// A resource that was taken for a group is free when its programs have ended, not when its node announces that it
+/// leaves.
 #[test]
 fn a_node_that_leaves_keeps_what_its_programs_use() {
     let text = r#"
@@ -89,7 +90,7 @@ fn nodes_that_leave_together_do_not_wait_for_each_other() {
 
 #[test]
 fn a_node_that_has_left_is_not_waited_for_at_the_end() {
-    // What runs at home takes longer to stop than the node of the other host to leave.
+    // The programs at home take longer to stop than the node of the other host takes to leave.
     let text = r#"process main() {
     host { "c1" }
     instantiated_processes { slow instof Stubborn("c1"); long instof Long("c2"); }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 impl World {
-    /// Returns the events that a call was told, and how many of them before the mark that those were all.
+    /// Returns the events of a call, and how many of them came before the mark for "all up to now".
     fn events(&self, call: u64) -> (Vec<Event>, usize) {
         let (mut events, mut known) = (Vec::new(), None);
         for answer in &self.answers[&call] {
@@ -54,7 +54,7 @@ fn a_listener_hears_of_every_deployment_with_host_and_time_and_a_later_one_of_th
         };
         assert_eq!((host("main/pair/sensor"), host("main/last")), (Some("c1"), Some("c2")));
     }
-    // At once when it happens, and as old as it is afterwards.
+    // A live event is new, and a later listener is told its age.
     assert!(first.iter().all(|event| event.ago == Duration::ZERO));
     let oldest = late[0].ago;
     assert!(oldest > Duration::from_secs(5) && late.iter().all(|event| event.ago <= oldest), "{oldest:?}");
@@ -97,7 +97,7 @@ fn the_time_of_an_event_is_one_time() {
     for (earlier, later) in heard.iter().zip(&heard[1..]) {
         assert_eq!(earlier[..], later[..earlier.len()], "{heard:?}");
     }
-    // What comes while the clock is wrong has the time that it shows, and is in its place all the same.
+    // Events during a wrong calendar time show that time, and are still in their place.
     assert!(last.is_sorted_by(|a, b| a.number < b.number && a.ago >= b.ago), "{last:?}");
 }
 
@@ -116,7 +116,7 @@ process main() {
 }
 "#;
 
-/// Returns how often each program was started again, as these events tell.
+/// Returns how often each program was restarted, from these events.
 fn restarts(events: &[Event]) -> BTreeMap<String, usize> {
     let mut restarts = BTreeMap::new();
     for event in events {
@@ -177,7 +177,7 @@ fn everything_is_what_had_happened_on_any_host() {
     assert!(complete >= 300 && were_early >= 100, "{complete} complete, {were_early} would not have been at once");
 }
 
-/// A host that is cut off may have seen something; whoever asks is told after 3 s at the most.
+/// A host that is cut off may have seen something; a caller is told so after 3 s at most.
 #[test]
 fn a_home_names_whom_it_has_not_heard() {
     let mut world = World::new(&["c1", "c2"]);

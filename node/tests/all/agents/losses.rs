@@ -1,4 +1,4 @@
-//! Hosts that cannot be reached, and what programs do meanwhile that say so with `on_link_loss`, on virtual time.
+//! Hosts that cannot be reached, and programs with `on_link_loss` during that time, on virtual time.
 
 use super::world::{Coming, Draw, World};
 use node::logic::agent::Input;
@@ -12,7 +12,7 @@ pub(super) fn cut(world: &mut World, host: &str) {
     cut_seen(world, host, || 0);
 }
 
-/// Takes `host` off the network, which everybody notices so many milliseconds later.
+/// Takes `host` off the network, which each other host notices after `late` milliseconds.
 fn cut_seen(world: &mut World, host: &str, late: impl FnMut() -> u64) {
     world.cut.insert(host.to_owned());
     tell(world, host, |host, boot| Input::Vanished { host, boot }, late);
@@ -68,7 +68,7 @@ fn each_program_does_as_its_policy_says() {
         panic!("{:?}", world.last_report(call))
     };
     assert_eq!(unconfirmed, &["c2"]);
-    // It goes on for as long as nobody can say that it is not wanted any more.
+    // It goes on as long as it is unknown whether it is still wanted.
     world.run_for(Duration::from_secs(3600));
     assert_eq!(active(&world, "c2"), [0]);
     heal(&mut world, "c2");
@@ -76,7 +76,7 @@ fn each_program_does_as_its_policy_says() {
     assert_eq!(world.alive.len(), 0, "{:?}", world.alive);
 }
 
-/// Without a word for each try a mission that can never go on looks like one that runs.
+/// Without a report for each try, a mission that can never go on looks like one that runs.
 #[test]
 fn every_try_on_a_lost_host_is_told() {
     let text = r#"
@@ -126,8 +126,8 @@ fn a_short_cut_is_felt_only_by_who_wants_to() {
     }
 }
 
-/// A group whose host lost its home goes on with its expression, if what it runs may: with `keep` to its end, with `hold`
-/// up to where something new would begin. Then nothing is left, although nobody could be asked.
+/// A group whose host lost its home goes on with its expression, if its programs may: with `keep` to its end, with
+/// `hold` up to the next new step. Then nothing is left, although the home could not be asked.
 #[test]
 fn a_group_goes_on_alone() {
     for (policy, steps) in [("keep", 1), ("hold", 0)] {
@@ -176,7 +176,7 @@ fn runs(world: &World, module: &str) -> usize {
     world.log.iter().filter(|line| line.starts_with(module)).count()
 }
 
-/// A lost host may go on with what it was told to do. What it has taken is free when it has said that it is done.
+/// A lost host may go on with its orders. Its resources are free when it has reported its end.
 #[test]
 fn what_a_lost_host_may_still_use_is_given_to_nobody() {
     let mut world = World::new(&["c1", "c2", "c3"]);
@@ -197,8 +197,8 @@ fn what_a_lost_host_may_still_use_is_given_to_nobody() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// A member that waits for a lost host can be stopped all the same. A host that was lost before anything began there is
-/// not waited for.
+/// A member that waits for a lost host can still be stopped. A host that was lost before anything began there is not
+/// waited for.
 #[test]
 fn only_what_has_begun_on_a_lost_host_is_waited_for() {
     let mut world = World::new(&["c1", "c2", "c3"]);
@@ -256,7 +256,7 @@ process main() {
         let mut world = World::new(&["c1", "c2", "c3"]);
         world.loses_one_in = (seed % 3 > 0).then_some(7 + seed);
         let call = world.deploy("c1", text);
-        // Who is lost before all have said that they are ready takes the mission back.
+        // A host that is lost before all are ready takes the mission back.
         world.run_for(Duration::from_secs(2));
         let mut gone = None;
         for _ in 0..600 {
@@ -289,7 +289,8 @@ process main() {
     }
 }
 
-/// The supervisor is lost, but not the home: its work is taken over, and what went on without it ends when it is back.
+/// The supervisor is lost, but not the home: its work is taken over, and the programs that went on without it end when
+/// it is back.
 #[test]
 fn what_went_on_without_its_supervisor_ends_when_that_is_back() {
     let text = r#"
@@ -319,7 +320,7 @@ process main() {
     assert_eq!(world.alive.len(), 0);
 }
 
-/// Nobody agrees to the millisecond on when somebody was lost. Who has not lost the other hears what has ended.
+/// Two hosts never agree to the millisecond on a loss. A host that has not lost the other hears of ended members.
 #[test]
 fn a_loss_that_only_one_side_has_seen_is_told() {
     for (late_on_c1, late_on_c2) in [(0, 200), (200, 0)] {
@@ -365,8 +366,8 @@ process main() {
 }
 "#;
 
-/// Every deployment ends, whatever is cut off and killed: once the network is whole and the mission is stopped, it
-/// reports its end, and nothing is left anywhere.
+/// Every deployment ends, with any cuts and kills: once the network is whole and the mission is stopped, it reports its
+/// end, and nothing is left anywhere.
 #[test]
 fn whatever_is_cut_whenever_nothing_is_left() {
     whatever_is_cut_whenever_nothing_is_left_for(0..100);
@@ -397,7 +398,7 @@ fn whatever_is_cut_whenever_nothing_is_left_for(seeds: Range<u64>) {
                 cut_seen(&mut world, host, || draw.below(500));
                 world.run_for(Duration::from_millis(500));
             }
-            // Often so long that one side has lost the other, and that one has not.
+            // Often long enough that only one side has lost the other.
             let millis = if draw.below(2) == 0 { 4500 + draw.below(500) } else { draw.below(8000) };
             world.run_for(Duration::from_millis(millis));
         }
@@ -418,7 +419,7 @@ fn whatever_is_cut_whenever_nothing_is_left_for(seeds: Range<u64>) {
     }
 }
 
-/// How long a program may go on when its agent is gone is told to its shim, which outlives the agent.
+/// The grace of a program without its agent is given to its shim, which outlives the agent.
 #[test]
 fn what_happens_without_an_agent_is_told_beforehand() {
     let text = r#"
@@ -437,6 +438,6 @@ process main() {
     assert_eq!(world.ending(call), &Ending::Done(vec![]));
     let agent_loss = |path| world.spawned[path].iter().map(|policy| policy.agent_loss).collect::<Vec<_>>();
     assert_eq!(agent_loss("main/brief"), [Some(Duration::from_millis(300))]);
-    // A plain program is started anew for each activation, and held ready for the next.
+    // A plain program is restarted for each activation, and held ready for the next.
     assert_eq!(agent_loss("main/other"), [None; 3]);
 }

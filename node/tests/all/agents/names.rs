@@ -18,7 +18,7 @@ pub(super) struct Asker {
     /// The nodes that answer: name and boot, how long after the question, and which boot of `c1` each deals with.
     answering: BTreeMap<(&'static str, u64), (Duration, Option<u64>)>,
     coming: Vec<(Time, Pong)>,
-    /// The boots that come from other machines than the rest of their name.
+    /// The boots that come from another machine than others of their name.
     elsewhere: BTreeSet<u64>,
     pub(super) changes: Vec<Change>,
     /// In how many rounds each name was asked, and how many there were.
@@ -134,7 +134,8 @@ fn a_token_alone_makes_nobody_present_and_takes_nobody_away() {
     assert!(c1.took().is_empty() && c1.names.holder("c2") == Some(7));
 }
 
-/// Of many nodes one that comes or goes is a matter between each of them and it: nobody asks the others about it.
+/// Among many nodes, an arrival or departure concerns only that node and each other one: the others are not asked about
+/// it.
 #[test]
 fn what_is_heard_of_one_node_asks_nobody_else() {
     let mut c1 = Asker::new();
@@ -149,7 +150,7 @@ fn what_is_heard_of_one_node_asks_nobody_else() {
     c1.names.token(c1.now, "c3", 7);
     assert!(c1.names.tick(c1.now).1.is_none(), "not so soon again");
     assert_eq!(c1.names.deadline(), Some(c1.now + Duration::from_millis(50)));
-    // All are asked each second all the same, and at once where there are too many names.
+    // All are still asked each second, and at once if there are too many names.
     c1.pass(440);
     for number in 0..65 {
         c1.names.token(c1.now, &format!("r{number}"), 7);
@@ -158,7 +159,7 @@ fn what_is_heard_of_one_node_asks_nobody_else() {
     assert_eq!(round.expect("one is due").only, None);
 }
 
-/// The order that made a node invisible for ever: the new transport's token comes before the end of the old one's.
+/// The order that once made a node invisible for ever: the new transport's token comes before the end of the old one's.
 #[test]
 fn an_old_transport_that_vanishes_late_hides_nobody() {
     let mut c1 = Asker::new();
@@ -195,7 +196,7 @@ fn a_node_that_goes_is_missing_from_then_on_and_lost_after_5_s() {
     c1.pass(200);
     assert_eq!(c1.changes[1..], [Change::Lost { host: "c2".into() }]);
     assert_eq!(c1.now, gone + LOST_AFTER + Duration::from_millis(100));
-    // Without a token, silence says the same, a second later.
+    // Without a token, silence shows the same, a second later.
     let mut c1 = Asker::new();
     c1.depends_on(&["c2"]);
     c1.lives("c2", 7);
@@ -245,7 +246,7 @@ fn a_node_that_was_suspended_itself_misses_nobody() {
     c1.now = c1.now + Duration::from_secs(60);
     c1.pass(2000);
     assert_eq!(c1.took(), ["the node `c2` is there: boot 7"]);
-    // The same while nothing is expected of anybody, at any moment.
+    // The same on an idle network, at any moment.
     for (rested, slept) in [(0, 60), (14_000, 3), (59_990, 600), (25_000, 20)] {
         c1.grow_quiet();
         c1.pass(rested);
@@ -253,7 +254,7 @@ fn a_node_that_was_suspended_itself_misses_nobody() {
         c1.pass(70_000);
         assert!(c1.took().is_empty() && c1.names.reaches("c2"), "{rested} ms, {slept} s");
     }
-    // And who has died meanwhile is missed soon.
+    // A node that has died in the meantime is missed soon.
     c1.grow_quiet();
     c1.now = c1.now + Duration::from_secs(600);
     c1.dies("c2", 7);
@@ -279,7 +280,7 @@ fn a_restarted_node_takes_its_name_at_once_and_a_second_one_does_not() {
         "the node `c2` was started again: boot 8",
     ];
     assert_eq!(c1.took(), started);
-    // A second node of the name: refused, and told.
+    // A second node of the name is refused, and informed.
     c1.lives("c2", 9);
     c1.pass(3000);
     let told = c1.took();
@@ -324,7 +325,7 @@ fn a_second_node_waits_until_the_first_is_lost() {
     assert_eq!(told.len(), 4, "{told:?}");
     assert_eq!(told[2], "the node `c2` is there: boot 7");
     assert!(told[3].starts_with("a second node called `c2` (boot 9) is not dealt with"), "{told:?}");
-    // Started again it has its name at once, though the second is there.
+    // Restarted it has its name at once, though the second is there.
     c1.dies("c2", 7);
     c1.names.no_token(c1.now, "c2", 7);
     c1.lives("c2", 8);
@@ -371,8 +372,8 @@ fn a_host_that_deals_with_a_namesake_is_missing() {
     );
 }
 
-/// In every order: a host that answers is there within 2 s, one that does not is lost in 9 s, and of two namesakes that answer one
-/// holds the name. The same where nothing depends on anybody, but after the next question to all.
+/// In every order: a host that answers is there within 2 s, a host that does not is lost in 9 s, and one of two
+/// namesakes that answer holds the name. The same if nothing depends on any host, but after the next question to all.
 #[test]
 fn every_order_of_tokens_words_and_boots_ends_in_the_truth() {
     every_order_of_tokens_words_and_boots_ends_in_the_truth_for(0..300);
@@ -408,7 +409,7 @@ fn every_order_of_tokens_words_and_boots_ends_in_the_truth_for(seeds: Range<u64>
             }
             c1.pass([0, 1, 50, 200, 1000, 6000, 40_000][draw.index(if is_quiet { 7 } else { 6 })]);
         }
-        // A last one for each name, quick, and nobody else.
+        // The last answering boot of each name, with quick answers, and no other.
         let last: BTreeMap<&'static str, u64> = c1.answering.keys().copied().collect();
         c1.answering.clear();
         c1.pass(if is_quiet { 80_000 } else { 20_000 });
@@ -418,7 +419,7 @@ fn every_order_of_tokens_words_and_boots_ends_in_the_truth_for(seeds: Range<u64>
         for (host, boot) in last.iter().filter(|(host, _)| **host != "c1") {
             assert!(c1.names.reaches(host) && c1.names.holder(host) == Some(*boot), "seed {seed}: {host} {boot}");
         }
-        // Of this one's own name nobody is close: it is found with the next question to all.
+        // No host of this one's own name is close: it is found with the next question to all.
         c1.pass(if is_quiet { 0 } else { 60_000 });
         assert_eq!(c1.names.elder().is_some(), last.contains_key("c1"), "seed {seed}");
     }

@@ -1,4 +1,5 @@
-//! Two nodes of one name that meet after a cut: neither takes anything on, and of what both run one goes on.
+//! Two nodes of one name that meet after a cut: neither accepts new deployments, and one of each pair of deployments
+//! goes on.
 
 use super::TWO_HOSTS;
 use super::losses::{FOUR, active, cut, heal};
@@ -22,7 +23,7 @@ struct Two {
     worlds: [World; 2],
     /// Whether the two hear of each other.
     meet: bool,
-    /// Whether the first does not hear what the second says to it.
+    /// Whether the first node does not hear the messages of the second.
     is_deaf: bool,
     draw: Option<Draw>,
 }
@@ -73,7 +74,7 @@ impl Two {
         self.worlds.each_ref().map(|world| world.alive.len())
     }
 
-    /// Returns what each was told of deployments that run on both.
+    /// Returns the reports that each got of deployments that run on both.
     fn twice(&self) -> [Vec<String>; 2] {
         self.worlds.each_ref().map(|world| {
             let told = world.changes.iter().filter_map(|(_, change)| match change {
@@ -171,8 +172,8 @@ fn neither_takes_anything_on_while_both_are_there_and_both_are_shown() {
     assert_eq!([0, 1].map(|on| refusal(&two.worlds[on], calls[on])), [None, None]);
 }
 
-/// Whatever is deployed on either side, and however many words are lost: once the two have met, nothing runs on both, and of
-/// each name that ran one goes on.
+/// With any deployments on either side, and any number of lost messages: once the two have met, nothing runs on both,
+/// and of each name that ran one deployment goes on.
 #[test]
 fn of_each_name_one_goes_on() {
     for seed in 0..200 {

@@ -1,4 +1,4 @@
-//! The network of a [`World`]: frames that are lost, hosts that are cut off, and questions who is there.
+//! The network of a [`World`]: frames that are lost, hosts that are cut off, and questions about presence.
 
 use super::world::{Coming, World};
 use comms::logic::time::Time;

@@ -1,4 +1,4 @@
-//! Hosts in a team: what the home orders starts nothing before it is known that a user has signed it.
+//! Hosts in a team: an order of the home starts nothing before a user's signature is verified.
 
 use super::TWO_HOSTS;
 use super::world::World;
@@ -17,7 +17,7 @@ fn what_is_signed_runs_and_is_judged_where_it_starts() {
     assert_eq!(world.ended, [("c2".to_owned(), Ok(()))]);
 }
 
-/// An order that is accepted and not carried out is told as what it was.
+/// An order that is accepted and not carried out is reported with its subject.
 #[test]
 fn what_was_accepted_and_failed_is_told_with_the_reason() {
     let mut world = World::guarded(&["c1", "c2"]);
@@ -40,7 +40,7 @@ fn what_is_not_signed_runs_nowhere_and_the_user_is_told_why() {
     assert_eq!((&world.alive, world.log.len()), (&BTreeSet::new(), 0));
 }
 
-/// The verdict waits for the disk. What has been called off meanwhile does not begin.
+/// The verdict waits for the disk. An order that has been cancelled in the meantime does not begin.
 #[test]
 fn what_is_called_off_before_its_verdict_does_not_begin() {
     let mut world = World::guarded(&["c1", "c2"]);
@@ -55,7 +55,7 @@ fn what_is_called_off_before_its_verdict_does_not_begin() {
     assert_eq!((&world.alive, world.log.len()), (&BTreeSet::new(), 0));
 }
 
-/// A host whose node was away takes part again only by what was signed, too.
+/// A host whose node was away rejoins only by signed orders.
 #[test]
 fn a_change_is_judged_before_anything_is_applied() {
     let mut world = World::guarded(&["c1", "c2"]);

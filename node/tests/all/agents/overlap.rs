@@ -1,4 +1,4 @@
-//! Programs that take the place of others while both are there: a thousand values a second go through them meanwhile.
+//! Programs that replace others while both run: a thousand values a second go through them at the same time.
 
 use super::changes::{is_over, lives, outcome, revision};
 use super::world::{Draw, World};
@@ -40,7 +40,7 @@ fn filter(way: &str) -> String {
     FEED.replace("Tuned(\"c2\")", &format!("Tuned(\"c2\", {way})"))
 }
 
-/// Checks that a consumer has every number of a producer, once and in order, from the first one that it has on.
+/// Checks that a consumer has every number of a producer, once and in order, from its first number on.
 #[track_caller]
 fn check_numbers(world: &World, producer: u32, seed: u64) {
     let got = world.all_got(SINK).iter().filter(|(from, _)| *from == producer).map(|(_, number)| *number);
@@ -49,7 +49,7 @@ fn check_numbers(world: &World, producer: u32, seed: u64) {
     assert!(got.len() > 1000 && wrong.is_none(), "seed {seed}: {} values, {wrong:?}", got.len());
 }
 
-/// Returns which programs are there, by leaf.
+/// Returns the living programs, by leaf.
 fn alive(world: &World) -> BTreeSet<u32> {
     world.alive.iter().map(|(_, process)| process.leaf).collect()
 }
@@ -79,7 +79,7 @@ fn a_program_overlaps_with_the_one_before_and_no_value_is_lost_for(seeds: Range<
         world.run_for(Duration::from_secs(1));
         assert!(world.all_got(NEXT).len() > got + 900, "seed {seed}: the next one gets them all");
 
-        // Started anew, the first one comes back under its number, and so on.
+        // Restarted, the first program returns under its number, and so on.
         for (revision, there) in [(1, 1), (2, NEXT), (3, 1)] {
             let again = world.change("c1", &filter("better"), (1, revision), &["main/filter"]);
             world.run_for(Duration::from_secs(6));
@@ -96,7 +96,7 @@ fn a_program_overlaps_with_the_one_before_and_no_value_is_lost_for(seeds: Range<
     }
 }
 
-/// The people who watch see one process, which is replaced.
+/// Clients that watch see one process, which is replaced.
 #[test]
 fn people_see_one_process() {
     let (mut world, call) = start(0);
@@ -113,7 +113,7 @@ fn people_see_one_process() {
     assert_eq!(changes, [&Change::Activated, &Change::Replacing, &Change::Resumed]);
 }
 
-/// A source hands over, too: the consumer takes all of the old one, then all of the next.
+/// A source hands over as well: the consumer takes all of the old one, then all of the next.
 #[test]
 fn sources_overlap_and_so_do_several_at_once() {
     sources_overlap_and_so_do_several_at_once_for(0..20);
@@ -145,7 +145,7 @@ fn sources_overlap_and_so_do_several_at_once_for(seeds: Range<u64>) {
     }
 }
 
-/// The one before was never ended, so it goes on at once.
+/// The previous program was never ended, so it continues at once.
 #[test]
 fn a_program_that_is_not_healthy_gives_back_what_it_has_taken() {
     for (way, seed) in ["dies", "aborts", "hangs"].into_iter().cycle().zip(0..60) {
@@ -178,7 +178,7 @@ fn a_program_that_is_not_healthy_gives_back_what_it_has_taken() {
     }
 }
 
-/// Whatever is killed, stopped or lost in between: it ends as a whole, and nothing is left.
+/// With any kill, stop or loss in between: the change ends as a whole, and nothing is left.
 #[test]
 fn an_overlap_is_made_or_taken_back_whatever_happens_meanwhile() {
     an_overlap_is_made_or_taken_back_whatever_happens_meanwhile_for(0..100);

@@ -1,4 +1,4 @@
-//! The programs of a [`World`]: what they say, how long they run, and how they end; and those who ask, and the disk.
+//! The programs of a [`World`]: their notices, durations and ends; and the callers, and the disk.
 
 use super::world::{Coming, World};
 use comms::logic::codec::WIRE_VERSION;
@@ -31,7 +31,7 @@ impl World {
         self.answers.entry(call).or_default().push(answer);
     }
 
-    /// What the disk says to whoever writes.
+    /// The disk's answer to a write.
     pub(super) fn written(&self) -> Result<(), String> {
         self.disk_refuses.clone().map_or(Ok(()), Err)
     }
@@ -51,12 +51,12 @@ impl World {
         self.at(1, host, Coming::Input(input));
     }
 
-    /// Ends a program as `kill -9` does.
+    /// Ends a program like `kill -9`.
     pub(super) fn kill(&mut self, host: &str, leaf: u32) {
         self.end(host, leaf, ShimReport::Signalled { signal: 9 });
     }
 
-    /// Ends a program as its shim reports it.
+    /// Ends a program with this report of its shim.
     pub(super) fn end(&mut self, host: &str, leaf: u32, how: ShimReport) {
         let found = self.alive.iter().find(|(on, process)| on == host && process.leaf == leaf);
         let (_, process) = found.expect("the program is alive").clone();
@@ -82,7 +82,7 @@ impl World {
         self.report(host, process, ShimReport::Gone);
     }
 
-    /// Counts an order that a program takes, or its shim; says whether it is there.
+    /// Counts an order to a program or its shim; returns whether it exists.
     pub(super) fn took(&mut self, process: &ProcessId, is_control: bool) -> bool {
         let Some((orders, shim_orders)) = self.took.get_mut(process) else { return false };
         *(if is_control { orders } else { shim_orders }) += 1;
@@ -175,7 +175,7 @@ impl World {
         self.notice(5, host, &process, hello);
     }
 
-    /// Returns the session of a program as it is now.
+    /// Returns the present session of a program.
     pub(super) fn session(&self, process: &ProcessId) -> String {
         format!("leaf {} life {}", process.leaf, self.lives[process])
     }

@@ -1,4 +1,4 @@
-//! Who asks whom each second, and lets hear of it all the time: those whom a deployment concerns, and nobody else.
+//! The nodes that a node asks each second and sends beats to: only those that a deployment involves.
 
 use super::names::Asker;
 use super::world::{Coming, World};
@@ -6,7 +6,7 @@ use node::logic::agent::Input;
 use node::logic::nameserver::Change;
 use std::time::Duration;
 
-/// `c1` supervises all; `c2` supervises what is on `c3`. `c4` has a program that the home alone supervises.
+/// `c1` supervises all; `c2` supervises the group on `c3`. `c4` has a program that only the home supervises.
 const NESTED: &str = r#"
 process inner(there) {
     host { "c2" }
@@ -20,7 +20,7 @@ process main() {
 }
 "#;
 
-/// Returns who hears of a host all the time.
+/// Returns the hosts that get beats from a host.
 fn beaten(world: &World, host: &str) -> Vec<String> {
     world.agents[host].agent.beaten().iter().cloned().collect()
 }
@@ -70,7 +70,7 @@ fn a_mission_in_a_quiet_network_misses_a_host_as_soon_as_ever() {
     }
 }
 
-/// Who is missed is looked for, and found though its token is lost.
+/// A missed host is looked for, and found although its token is lost.
 #[test]
 fn a_host_that_comes_back_without_a_word_is_found_within_a_second() {
     let mut world = World::new(&["c1", "c2"]);
@@ -85,7 +85,7 @@ fn a_host_that_comes_back_without_a_word_is_found_within_a_second() {
     assert!(world.changes.iter().any(|(on, change)| on == "c1" && matches!(change, Change::Appeared { .. })));
 }
 
-/// Nothing depends on anybody: nobody is asked more than once a minute, and nobody is missed meanwhile.
+/// Nothing depends on any host: each is asked at most once a minute, and none is missed.
 #[test]
 fn an_idle_network_is_quiet() {
     let mut c1 = Asker::new();
@@ -93,12 +93,12 @@ fn an_idle_network_is_quiet() {
     c1.grow_quiet();
     c1.pass(600_000);
     assert_eq!((c1.rounds, &c1.asked["c2"], &c1.asked["c4"]), (10, &10, &10));
-    // One that matters is asked each second, and none of the others is.
+    // A host that matters is asked each second, and the others are not.
     c1.depends_on(&["c3"]);
     c1.pass(600_000);
     assert_eq!((c1.asked["c2"], c1.asked["c4"]), (20, 20));
     assert!((610..=612).contains(&c1.asked["c3"]), "{:?}", c1.asked);
-    // It is left alone again, and its next answer is not waited for in vain.
+    // It is left alone again, and its next answer is not missed.
     c1.depends_on(&[]);
     c1.pass(600_000);
     assert!(c1.asked["c3"] <= 633 && c1.took().is_empty(), "{:?}", c1.asked);
@@ -109,7 +109,7 @@ fn an_idle_network_is_quiet() {
     assert!(c1.took().is_empty());
 }
 
-/// One that becomes close counts from then on as one that always was, whenever it was asked last.
+/// A host that becomes close is treated from then on like one that always was, whenever it was asked last.
 #[test]
 fn a_host_that_becomes_close_is_missed_as_soon_as_ever() {
     for rested in [0, 10, 500, 1000, 14_990, 59_500, 59_999] {
@@ -136,7 +136,7 @@ fn a_host_that_becomes_close_is_missed_as_soon_as_ever() {
     }
 }
 
-/// Nobody says that it is gone, and nothing depends on it: the next question to all finds that out.
+/// No message announces that it is gone, and nothing depends on it: the next question to all finds out.
 #[test]
 fn a_quiet_host_that_dies_without_a_word_is_missed_after_the_next_question() {
     for rested in [0, 1000, 15_000, 59_000] {
@@ -149,12 +149,12 @@ fn a_quiet_host_that_dies_without_a_word_is_missed_after_the_next_question() {
         assert!(missed <= Duration::from_millis(62_510), "{missed:?}");
         let lost = c1.time_until(|c1| !c1.names.knows("c2"));
         assert!(lost <= Duration::from_millis(3510), "{lost:?}");
-        // It is back: nobody says so, and it is asked each second.
+        // It is back without an announcement, and it is asked each second.
         c1.lives("c2", 7);
         let back = c1.time_until(|c1| c1.names.reaches("c2"));
         assert!(back <= Duration::from_millis(1010), "{back:?}");
     }
-    // Its token goes: it is asked at once, as one that matters.
+    // Its token goes: it is asked at once, like a host that matters.
     let mut c1 = Asker::new();
     c1.lives("c2", 7);
     c1.grow_quiet();
@@ -164,7 +164,7 @@ fn a_quiet_host_that_dies_without_a_word_is_missed_after_the_next_question() {
     assert!(missed <= Duration::from_millis(310), "{missed:?}");
 }
 
-/// A person looks: one that was suspended meanwhile is missed after its usual time.
+/// A person looks: a host that was suspended in the meantime is missed after its usual time.
 #[test]
 fn what_a_person_sees_is_no_older_than_that_of_close_hosts() {
     let mut c1 = Asker::new();
@@ -178,7 +178,7 @@ fn what_a_person_sees_is_no_older_than_that_of_close_hosts() {
     assert!(missed <= Duration::from_millis(2510), "{missed:?}");
 }
 
-/// A second node of a name comes to a quiet network.
+/// A second node of a name joins a quiet network.
 #[test]
 fn a_second_node_of_a_quiet_one_is_refused_at_once() {
     let mut c1 = Asker::new();

@@ -102,7 +102,7 @@ fn with_arm(main: &str, module: &str) -> String {
     )
 }
 
-/// A device is held by one deployment at a time, whether its spec claims it or its program says that it owns it.
+/// A device is held by one deployment at a time, whether its spec claims it or its program declares it.
 #[test]
 fn one_arm_is_held_by_one_deployment() {
     for (first, second) in [("Arm", "Arm"), ("Owner", "Owner"), ("Arm", "Owner"), ("Eye", "Arm")] {
@@ -124,7 +124,7 @@ fn one_arm_is_held_by_one_deployment() {
         });
         assert!(matches!(&refused.unwrap()[..], [why] if expected.contains(why)), "{refused:?}");
         assert_eq!((world.log.len(), world.alive.len()), (1, 0), "it has run once");
-        // What is over holds nothing.
+        // A deployment that is over holds nothing.
         let again = world.deploy_as("copy", "c2", &with_arm("c2", second));
         world.run_for(Duration::from_secs(5));
         assert_eq!(world.ending(again), &Ending::Done(vec![]));
@@ -151,7 +151,7 @@ fn a_host_that_nobody_has_seen_refuses_at_once() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// Who deploys is told by the exit code that it was no refusal: the host could not be reached.
+/// The exit code tells the user that this was not a refusal: the host could not be reached.
 #[test]
 fn a_host_that_is_lost_while_it_prepares_is_told_as_such() {
     for after in 0..12 {

@@ -1,4 +1,4 @@
-//! Hosts that were lost, or whose nodes were started anew, take part again: on virtual time.
+//! Hosts that were lost, or whose nodes were restarted, rejoin: on virtual time.
 
 use super::changes::outcome;
 use super::losses::{active, cut, heal};
@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Duration;
 
-/// A group on c2 is begun anew whenever it has failed. It hears a sensor on c1, and a program on c3 hears it.
+/// A group on c2 is restarted whenever it has failed. It hears a sensor on c1, and a program on c3 hears it.
 const AGAIN: &str = r#"
 process Far(there) {
     host { there }
@@ -42,7 +42,7 @@ fn linked(world: &World, call: u64) -> usize {
     world.answers[&call].iter().filter(is_linked).count()
 }
 
-/// A home that was away does not know to whom it was lost. Who has left meanwhile tells it, and takes part again.
+/// A home that was away does not know which hosts lost it. A host that left in the meantime reports this, and rejoins.
 #[test]
 fn who_left_while_the_home_was_away_takes_part_again() {
     let alone =
@@ -102,8 +102,8 @@ fn who_cannot_is_asked_again() {
     assert_eq!(active(&world, "c2").len(), 2, "{:?}", world.answers[&call]);
 }
 
-/// Hosts are cut off at any time and come back while frames are lost: what is said of a process is never about one of before, nothing
-/// runs twice, and in the end all run again, or nothing is left after a stop.
+/// Hosts are cut off at any time and return while frames are lost. No report of a process is about an earlier one,
+/// nothing runs twice, and in the end all run again, or nothing is left after a stop.
 #[test]
 fn whatever_is_cut_whenever_all_run_again() {
     whatever_is_cut_whenever_all_run_again_for(0..100);
@@ -143,7 +143,7 @@ fn whatever_is_cut_whenever_all_run_again_for(seeds: Range<u64>) {
         world.run_for(Duration::from_secs(120));
         let has_ended = matches!(world.answers[&call].last(), Some(Answer::Report(Report::Finished { .. })));
         if has_ended {
-            // `near` on c3 has no one who begins it anew.
+            // `near` on c3 is never restarted.
             assert_eq!(world.alive, BTreeSet::new(), "seed {seed}");
         } else {
             assert!(!stops, "seed {seed}: it was stopped: {:?}", world.answers[&call].last());
@@ -157,8 +157,8 @@ fn whatever_is_cut_whenever_all_run_again_for(seeds: Range<u64>) {
     }
 }
 
-/// A host that is back ends what it has, which takes a while. The next try of its home comes meanwhile: it fails, and is no try that
-/// nobody hears of again.
+/// A host that is back ends its programs, which takes a while. The next try of its home comes during this time: it
+/// fails and is reported.
 #[test]
 fn who_ends_its_part_begins_nothing_in_it() {
     let text = r#"

@@ -22,8 +22,8 @@ process main() {
 }
 "#;
 
-/// Checks what must be so whenever nothing is under way: who is alive is where its consumers look for it, and its wires
-/// are as its supervisor wants them.
+/// Checks the invariants for moments without messages in transit: each living program is where its consumers look for
+/// it, and its wires are as its supervisor wants them.
 #[track_caller]
 fn check_links(world: &World) {
     let plan = world.plan.as_ref().expect("it is deployed");
@@ -35,7 +35,7 @@ fn check_links(world: &World) {
     }
 }
 
-/// Returns what happened to a process, by its path: each activation must end once, before the next.
+/// Returns the changes of each process, by its path: each activation must end once, before the next.
 fn changes(world: &World, call: u64) -> BTreeMap<String, Vec<Change>> {
     let mut changes: BTreeMap<String, Vec<Change>> = BTreeMap::new();
     for answer in &world.answers[&call] {
@@ -95,7 +95,7 @@ fn a_plain_program_is_started_again_unless_it_is_done() {
     assert_eq!(restarts(&changes["main/script"]), 1, "{changes:?}");
 }
 
-/// A shim that knows why a program has ended says so, and the reason goes the way of any other.
+/// A shim that knows why a program has ended reports it, and the reason is passed on like any other.
 #[test]
 fn a_hang_is_a_death_with_a_reason_of_its_own() {
     let (hung, slow) = (Duration::from_millis(500), Duration::from_secs(3));
@@ -123,7 +123,7 @@ fn a_hang_is_a_death_with_a_reason_of_its_own() {
         let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
         assert_eq!(failure.cause, FailureCause::Exhausted { last: words.to_owned(), restarts: 5 });
         assert!(failure.to_string().starts_with(&format!("main ← first: {words} after 5 restarts at 5.")), "{failure}");
-        // What it has written last stands with it: that says where it hung.
+        // Its last output is reported with it: it shows where the program hung.
         let (cause, output) = (Box::new(cause), vec!["loading the map".to_owned()]);
         let told = cause.as_ref().clone().of_program(2, output.clone());
         assert_eq!((told.to_string(), told.output()), (format!("{words} after 2 restarts"), &output[..]));
@@ -211,7 +211,8 @@ fn a_program_that_is_being_started_again_can_be_stopped() {
     }
 }
 
-/// What is stopped by force is over: nothing is started again after a stop, but for an activation that needs it.
+/// A program that was ended by force is over: nothing is restarted after a stop, except for an activation that needs
+/// it.
 #[test]
 fn a_program_that_was_ended_by_force_is_started_when_it_is_needed() {
     let text = r#"
@@ -244,7 +245,8 @@ process main() {
     }
 }
 
-/// A death fails one activation. Whoever activates a controller again means another program of its kind, restarts or not.
+/// A death fails one activation. The next activation of a controller gets a new program of its kind, with or without
+/// restarts.
 #[test]
 fn a_controller_that_has_died_is_started_anew_with_its_next_activation() {
     let text = r#"
@@ -271,7 +273,7 @@ process main() {
     }
 }
 
-/// However often and whenever programs die, as long as none of them dies too often the mission does not see it.
+/// For any deaths of programs, as long as none dies too often, the mission does not notice.
 #[test]
 fn whatever_dies_whenever_the_mission_is_done() {
     for seed in 0..300 {

@@ -1,4 +1,5 @@
-//! What one input costs, with few leaves and with as many as a plan may have: how many machines of a participant it looks at.
+//! The cost of one input, with few leaves and with as many as a plan may have: the number of a participant's machines
+//! that it looks at.
 
 use super::world::World;
 use node::logic::agent::Input;
@@ -10,7 +11,7 @@ const GROUP: usize = 100;
 /// Programs that die and are started again while the node is watched.
 const DEATHS: u32 = 20;
 
-/// A mission of so many leaves on one host, in groups of [`GROUP`].
+/// A mission of `leaves` leaves on one host, in groups of [`GROUP`].
 fn mission(leaves: usize) -> String {
     let members: Vec<String> = (0..GROUP).map(|leaf| format!("a{leaf}")).collect();
     let groups: Vec<String> = (0..leaves / GROUP).map(|group| format!("g{group}")).collect();
@@ -30,8 +31,8 @@ fn mission(leaves: usize) -> String {
     text
 }
 
-/// Returns how many machines a node with so many leaves looks at: for each input of its start, for one that is about none of them,
-/// and for the death of a program with its restart.
+/// Returns how many machines a node with so many leaves looks at: for each input of its start, for an input about none
+/// of them, and for the death of a program with its restart.
 fn visits(leaves: usize) -> (u64, u64, u64) {
     let mut world = World::new(&["c1"]);
     world.deploy("c1", &mission(leaves));
@@ -51,7 +52,7 @@ fn visits(leaves: usize) -> (u64, u64, u64) {
     (start, idle, (visits(&world) - before) / u64::from(DEATHS))
 }
 
-/// A plan may have 10,000 processes, groups included. Whatever an input is about, it is about one of them or none.
+/// A plan may have 10,000 processes, groups included. Each input is about one of them or none.
 #[test]
 fn an_input_costs_the_same_with_ten_thousand_leaves() {
     let (few, many) = (visits(GROUP), visits(9_900));

@@ -1,4 +1,4 @@
-//! What becomes of the programs of a group when one of them dies, as its `supervision` says.
+//! The fate of a group's programs when one of them dies, by its `supervision`.
 
 use super::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
@@ -49,7 +49,7 @@ fn lives(world: &World) -> Vec<u32> {
     (0..).take(LEAVES.len()).map(life).collect()
 }
 
-/// Who dies, and how often each program has been started then, by strategy.
+/// The program that dies, and how often each program has been started then, by strategy.
 #[test]
 fn each_strategy_starts_its_programs_again_and_the_mission_goes_on() {
     for (strategy, dies, expected) in [
@@ -83,7 +83,7 @@ fn each_strategy_starts_its_programs_again_and_the_mission_goes_on() {
     }
 }
 
-/// The back-off of a group is that of each program that has none of its own; what is started anew with it does not wait.
+/// The back-off of a group applies to each program without its own; programs that are restarted with it do not wait.
 #[test]
 fn programs_of_a_group_have_its_back_off_and_nobody_waits_with_them() {
     let mut world = World::new(&["c1", "c2"]);
@@ -108,7 +108,8 @@ fn programs_of_a_group_have_its_back_off_and_nobody_waits_with_them() {
     }
 }
 
-/// One restart more than the group bears: it stops what it has, and has aborted for that reason; what is above decides.
+/// One restart more than the group may have: it stops its members, and has aborted for that reason; the group above
+/// decides.
 #[test]
 fn a_restart_too_many_aborts_the_group_with_its_cause() {
     for (pause, aborts) in [(1000, true), (4100, false)] {
@@ -150,8 +151,8 @@ fn a_group_that_is_tried_again_begins_to_count_anew() {
     assert!(matches!(failure.cause, FailureCause::Intensity { restarts: 1, .. }), "{failure}");
 }
 
-/// Whoever dies whenever, whatever is lost on the way, and whichever node is killed meanwhile: nothing runs twice, which the world
-/// asserts, the group ends, and nothing is left.
+/// For any deaths, any losses on the way, and any killed node: nothing runs twice, which the world asserts, the group
+/// ends, and nothing is left.
 #[test]
 fn whoever_dies_whenever_the_group_goes_on_or_ends() {
     whoever_dies_whenever_the_group_goes_on_or_ends_for(0..100);
@@ -186,7 +187,7 @@ fn whoever_dies_whenever_the_group_goes_on_or_ends_for(seeds: Range<u64>) {
             }
         }
         world.run_for(Duration::from_secs(60));
-        // Two services hold the group up for ever, unless something ends it.
+        // Two services keep the group running for ever, unless something ends it.
         world.stop("c1");
         world.run_for(Duration::from_secs(30));
         assert_eq!(world.alive, BTreeSet::new(), "seed {seed}");

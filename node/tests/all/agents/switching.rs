@@ -30,21 +30,21 @@ pub(super) struct Traffic {
     flows: BTreeMap<u32, Flow>,
     intakes: BTreeMap<u32, Intake<(u32, u64)>>,
     tickets: BTreeMap<(u32, u64), (u64, Option<Flip>)>,
-    /// Where each wire leads, and where it comes from, as programs were told.
+    /// The ends of each wire, as given to the programs.
     consumers: BTreeMap<u32, (u32, String)>,
     producers: BTreeMap<u32, u32>,
-    /// Whether programs that run send what they get on, and sensors begin by themselves.
+    /// Whether programs that run pass on their inputs, and sensors begin by themselves.
     pub(super) flows_on: bool,
     numbers: BTreeMap<u32, u64>,
     clear_at: BTreeMap<u32, Time>,
-    /// What each consumer has got: wire, producer and number.
+    /// The values that each consumer has received: wire, producer and number.
     got: BTreeMap<u32, Vec<(u32, u64)>>,
     /// Programs that are suspended.
     suspended: BTreeSet<u32>,
 }
 
 impl Traffic {
-    /// Forgets what a program knows that has died.
+    /// Removes the state of a program that has died.
     pub(super) fn forget(&mut self, leaf: u32) {
         self.intakes.remove(&leaf);
         let own = self.producers.iter().filter(|(_, from)| **from == leaf).map(|(wire, _)| *wire);
@@ -96,7 +96,7 @@ impl World {
         self.passed(host, process, out);
     }
 
-    /// Makes the links that a program is told of, and drops the others.
+    /// Makes the links in an order to a program, and drops the others.
     pub(super) fn linked(&mut self, host: &str, process: &ProcessId, incoming: &[Incoming], outgoing: &[Outgoing]) {
         let leaf = process.leaf;
         let wires: BTreeSet<u32> = incoming.iter().map(|incoming| incoming.wire).collect();
@@ -136,7 +136,7 @@ impl World {
         }
     }
 
-    /// Returns what a program has got: of which leaf, and the number.
+    /// Returns the values that a program has received: the leaf, and the number.
     pub(super) fn all_got(&self, leaf: u32) -> &[(u32, u64)] {
         self.traffic.got.get(&leaf).map_or(&[], Vec::as_slice)
     }
@@ -157,7 +157,7 @@ impl World {
         self.at(millis, &host, Coming::Data(Data::Arrival(to, wire, arrival)));
     }
 
-    /// Returns where a wire leads, if anybody is there.
+    /// Returns the consumer of a wire, if there is one.
     fn consumer(&self, wire: u32) -> Option<(u32, String)> {
         self.traffic.consumers.get(&wire).cloned()
     }
@@ -254,7 +254,7 @@ impl World {
         all.iter().filter(|(from, _)| *from == producer).map(|(_, number)| *number).collect()
     }
 
-    /// How many switches were reported, and those that did not go well.
+    /// The number of reported switches, and the ones that failed.
     fn reported(&self, call: u64) -> (usize, Vec<SetsSwitched>) {
         let reports = self.answers[&call].iter().filter_map(|answer| match answer {
             Answer::Report(Report::Process { change: node::logic::protocol::Change::Switched(how), .. }) => Some(how),
@@ -269,7 +269,7 @@ fn are_in_order_without_gaps(numbers: &[u64]) -> bool {
     !numbers.is_empty() && numbers.windows(2).all(|pair| pair[1] == pair[0] + 1)
 }
 
-/// `p` has two sets for what `s` sends to `k`; what runs is `expression`.
+/// `p` has two sets for the values from `s` to `k`; the event actions are `expression`.
 fn spec(expression: &str) -> String {
     format!(
         r#"process main() {{
@@ -288,7 +288,8 @@ fn spec(expression: &str) -> String {
     )
 }
 
-/// The labels of an expression: what one step closes and the next one opens loses and swaps nothing, whatever frames are lost.
+/// The labels of an expression: a wire that one step closes and the next opens loses and swaps nothing, whatever frames
+/// are lost.
 #[test]
 fn a_set_that_follows_another_one_loses_nothing() {
     a_set_that_follows_another_one_loses_nothing_for(0..15);
@@ -321,7 +322,7 @@ fn a_set_that_follows_another_one_loses_nothing_for(seeds: Range<u64>) {
     }
 }
 
-/// A person switches what runs, to and fro.
+/// A person switches running wires, to and fro.
 #[test]
 fn what_runs_is_switched_and_loses_nothing() {
     what_runs_is_switched_and_loses_nothing_for(0..20);
@@ -419,7 +420,7 @@ fn what_cannot_be_switched_says_why_and_stays() {
     assert_eq!(world.got("main/k", "main/t"), Vec::<u64>::new());
 }
 
-/// Nodes that are killed go on with a switch where they were.
+/// Nodes that are killed continue a switch from where they were.
 #[test]
 fn a_switch_survives_the_node_of_its_supervisor() {
     for effects in 0..6 {

@@ -1,4 +1,5 @@
-//! Programs that could not be ended while their deployment goes on: what they may still use is given to nobody.
+//! Programs that could not be ended while their deployment goes on: the resources they may still use are given to no
+//! other.
 
 use super::changes::outcome;
 use super::losses::{cut, heal};
@@ -9,7 +10,7 @@ use shim::protocol::ShimReport;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// `rock` ignores its stop, and its shim cannot kill it; `near` wants what it has.
+/// `rock` ignores its stop, and its shim cannot kill it; `near` wants its resource.
 fn zone(actions: &str, rest: &str) -> String {
     format!(
         r#"
@@ -41,7 +42,7 @@ fn runs(world: &World, module: &str) -> usize {
     world.log.iter().filter(|line| line.starts_with(module)).count()
 }
 
-/// Returns what watchers were told of a process.
+/// Returns the changes of a process that watchers were told.
 fn told(world: &World, call: u64, of: &str) -> Vec<Change> {
     let change = |answer: &Answer| match answer {
         Answer::Report(Report::Process { change: Change::Started { .. }, .. }) => None,
@@ -60,7 +61,7 @@ fn state(world: &mut World, host: &str, path: &str) -> String {
     processes.find(|process| process.path == path).map(|process| process.state.clone()).unwrap_or_default()
 }
 
-/// Ends the programs that nobody could end, wherever they are.
+/// Ends the programs that could not be ended, on all hosts.
 fn end_stuck(world: &mut World, module: &str) {
     let is_its = |world: &World, process| world.modules[process] == module;
     let stuck: Vec<_> = world.alive.iter().filter(|(_, process)| is_its(world, process)).cloned().collect();
@@ -69,7 +70,7 @@ fn end_stuck(world: &mut World, module: &str) {
     }
 }
 
-/// What it has taken is not free by its being taken away from the plan.
+/// Its resources do not become free when it is removed from the plan.
 #[test]
 fn what_could_not_be_ended_is_not_taken_away() {
     for host in ["c1", "c2"] {
@@ -116,8 +117,8 @@ fn what_an_unended_program_may_still_use_is_given_to_nobody() {
     }
 }
 
-/// A program that has ended by itself, and has left something that its shim cannot kill: after 20 s its end is told as one that nobody
-/// could confirm, and what it had is free once that is gone.
+/// A program that has ended by itself, and has left a process that its shim cannot kill. After 20 s its end is reported
+/// as unconfirmed, and its resources are free once that process is gone.
 #[test]
 fn what_an_ended_program_has_left_is_not_waited_for_without_end() {
     let text = zone("(using(zone) rock)? , (wait(1 s) ; using(zone) near)", "rock instof Stubborn(\"c1\");");
@@ -141,7 +142,7 @@ fn what_an_ended_program_has_left_is_not_waited_for_without_end() {
     assert_eq!(world.ending(call), &Ending::Done(vec![]));
 }
 
-/// Whoever waits for it can be stopped, and the outcome says that something may be left.
+/// A mission that waits for it can be stopped, and the outcome says that something may be left.
 #[test]
 fn a_mission_that_waits_for_an_unended_program_can_be_stopped() {
     let text = zone("(using(zone) (rock within 200 ms))? , (using(zone) near)", "rock instof Stubborn(\"c2\");");
@@ -152,8 +153,8 @@ fn a_mission_that_waits_for_an_unended_program_can_be_stopped() {
     assert_eq!((ending, &unconfirmed[..], runs(&world, "Step")), (&Ending::Stopped, &["c2".to_owned()][..], 0));
 }
 
-/// The loser of `#`, the first of `;` behind `?` or `else`, and a member below a group: nothing begins beside it in what was
-/// taken for both.
+/// The loser of `#`, the first of `;` behind `?` or `else`, and a member below a group: nothing begins beside it with
+/// the resources that were taken for both.
 #[test]
 fn nothing_begins_beside_it_in_what_was_taken_for_both() {
     let rock = "rock instof Stubborn(\"c2\"); hit instof Tuned(\"c1\");";
@@ -177,7 +178,7 @@ fn nothing_begins_beside_it_in_what_was_taken_for_both() {
     }
 }
 
-/// A device is no resource of the group, so its next user is not kept waiting, but refused.
+/// A device is not a resource of the group, so its next user is refused instead of kept waiting.
 #[test]
 fn a_device_of_an_unended_program_is_refused_to_the_next() {
     let text = r#"
@@ -201,7 +202,7 @@ process main() {
     assert!(looked.contains(&Change::Ended(Ending::Done(vec![]))), "{looked:?}");
 }
 
-/// Who stops a mission while a host is cut off hears neither that something has failed nor that it has stopped.
+/// A user who stops a mission while a host is cut off hears neither that a process has failed nor that it has stopped.
 #[test]
 fn a_stop_during_a_cut_is_told_as_unconfirmed() {
     let mut world = World::new(&["c1", "c2"]);
@@ -215,7 +216,7 @@ fn a_stop_during_a_cut_is_told_as_unconfirmed() {
     assert_eq!((ending, &unconfirmed[..]), (&Ending::Unconfirmed, &["c2".to_owned()][..]));
 }
 
-/// A node that ends, or was lost, has not ended what it could not.
+/// A node that leaves, or was lost, has not ended its stuck programs.
 #[test]
 fn a_host_that_leaves_its_program_behind_gives_nothing_back() {
     let text = zone("(using(zone) rock)? , (wait(1 s) ; using(zone) near)", "rock instof Stubborn(\"c2\");");

@@ -16,7 +16,7 @@ fn waiting(world: &mut World) -> Vec<WaitingDeployment> {
     status.waiting
 }
 
-/// A mission that runs on both hosts, and whose home was rebooted 3 s ago; with the other host, or without.
+/// A mission that runs on both hosts, and whose home was rebooted 3 s ago; with or without the other host.
 fn rebooted(is_other_there: bool) -> World {
     let mut world = World::new(&["c1", "c2"]);
     world.deploy("c1", LONG);
@@ -40,7 +40,7 @@ fn kill(world: &mut World) {
     world.run_for(Duration::from_millis(500));
 }
 
-/// Reboots the home once more, and gives it time to begin whatever it would.
+/// Reboots the home once more, and gives it time to begin anything.
 fn reboot(world: &mut World) {
     power_off(world, "c1");
     world.run_for(Duration::from_secs(1));
@@ -82,7 +82,8 @@ fn what_was_deployed_just_now_is_listed_and_stopped() {
     assert_eq!(world.last_report(deployed), &Report::Refused { reasons });
 }
 
-/// With all hosts or not, at once or after the node was killed once more: what was stopped does not begin, in this boot or the next one.
+/// With all hosts or not, at once or after another kill of the node: a stopped mission does not begin, in this boot or
+/// the next one.
 #[test]
 fn a_stop_ends_the_waiting_for_good() {
     for (is_other_there, kills_before, kills_after) in
@@ -109,7 +110,7 @@ fn a_stop_ends_the_waiting_for_good() {
     }
 }
 
-/// A kill of the node while it waits changes nothing about what begins, and when.
+/// A kill of the node during the wait changes neither the programs that begin nor their time.
 #[test]
 fn what_waits_outlives_its_node() {
     let mut world = rebooted(true);
@@ -131,7 +132,7 @@ fn a_stop_is_answered_when_the_disk_has_it() {
         world.run_for(Duration::from_millis(800));
         assert_eq!(world.answers.get(&stop), None, "the disk does not have it");
         if is_killed {
-            // It had not come to it.
+            // It had not got that far.
             world.crash("c1");
             world.kept.insert("c1".to_owned(), before);
             world.adopt("c1");

@@ -1,4 +1,4 @@
-//! Several agents on virtual time, the frames between them, and programs that behave as a script says.
+//! Several agents on virtual time, the frames between them, and programs that follow a script.
 
 use super::adoption::Written;
 use super::switching::{Data, Traffic};
@@ -50,9 +50,9 @@ pub(super) struct World {
     pub(super) agents: BTreeMap<String, NodeState>,
     /// The records of each node, for a successor.
     pub(super) written: BTreeMap<String, Written>,
-    /// The nodes that were killed, and what their programs have to say meanwhile.
+    /// The nodes that were killed, and the messages that wait for them.
     pub(super) down: BTreeMap<String, Vec<Coming>>,
-    /// The host whose node is killed with its next input, once so many of the effects are carried out.
+    /// The host whose node is killed with its next input, and the number of effects that are still carried out.
     pub(super) dies_after: Option<(String, usize)>,
     /// The nodes that are suspended: their systems take frames for them.
     pub(super) suspended_nodes: BTreeMap<String, NodeState>,
@@ -76,21 +76,21 @@ pub(super) struct World {
     /// The sessions that each program dials.
     pub(super) dialled: BTreeMap<ProcessId, BTreeSet<String>>,
     pub(super) cut: BTreeSet<String>,
-    /// From whom nothing reaches whom.
+    /// The pairs of hosts between which no message arrives, sender first.
     pub(super) one_way: BTreeSet<(String, String)>,
     /// The boot number of each host.
     pub(super) boots: BTreeMap<String, u64>,
     /// The boots that each host deals with.
     pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
-    /// The last round in which each host has asked who is there.
+    /// The last round in which each host has asked for the presence of others.
     pub(super) rounds: BTreeMap<String, u64>,
-    /// What was said to others of the own name.
+    /// The messages to other nodes of the own name.
     pub(super) greeted: Vec<Namesake>,
     /// The changes of other nodes, as each host saw them.
     pub(super) changes: Vec<(String, Change)>,
-    /// One frame in so many is lost, if any.
+    /// One frame in this many is lost, if any.
     pub(super) loses_one_in: Option<u64>,
-    /// By chance one frame in so many is lost, if any.
+    /// By chance one frame in this many is lost, if any.
     pub(super) loses_by_chance: Option<(Draw, u64)>,
     pub(super) transmitted: u64,
     /// The deployments that were asked for.
@@ -103,9 +103,9 @@ pub(super) struct World {
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
-    /// Whether shims are suspended, and do not hear what they are told.
+    /// Whether shims are suspended, and do not hear their orders.
     pub(super) suspended: bool,
-    /// The programs whose output was asked for.
+    /// The programs whose output was requested.
     pub(super) tailed: Vec<Vec<ProcessId>>,
     /// The calls with no more answers.
     pub(super) answered: BTreeSet<u64>,
@@ -113,15 +113,15 @@ pub(super) struct World {
     pub(super) fails_at_start: bool,
     /// The ends that each host has written down.
     pub(super) settled: Vec<(String, Deployment)>,
-    /// What each host has written down of who has stopped everything.
+    /// The record on each host of the user who has stopped everything.
     pub(super) estops: BTreeMap<String, Option<Estop>>,
-    /// What each host has on its disk of deployments that run.
+    /// The running deployments on each host's disk.
     pub(super) kept: BTreeMap<String, BTreeMap<u64, Kept>>,
     /// The tombstones on the disk of each host.
     pub(super) tombstones: BTreeMap<String, Vec<Tombstone>>,
-    /// Whether programs do not leave when they are told to.
+    /// Whether programs do not leave when asked to.
     pub(super) lingers: bool,
-    /// Whether programs never say hello.
+    /// Whether programs never send a hello.
     pub(super) hangs_at_start: bool,
     /// The last lines that programs write before they end.
     pub(super) output: Vec<String>,
@@ -131,18 +131,18 @@ pub(super) struct World {
     pub(super) disk_refuses: Option<String>,
     /// Whether the hosts are in a team.
     pub(super) is_guarded: bool,
-    /// What was judged, and where.
+    /// The judged orders, with their hosts.
     pub(super) judged: Vec<(String, Deployment)>,
-    /// What became of orders that were accepted, and where.
+    /// The outcomes of accepted orders, with their hosts.
     pub(super) ended: Vec<(String, Result<(), String>)>,
-    /// Why what others order is refused.
+    /// The reason for which others' orders are refused.
     pub(super) verdict: Option<String>,
     /// The data between programs.
     pub(super) traffic: Traffic,
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
     pub(super) start: StartMode,
-    /// How far the clock of a host is ahead that nobody sets.
+    /// By how much the boot clock of a host is ahead.
     pub(super) ahead: BTreeMap<String, Duration>,
     /// When each program has begun for the first time.
     pub(super) begun: BTreeMap<ProcessId, Time>,
@@ -153,7 +153,7 @@ impl World {
         Self::with(hosts, false)
     }
 
-    /// Hosts in a team: what others order is judged.
+    /// Hosts in a team: the orders of others are judged.
     pub(super) fn guarded(hosts: &[&str]) -> Self {
         Self::with(hosts, true)
     }
@@ -257,7 +257,8 @@ impl World {
             return self.data(host, data);
         }
         if let Some(held) = self.down.get_mut(host) {
-            // What programs and shims have to say waits for the next node; everything else is lost, but for frames of one that sleeps.
+            // Reports of programs and shims wait for the next node; everything else is lost, except frames for a
+            // suspended node.
             let sleeps = self.suspended_nodes.contains_key(host);
             let is_kept = match &coming {
                 Coming::Input(Input::Frame(_)) => sleeps,
@@ -315,7 +316,7 @@ impl World {
                 ShimOrder::Go => self.run(host, &process, 1),
             },
             Effect::Control { process, order } if self.took(&process, true) => self.order(host, &process, order),
-            // It is gone, and its report says so.
+            // It is gone, and its report tells this.
             Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answer(call, *answer),
             Effect::KillShim { .. } if self.immortal => {}
@@ -373,7 +374,7 @@ impl World {
         }
     }
 
-    /// Takes a node away, which answers and sends nothing any more.
+    /// Takes a node away: it answers and sends nothing any more.
     fn leave(&mut self, host: &str) {
         self.agents.remove(host);
         let boot = self.boots.remove(host).expect("a node leaves once");
@@ -409,7 +410,7 @@ pub(super) fn offered() -> Programs {
     programs
 }
 
-/// A small linear congruential generator; what it draws does not have to be good. Source: Knuth, MMIX.
+/// A small linear congruential generator; its random numbers do not have to be good. Source: Knuth, MMIX.
 #[derive(Debug)]
 pub(super) struct Draw(u64);
 

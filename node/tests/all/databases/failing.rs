@@ -48,7 +48,7 @@ fn nobody_is_told_what_is_not_on_the_disk() {
     let from = from.clone();
     fail(&mut world, 0, write_on(AckLevel::Local));
     assert_eq!((world.told(0, call), world.robots[0].ended.contains(&call)), (vec![], true));
-    // While the disk is away, who goes on comes again later, and a moment cannot be named.
+    // While the disk is away, a watch that resumes is told to return later, and no position can be named.
     let later = world.call(0, watch(Some(from.clone())));
     assert!(world.replies(0, later).is_empty() && world.robots[0].ended.contains(&later));
     for question in [watch(None), Question::Version(AsOf::Now)] {
@@ -82,7 +82,7 @@ fn what_was_committed_before_a_failure_stays_committed() {
 #[test]
 fn who_does_not_become_another_is_found_as_before() {
     let mut world = World::team(&["r1", "r2"]);
-    // A copy of the disk says hello: its replica has to begin anew under another name, which does not reach the disk.
+    // A copy of the disk says hello: its replica has to start again under another name, which does not reach the disk.
     let mut copy = Database::new(open("r1", &world.robots[0].disk, 50), "r1", "dca", None);
     let (before, mut effects) = (copy.address(), Vec::new());
     copy.handle(world.now, world.wall(), vec![Input::Appeared], &mut effects);

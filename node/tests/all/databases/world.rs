@@ -120,7 +120,7 @@ impl World {
         self.robots[robot].replies.get(&call).map_or(&[], Vec::as_slice)
     }
 
-    /// Asks what is answered at once, by one reply.
+    /// Asks a question that is answered at once, by one reply.
     pub(super) fn ask(&mut self, robot: usize, question: Question) -> Reply {
         let call = self.call(robot, question);
         assert!(self.robots[robot].ended.contains(&call), "{:?}", self.replies(robot, call));
@@ -151,7 +151,7 @@ impl World {
         }
     }
 
-    /// Returns what a watcher was told of.
+    /// Returns the transactions that a watcher was told of.
     pub(super) fn told(&self, robot: usize, call: u64) -> Vec<Dot> {
         let told = self.replies(robot, call).iter().filter_map(|reply| match reply {
             Reply::Notification(Notification::Event(event)) => Some(event.entry.dot),
@@ -160,7 +160,7 @@ impl World {
         told.collect()
     }
 
-    /// The disk of a robot is there again, and its store is opened anew.
+    /// The disk of a robot is back, and its store is reopened.
     pub(super) fn reopen(&mut self, robot: usize) {
         let robot = &mut self.robots[robot];
         robot.broken = false;
@@ -255,7 +255,7 @@ impl World {
         }
     }
 
-    /// Carries an answer, behind those that are on their way already; nobody takes one that is late.
+    /// Carries an answer, behind those already in transit; a late one is discarded.
     fn answer(&mut self, asker: usize, until: Time, envelope: Envelope) {
         let Some(rate) = self.rate else { return self.robots[asker].inbox.push(Input::Envelope(envelope)) };
         let bytes = u32::try_from(codec::encode(&envelope).expect("it can be written").len()).expect("it is short");

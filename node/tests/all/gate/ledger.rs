@@ -1,4 +1,5 @@
-//! The ledger of a gate on the disk: what is added to it is there, what is cut off was not done, and what is damaged is refused.
+//! The ledger of a gate on the disk: appended records are there, a torn record was not carried out, and a damaged one
+//! is refused.
 
 use super::world::{User, World, plan};
 use super::{call, deploy, order, prepare, stop};
@@ -43,7 +44,7 @@ fn what_is_added_is_there_after_a_restart() {
     assert!(gate.take_news().is_empty(), "what is refused adds nothing");
 }
 
-/// A power cut leaves the beginning of a record, or zeros in its place. What was written before it counts.
+/// A power cut leaves the beginning of a record, or zeros in its place. Earlier records count.
 #[test]
 fn half_a_record_at_the_end_does_not_count() {
     let (_, _, _, [empty, one, two]) = accepted();

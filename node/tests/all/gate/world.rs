@@ -27,7 +27,7 @@ process main() {
 }
 "#;
 
-/// Returns the plan of a mission with its home on `c1` and a program on `c2`, too.
+/// Returns the plan of a mission with its home on `c1` and a program on each of `c1` and `c2`.
 pub(crate) fn plan() -> Plan {
     let compiled = compile(&Source::new("test.dca", SPEC), &[], &Options::named("test"));
     compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))

@@ -1,4 +1,4 @@
-//! Who takes part in a switch, and what it is called.
+//! The participants of a switch and their names.
 
 use crate::logic::effect::Out;
 use crate::logic::executer::wires::{Difference, are_of_one_input};
@@ -9,7 +9,7 @@ use language::plan::{Group, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Executer {
-    /// Has consumers expect a switch. Those of `then` flip wires of their own once they have taken it.
+    /// Makes consumers expect a switch. Those of `then` flip wires of their own once they have taken it.
     pub(in crate::logic::executer) fn expect(
         &self,
         (generation, difference): (u64, &Difference),
@@ -31,7 +31,7 @@ impl Executer {
     }
 }
 
-/// Returns why wires cannot be opened beside those that stay: an input has one writer at a time.
+/// Returns why wires cannot be opened next to those that stay: an input has one writer at a time.
 pub(super) fn second_writer(plan: &Plan, open: &[u32], stay: impl Iterator<Item = u32>) -> Option<String> {
     let ends = |wire: u32| plan.wires.get(wire as usize);
     let stay: Vec<u32> = stay.collect();
