@@ -1,8 +1,8 @@
 //! Injected faults: bugs that the simulation has to find. The sources have none of them. Each is a patch in `patches.txt`, and all
 //! of them are applied to a copy, where [`planted`](../fault.rs) switches one on.
 //!
-//! A patch says what it breaks, and for each place the file below `src/logic/`, a text that is in one line of it and nowhere else
-//! before its tests, and what stands there in the copy. Later patches may change what earlier ones have put there.
+//! A patch names its fault. For each place it gives the file below `src/logic/`, a text that occurs in exactly one line
+//! before the file's tests, and its replacement in the copy. Later patches may change the replacements of earlier ones.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -46,7 +46,7 @@ fn fault(text: &'static str) -> Fault {
     Fault { name, places: lines.chunks(3).map(place).collect() }
 }
 
-/// Returns the sources with these faults, by file, or what does not fit.
+/// Returns the sources with these faults, by file, or the place that does not fit.
 pub(crate) fn apply(faults: &[Fault], logic: &Path) -> Result<BTreeMap<&'static str, String>, String> {
     let mut files: BTreeMap<&str, String> = BTreeMap::new();
     for Fault { name, places } in faults {

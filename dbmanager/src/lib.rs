@@ -1,9 +1,9 @@
 //! A configuration database with a copy on every robot. It is always writable, follows the others as far as the links allow,
 //! and reports what it does not know.
 //!
-//! The guarantee is *transactional causal+ consistency*: a transaction becomes visible at each replica as a whole, after
-//! everything that its writer had seen, and replicas that hold the same transactions show the same state. Writes that did
-//! not see each other are kept side by side until somebody resolves them. Nothing is ever refused for its date, and
+//! The guarantee is *transactional causal+ consistency*: a transaction becomes visible at each replica as a whole,
+//! after everything that its writer had seen, and replicas that hold the same transactions show the same state. Writes
+//! that did not see each other are kept side by side until they are resolved. Nothing is ever refused for its date, and
 //! nothing is ever forgotten because time has passed.
 //!
 //! [`logic`] is all of it, as state machines without I/O; its page says which module proves what. [`io`] is the disk.

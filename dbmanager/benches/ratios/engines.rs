@@ -1,5 +1,5 @@
-//! Both engines beside each other, under a robot's real load: small commits one after another, and 100,000 keys. What the default
-//! was chosen by, and the table of the manual.
+//! Both engines under a robot's real load: small commits one after another, and 100,000 keys. The basis for the choice
+//! of the default, and the table of the manual.
 
 use crate::robot::{KEY_AND_VALUE, Robot, request};
 use crate::table::{Reach, Samples, Table};

@@ -25,7 +25,7 @@ impl Etcd {
     /// Starts it in a folder; `None` if it is not installed.
     pub(crate) fn start(folder: &Path) -> Result<Option<Self>, Failure> {
         let url = |port: u16| format!("http://127.0.0.1:{port}");
-        // Both are free now; somebody else may take one before etcd does, then it does not start.
+        // Both are free now; another process may take one before etcd does, then etcd does not start.
         let (client, peer) = (free_port()?, free_port()?);
         let mut command = Command::new("etcd");
         command.arg("--data-dir").arg(folder).args(["--name", "bench", "--log-level", "error"]);

@@ -1,8 +1,8 @@
 //! The bytes on the links between robots, and the time that a backlog takes: the real replicas on simulated links, in
 //! virtual time, beside the limit of the link.
 //!
-//! The limit for a backlog is a round trip and its bytes at the rate of the link, an operation counting as its key, its
-//! value, and 32 bytes for who, when and a seal; sizes are those of the encoded messages.
+//! The limit for a backlog is a round trip and its bytes at the rate of the link. An operation counts as its key, its
+//! value, and 32 bytes for writer, time and seal; sizes are those of the encoded messages.
 
 mod net;
 
@@ -16,7 +16,7 @@ use net::{Line, Net};
 use std::path::Path;
 use std::time::Duration;
 
-/// Bytes for who, when and a seal.
+/// Bytes for the writer, the time and a seal.
 const ENVELOPE: u64 = 32;
 /// From the beginning to the end of a link and back.
 const ROUND_TRIP: Duration = Duration::from_millis(20);
@@ -26,7 +26,7 @@ const WATCHED: Duration = Duration::from_secs(600);
 const ROBOTS: usize = 4;
 /// How many bytes an operation has in a backlog, with its envelope.
 const BACKLOG_SIZE: u64 = 150;
-/// As fast as if there were no limit.
+/// Faster than any limit.
 const FAST: u64 = 1_000_000_000;
 /// When a robot has something urgent, while another's backlog is on its way.
 const URGENT_AFTER: Duration = Duration::from_secs(5);
@@ -64,7 +64,7 @@ fn idle(table: &mut Table) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Robots write something now and then: one of them, or all in turn, each having seen what the others wrote.
+/// Robots write now and then: one of them, or all in turn, each after it has seen the others' writes.
 fn steady(table: &mut Table, (name, writers): (&str, usize)) -> Result<(), Failure> {
     let mut net = Net::team(ROBOTS, Line { rate: FAST, delay: ROUND_TRIP / 2 })?;
     let (before, operations) = (net.bytes(), 4000);
@@ -95,8 +95,8 @@ fn heal(table: &mut Table, (name, operations, rate): (&str, u64, u64), most: f64
     Ok(())
 }
 
-/// The same slow link, and a third robot on it that does not know of the backlog. Who knows of it cannot be faster than
-/// what he knows.
+/// The same slow link, and a third robot on it that does not know of the backlog. A robot that knows of it has to
+/// receive it first.
 fn urgent(table: &mut Table) -> Result<(), Failure> {
     let rate = 50_000 / 8;
     let mut net = Net::team(3, Line { rate, delay: ROUND_TRIP / 2 })?;

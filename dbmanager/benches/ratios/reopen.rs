@@ -75,7 +75,8 @@ fn fill(engine: Engine, folder: &Path) -> Result<u64, Failure> {
     Ok(live)
 }
 
-/// In a process of its own: opens the store, and says how long that and hashing took, its memory, and the size of the file.
+/// In a separate process: opens the store, and prints the time for that and for hashing, its memory, and the size of
+/// the file.
 pub(crate) fn opens(engine: &str, folder: &Path) -> Result<(), Failure> {
     let (engine, path) = (engine.parse::<Engine>()?, folder.join(engine));
     let began = clock::now();

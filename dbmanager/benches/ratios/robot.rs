@@ -28,7 +28,7 @@ pub(crate) fn key(number: u64) -> Result<Key, Failure> {
     Ok(Key::new(format!("team/parameters/arm/joint/{number:09}"))?)
 }
 
-/// Returns a value of so many bytes, which differ from those of other numbers.
+/// Returns a value of so many bytes, different for each number.
 pub(crate) fn value(number: u64, size: usize) -> Value {
     let bytes = number.to_le_bytes().into_iter().cycle().take(size);
     Value { bytes: bytes.collect(), ..Value::from(b"") }
@@ -41,7 +41,7 @@ pub(crate) fn request(number: u64) -> Result<CommitRequest, Failure> {
 }
 
 impl Robot<DirStore> {
-    /// Opens a robot on an engine, in a folder of its own.
+    /// Opens a robot on an engine, in a separate folder.
     pub(crate) fn on(engine: Engine, folder: &Path) -> Result<Self, Failure> {
         Self::open(DirStore::open_on(Some(engine), &folder.join(engine.name()))?)
     }
@@ -56,7 +56,7 @@ impl<S: Store> Robot<S> {
         Ok(robot)
     }
 
-    /// Takes an input; returns the effects that are left when what they promise is on the disk.
+    /// Takes an input; returns the remaining effects once the durable ones are on the disk.
     pub(crate) fn tell(&mut self, input: Input) -> Result<Vec<Effect>, Failure> {
         let mut effects = Vec::new();
         self.replica.handle(clock::now(), input, &mut effects);

@@ -68,7 +68,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// Adds a line; `of` says what the ratio is taken of.
+    /// Adds a line; `of` names the reference of the ratio.
     pub(crate) fn line(&mut self, what: &str, figure: &str, (ratio, of): (f64, &str), reach: Reach) {
         let ratio_text = if ratio.is_nan() { String::new() } else { format!("{ratio:.2} {of}").trim_end().to_owned() };
         let reach = match reach {

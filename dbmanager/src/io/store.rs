@@ -1,8 +1,8 @@
 //! The store: records that survive a power cut once [`Store::commit`] has returned.
 //!
-//! After an error a store is poisoned: a sync that failed and is tried again may succeed although the pages are gone
-//! (fsyncgate). Whoever has it opens it anew, which syncs and checks everything. A store that does not open because of what
-//! is in it is put aside, by renaming, and never deleted: somebody may want to look at it.
+//! After an error a store is poisoned: a repeated sync may succeed although the pages are gone (fsyncgate). The owner
+//! reopens it, which syncs and checks everything. A store that does not open because of its content is put aside, by
+//! renaming, and never deleted, so that it can be examined.
 
 mod dir;
 pub mod memory;
@@ -27,7 +27,7 @@ pub trait Store {
     /// Visits every record, with its name; names of one length come in their order.
     ///
     /// # Errors
-    /// If that fails, or what is there is not what was written.
+    /// If that fails, or the content is not what was written.
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;
 
     /// Writes a batch, as a whole or not at all. It is durable when this returns.
@@ -39,14 +39,14 @@ pub trait Store {
     /// Reads everything, for a replica.
     ///
     /// # Errors
-    /// As [`Store::each`]. What the replica finds wrong it says itself.
+    /// The errors of [`Store::each`]. The replica reports the mistakes that it finds itself.
     fn read(&self) -> Result<StoredRecords, StoreError> {
         let mut reading = StoredRecords::default();
         self.each(&mut |name, record| reading.take(name, record))?;
         Ok(reading)
     }
 
-    /// Returns all records as they are.
+    /// Returns all records unchanged.
     ///
     /// # Errors
     /// As [`Store::each`].
@@ -68,12 +68,12 @@ pub enum StoreError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// Something that is no file has the name of one that the store keeps.
+    /// Something other than a file has the name of a file of the store.
     #[error("cannot use `{path}`, where the store keeps a file: {cause}; remove it, or choose another folder")]
     NoFile {
         /// Its path.
         path: PathBuf,
-        /// What it is.
+        /// The kind of the entry.
         cause: io::Error,
     },
     /// Somebody has it open.
@@ -124,7 +124,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Returns whether the remedy is to put the store aside, and to begin anew with what others have.
+    /// Returns whether the remedy is to put the store aside, and to start again with the data of the others.
     pub fn is_damage(&self) -> bool {
         matches!(self, Self::Damaged { .. })
     }

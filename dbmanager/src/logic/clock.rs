@@ -2,16 +2,17 @@
 //!
 //! *State.* The largest timestamp issued or seen, and the best date that a peer with a trusted clock has shown lately.
 //!
-//! *Rule.* A new timestamp is one tick above the largest known one, lifted to the wall clock only if that is trusted and not
-//! far ahead of what better clocks have shown. A timestamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
+//! *Rule.* A new timestamp is one tick above the largest known one, lifted to the wall clock only if that is trusted
+//! and not far ahead of better clocks. A timestamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
 //! counter of 16 bits, one number, so that a full counter carries into the milliseconds by itself.
 //!
-//! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, whatever the wall clock says;
-//! whoever sees a transaction has seen its timestamp; so `a` before `b` in causality means `stamp(a) < stamp(b)` (I11). Timestamps
-//! order writes that did not see each other, and nothing else: a wrong date can make a write lose against a concurrent one
-//! (which is then listed as a conflict), but can never hide a write from somebody who saw it. Hence no date is refused: a
-//! replica that refused what others accept would differ from them for ever. A team whose robots have keys refuses what nobody issues who
-//! goes by the rule (`replica::authors`), which is the same for all.
+//! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, for any wall clock. A
+//! replica that sees a transaction has seen its timestamp. So `a` before `b` in causality means `stamp(a) < stamp(b)`
+//! (I11). Timestamps order writes that did not see each other, and nothing else: a wrong date can make a write lose
+//! against a concurrent one (which is then listed as a conflict), but can never hide a write from a client that saw it.
+//! Hence no date is refused: a replica that refused a transaction that others accept would differ from them for ever.
+//! In a team with keys, replicas reject timestamps that no correct replica could have issued (`replica::authors`); all
+//! replicas decide alike.
 
 use crate::logic::version_vector::ReplicaId;
 use comms::logic::time::Time;
@@ -22,8 +23,8 @@ use std::time::Duration;
 const LEAD_MAX_MS: u64 = 3_600_000;
 /// How long a date that a peer has shown is remembered.
 const REFERENCE_AGE_MAX: Duration = Duration::from_secs(86_400);
-/// The last date that a wall clock is followed to, in milliseconds since 1970: the year 2200. What is above it counts on in ticks, of
-/// which nobody can use up so many.
+/// The last date that a wall clock is followed to, in milliseconds since 1970: the year 2200. Later timestamps count on
+/// in ticks, which cannot be used up.
 pub const DATE_MAX_MS: u64 = 7_258_118_400_000;
 /// Bits of the counter within a millisecond.
 const COUNTER_BITS: u32 = 16;
@@ -113,7 +114,7 @@ impl Clock {
         Some(Timestamp { epoch: self.epoch, hlc: self.last, origin: self.origin })
     }
 
-    /// Takes note of a timestamp that somebody else issued, and of the wall clock it was issued by.
+    /// Notes a timestamp that another replica issued, and the wall clock it was issued by.
     pub fn observe(&mut self, now: Time, stamp: Timestamp, wall: Wall) {
         let seen = (stamp.epoch, stamp.hlc);
         (self.epoch, self.last) = (self.epoch, self.last).max(seen);

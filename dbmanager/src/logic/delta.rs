@@ -1,11 +1,11 @@
-//! Delta push: the new transactions of a replica, encoded relative to what their receivers know.
+//! Delta push: the new transactions of a replica, encoded relative to their receivers' knowledge.
 //!
-//! *Rule.* A transaction is taken only by who has the one before it at its origin, hence the same [`Head`]. So in the
-//! header of a transaction, and there only, timestamp and wall clock are said as differences, and what was seen by
-//! places in the head's context in place of names; in place of the hash before is the transaction's own. That is 45
-//! bytes less for one who has seen three others. The digest of what was seen is left out: who has that works it out.
-//! Whoever has another head, or has seen other transactions, makes another transaction of it, which the hash shows, and
-//! pulls. Logs, disks and answers have whole transactions.
+//! *Rule.* A transaction is only taken by a receiver that has the previous one of its origin, hence the same [`Head`].
+//! So in the header of a transaction, and only there, timestamp and wall clock are differences, and origins seen are
+//! places in the head's context instead of names. The hash of the previous transaction is replaced by the transaction's
+//! own. This saves 45 bytes for a transaction that has seen three others. The digest of the transactions seen is left
+//! out, because the receiver can compute it. A receiver that has another head, or has seen other transactions, decodes
+//! a different transaction, which the hash shows, and pulls. Logs, disks and answers have whole transactions.
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::log::Head;
@@ -23,7 +23,8 @@ pub struct DeltaPush {
 }
 
 impl DeltaPush {
-    /// Returns what to say of own transactions to who has the head before them; `None` if that cannot be said shorter.
+    /// Returns the delta of own transactions for a receiver that has the head before them; `None` if it would not be
+    /// shorter.
     pub fn of(mut head: Head, txns: &[EncodedTxn]) -> Option<Self> {
         let after = head.seq;
         let shorten = |encoded: &EncodedTxn| {
@@ -139,7 +140,7 @@ mod tests {
     use crate::logic::txn::{Txn, Write};
     use proptest::prelude::*;
 
-    /// A transaction by what it has seen besides: some of eight origins, and how far the clocks went.
+    /// A transaction by the others it has seen: some of eight origins, and the progress of the clocks.
     type Step = (Vec<(u64, u64)>, u64, u64);
 
     fn steps() -> impl Strategy<Value = Vec<Step>> {

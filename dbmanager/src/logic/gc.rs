@@ -3,16 +3,16 @@
 //! *State.* For each member, the last version vector it has said to have durably that the own version vector dominates.
 //!
 //! *Rule.* The *stable version vector* is the least of these, over all members, the own one, and retired origins before
-//! their barrier. A key that is only deleted is dropped when its deletions are stable; transactions are dropped when
-//! they are stable and the log is longer than it is to be.
+//! their barrier. A key with only deletions is dropped when these are stable. Transactions are dropped when they are
+//! stable and the log is longer than its limit.
 //!
 //! *T5, nothing comes back.* Let a deletion `T` be stable here. A transaction that has not seen `T` was committed by a
 //! member before it had `T`, so within the version vector by which that member showed that it has `T`; this version
 //! vector counted only because the own one dominates it, so the transaction is applied here already and `T` has met it.
-//! Whatever comes later has `T` in its context. So dropping `T` is no change to anything that is still to come.
-//! Newcomers begin with a state that has `T` (see [`member`](crate::logic::member)), and a transaction that is rebased
-//! under a new origin takes away every deletion in its context: whatever was dropped anywhere before the newcomer was
-//! known was so with the sponsor's consent, hence is in the state that the newcomer begins with.
+//! Every later transaction has `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers
+//! begin with a state that has `T` (see [`member`](crate::logic::member)), and a transaction that is rebased under a
+//! new origin takes away every deletion in its context: everything that was dropped anywhere before the newcomer was
+//! known was dropped with the sponsor's consent, hence is in the state that the newcomer begins with.
 //!
 //! Counting what members *say* is not enough: one may say that it has `T`, and a concurrent write of it may still be on
 //! its way. Then one replica drops `T` and shows the write, and another orders the two. A member that is away holds the
@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 /// The stable version vector, and the members that keep it from growing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stable {
-    /// The version vector that everybody has and nobody can write without.
+    /// The version vector that every member has and that all later writes include.
     pub vector: VersionVector,
     /// The members whose version vector is missing, or has less than the replica's own.
     pub pinned_by: Vec<ReplicaId>,
@@ -41,7 +41,7 @@ pub struct Acks {
 }
 
 impl Acks {
-    /// Takes note of what `origin` says to have durably.
+    /// Notes the durable version vector that `origin` reports.
     pub fn note(&mut self, origin: ReplicaId, vector: &VersionVector) {
         self.acked.entry(origin).or_default().join(vector);
     }
@@ -55,7 +55,7 @@ impl Acks {
         }
     }
 
-    /// Takes note of what is stable now; returns whether that has changed, so that deletions can be dropped.
+    /// Notes the stable version vector; returns whether it has changed, so that deletions can be dropped.
     pub fn drops(&mut self, stable: &VersionVector) -> bool {
         let changed = self.dropped != *stable;
         if changed {
@@ -74,7 +74,7 @@ impl Acks {
         self.acked.get(&origin)
     }
 
-    /// Returns the stable version vector as `me`, who has `own`, knows it.
+    /// Returns the stable version vector in the view of `me`, whose own vector is `own`.
     pub fn stable(&self, me: ReplicaId, own: &VersionVector, members: &Members) -> Stable {
         let has = |origin: ReplicaId| if origin == me { Some(own) } else { self.counted.get(&origin) };
         let active = members.active().map(|(origin, _)| origin);

@@ -4,18 +4,18 @@
 //! transactions above the version vector `low`, in the order in which they were applied here.
 //!
 //! *Rule.* A transaction is taken if it is the next of its origin, names the hash of the one before it, carries a
-//! larger timestamp, and all that it has seen is here. What is served to others goes out in the order of application,
-//! which is causal.
+//! larger timestamp, and all transactions it has seen are here. Others are served in the order of application, which is
+//! causal.
 //!
 //! *T6, a dot names one transaction.* Two transactions with one dot either have different hashes, or they are the same
 //! bytes. The hash is in the next transaction, so from a common head on, chains that differ once differ for ever, and
-//! the first exchange that could notice ends in [`Verdict::Fork`]. A transaction also has a digest of the hashes of
-//! what it has seen of others: one that has seen another transaction by a number that is known here is not taken
-//! ([`Verdict::Apart`]), so it cannot take away what its writer never saw.
+//! the first exchange that could notice ends in [`Verdict::Fork`]. A transaction also has a digest of the hashes of the
+//! other transactions it has seen. If it has seen a different transaction under a number that is known here, it is not
+//! taken ([`Verdict::Apart`]), so it cannot remove a version that its writer never saw.
 //!
 //! *T7, liveness.* Among transactions that are missing here and present there, the first by causality can be applied,
-//! and it is what is served first: one complete pull makes the own version vector dominate the version vector that the
-//! other had when it began.
+//! and it is served first: one complete pull makes the own version vector dominate the version vector that the other
+//! had when it began.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::txn::{ChainHash, EncodedTxn, Txn};
@@ -197,7 +197,7 @@ impl Log {
     pub fn may_have(&self, stamp: Timestamp) -> bool {
         let Some(head) = self.head(stamp.origin).filter(|head| stamp <= head.stamp) else { return false };
         let kept = |seq| Some(self.encoded(Dot { origin: stamp.origin, seq })?.open().ok()?.stamp);
-        // Timestamps of an origin grow with its numbers, and what is cut was before what is kept.
+        // Timestamps of an origin grow with its numbers, and the removed transactions precede the kept ones.
         let (mut before, mut after) = (0, head.seq);
         while after - before > 1 {
             let middle = before + (after - before) / 2;
@@ -212,7 +212,7 @@ impl Log {
     /// Returns by which hash a transaction is known; `None` if it is not, or too little is kept to tell.
     pub fn hash(&self, dot: Dot) -> Option<ChainHash> {
         let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.hash);
-        // If the transaction is gone, the next one still says what it was.
+        // If the transaction is gone, the next one still has its hash.
         let next = || Some(self.encoded(Dot { seq: dot.seq.checked_add(1)?, ..dot })?.open().ok()?.prev);
         head.or_else(|| self.encoded(dot).map(EncodedTxn::hash)).or_else(next)
     }
@@ -270,7 +270,7 @@ impl Log {
     pub(crate) fn truncate(&mut self, stable: &VersionVector, size_max: usize) -> Vec<Dot> {
         let (mut dropped, mut size) = (Vec::new(), self.size);
         for (dot, encoded) in self.after(&self.low()) {
-            // What is applied later may be stable earlier, but a chain is only ever cut from below.
+            // A transaction applied later may be stable earlier, but a chain is only ever cut from below.
             if size <= size_max || !stable.contains(dot) {
                 break;
             }

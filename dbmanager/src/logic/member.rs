@@ -3,17 +3,19 @@
 //! *State.* `sys/members/<origin>`: the origin is a member; `sys/retired/<origin>`: it is not any more. Both only appear:
 //! nothing deletes them, so whoever has more transactions knows more, and a retirement beats a membership in any order.
 //!
-//! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to anybody, and begins with
-//! the sponsor's state. So whoever counts what the sponsor had after the admission knows of the newcomer, and whoever counts
-//! what the sponsor had before it counts nothing that the newcomer has not begun with. Who has retired the sponsor counts it
-//! no more, so for them a newcomer that they do not know is retired too. Of a sponsor that is not known, its sponsor decides.
+//! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to any other replica,
+//! and begins with the sponsor's state. So a replica that counts a transaction of the sponsor after the admission knows
+//! of the newcomer, and a replica that counts only earlier ones counts nothing that the newcomer has not begun with. A
+//! replica that has retired the sponsor no longer counts it; so a newcomer of that sponsor that it does not know is
+//! retired as well. For an unknown sponsor, its own sponsor decides.
 //!
-//! *Retiring.* A replica that has applied a retirement takes and gives nothing from and to the retired origin any more, but
-//! takes its transactions from others. The origin still counts for garbage until each remaining member has the retirement
-//! (the *barrier*): from then on nobody takes anything new from it, and all that anybody took is here.
+//! *Retiring.* A replica that has applied a retirement exchanges nothing with the retired origin any more, but takes
+//! its transactions from others. The origin still counts for garbage collection until each remaining member has the
+//! retirement (the *barrier*). After that no member takes anything new from it, and everything that any member took is
+//! here.
 //!
-//! *Coming back.* `sys/brought/<origin>/<n>` says what came with that origin when it was admitted: the transactions of origins
-//! that are no members, up to which number. See [`merge`](crate::logic::merge).
+//! *Coming back.* `sys/brought/<origin>/<n>` lists the transactions that came with that origin when it was admitted:
+//! the origins that are not members, each up to a number. See [`merge`](crate::logic::merge).
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
@@ -26,7 +28,7 @@ use std::collections::BTreeMap;
 const MEMBERS: &str = "sys/members/";
 const RETIRED: &str = "sys/retired/";
 const REBASED: &str = "sys/brought/";
-/// How many entries one record of what was rebased has.
+/// How many entries one record of rebased transactions has.
 const BROUGHT_MAX: usize = 1024;
 /// How many sponsors of sponsors are told to others.
 pub const SPONSORS_MAX: usize = 32;
@@ -40,7 +42,7 @@ pub struct Members {
     rebased: BTreeMap<ReplicaId, Rebased>,
 }
 
-/// Up to where the transactions of an origin that is no member were rebased.
+/// Up to which transaction an origin that is not a member was rebased.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Rebased {
     /// The last one.
@@ -83,7 +85,7 @@ pub fn admitted_by(key: &Key) -> Option<ReplicaId> {
     ReplicaId::parse(key.as_str().strip_prefix(MEMBERS)?)
 }
 
-/// Returns the robots that `origin` was admitted for: one, unless somebody has lied.
+/// Returns the robots that `origin` was admitted for: one, unless a member has lied.
 pub fn robots(state: &State, origin: ReplicaId) -> Vec<String> {
     let Ok(key) = Key::new(format!("{MEMBERS}{origin}")) else { return Vec::new() };
     let values = state.versions(&key).iter().filter_map(|version| version.value.as_ref());
@@ -124,7 +126,7 @@ impl Members {
         self.active.get(&origin).map(String::as_str)
     }
 
-    /// Returns who has admitted an origin, who has admitted that one, and so on, as far as [`SPONSORS_MAX`].
+    /// Returns the sponsor of an origin, the sponsor's sponsor, and so on, up to [`SPONSORS_MAX`].
     pub fn sponsors(&self, origin: ReplicaId) -> Vec<ReplicaId> {
         let sponsor = |of: &ReplicaId| self.sponsors.get(of).copied().filter(|by| by != of);
         std::iter::successors(Some(origin), sponsor).skip(1).take(SPONSORS_MAX).collect()
@@ -140,7 +142,7 @@ impl Members {
         self.retired.get(&origin)?.iter().map(|(_, stamp)| *stamp).min()
     }
 
-    /// Returns what was rebased of an origin that is no member.
+    /// Returns the rebased part of an origin that is not a member.
     pub fn rebased(&self, origin: ReplicaId) -> Option<&Rebased> {
         self.rebased.get(&origin)
     }

@@ -1,23 +1,24 @@
 //! Merges two states when a replica comes back under a new id.
 //!
-//! It comes with an *old* side (what it had) and takes over a *new* one (what its sponsor has). Its log may be cut, so its
-//! transactions may be there as versions only. What has to be rebased follows from the two states and from what each side
-//! has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
+//! It comes with an *old* side (its earlier state) and takes over a *new* one (its sponsor's state). Its log may be
+//! cut, so its transactions may be there only as versions. The changes to be rebased follow from the two states and
+//! from the transactions that each side has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
 //!
 //! > left = (in both) + (in the old one, not seen by the new one) + (in the new one, not seen by the old one)
 //!
-//! *A write has one name in all its lives: its timestamp.* A transaction that is rebased gets a new dot, since numbers
-//! have to be gap-free, but keeps the timestamp of its writes. Timestamps of one origin grow with its numbers, so a
-//! side has seen a write if it has its dot, or a transaction of the timestamp's origin with that timestamp or a later
-//! one (unless the log shows that the one with it is not there: the origin was set back, see [`Log::may_have`]), or if somebody has rebased what that origin had up to that timestamp (`sys/brought/`, see
-//! [`crate::logic::member`]). The last is why several replicas of one retired side can come back one after the other:
-//! what the first has rebased, the next has in common.
+//! *A write has one name in all its lives: its timestamp.* A rebased transaction gets a new dot, since numbers have to
+//! be gap-free, but keeps the timestamp of its writes. Timestamps of one origin grow with its numbers, so a side has
+//! seen a write if it has its dot, or a transaction of the timestamp's origin with that timestamp or a later one
+//! (unless the log shows that the one with it is not there: the origin was set back, see [`Log::may_have`]), or if a
+//! replica has rebased that origin's transactions up to that timestamp (`sys/brought/`, see [`crate::logic::member`]).
+//! Because of the last case, several replicas of one retired side can return one after the other: the next one already
+//! has the transactions that the first has rebased.
 //!
-//! *What is rebased.* One [`Piece`] for each old transaction, with what is left of it: its writes stay together. (Of
-//! those of which nothing is left, the log may have who, when and why.) A piece *takes* versions away by name, not by a
-//! version vector: pieces of one chain may be concurrent, so that a version vector could not say "the third, but not the
-//! second". It takes a version of the new side that the old one has seen and no longer holds. Versions of *active*
-//! origins are left to those, who rebase them themselves.
+//! *The rebased changes.* One [`Piece`] for each old transaction, with its remaining part: its writes stay together.
+//! (For transactions without a remaining part, the log may have the writer, the time and the reason.) A piece *takes*
+//! versions away by name, not by a version vector: pieces of one chain may be concurrent, so that a version vector
+//! could not say "the third, but not the second". It takes a version of the new side that the old one has seen and no
+//! longer holds. Versions of *active* origins are left to these origins, which rebase them themselves.
 //!
 //! *Nothing is hidden, nothing comes back.* Let `d` be in the new state at a key, seen by the old side and not held by it.
 //! Something took it away there, and followed upwards (what takes away that, and so on) this ends at a version `q` that the
@@ -26,12 +27,12 @@
 //!   is left at a key of `q` is `d`'s transaction, and its timestamp is larger. A piece takes `d` if just this holds for it: `q`'s
 //!   does, and where another one does too, `d` was to go anyway. No timestamp has to be lifted, so each key shows the same
 //!   winner as if the logs had been there.
-//! - A deletion is dropped from a key that has nothing else, and whoever writes to it later has seen it (T5). So the key is
-//!   not in the old state, and a deletion is committed for it, timestamped just above what it takes.
+//! - A deletion is dropped from a key that has nothing else, and every later writer of the key has seen it (T5). So the
+//!   key is not in the old state, and a deletion is committed for it, timestamped just above what it takes.
 //!
-//! Whatever is left on either side is seen by the other and held, or not seen by it: no piece takes it. Deletions differ, as
-//! some replicas have dropped them already: a piece takes every deletion in its context at its keys (see
-//! [`state`](crate::logic::state)), so it makes no difference who has.
+//! A version left on either side was either seen by the other side and is held there, or was not seen by it: no piece
+//! takes it. Deletions differ, because some replicas have dropped them already: a piece takes every deletion in its
+//! context at its keys (see [`state`](crate::logic::state)), so this makes no difference.
 //!
 //! *Numbers used twice.* Of an origin in `forked`, transactions are common up to a number only; what is beyond is foreign to
 //! the other side, whatever its name. Then there may be too many versions, never too few.
@@ -52,14 +53,14 @@ pub struct Side<'a> {
     pub state: &'a State,
     /// The transactions seen.
     pub log: &'a Log,
-    /// Of that state.
+    /// The members in that state.
     pub members: &'a Members,
 }
 
 /// Origins that have used a number twice, with the last number before.
 pub type Forked = BTreeMap<ReplicaId, u64>;
 
-/// The remaining part of a transaction: its writes that nobody has overwritten, with the versions that each takes away.
+/// The remaining part of a transaction: its writes that were not overwritten, with the versions that each takes away.
 pub type Piece = Vec<(Write, BTreeSet<Dot>)>;
 
 /// Where a piece comes from: its timestamp, and the dot it had; none for a deletion that had been dropped.
@@ -77,7 +78,8 @@ impl Side<'_> {
     }
 }
 
-/// Returns whether `new` has not seen a transaction, and nobody will rebase it: its origin is active in neither of the teams.
+/// Returns whether `new` has not seen a transaction, and no member will rebase it: its origin is active in neither of
+/// the teams.
 fn lacks((old, new): (Side<'_>, Side<'_>), dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
     is_given_up(old, new, dot.origin) && !new.has(dot, stamp, forked)
 }
@@ -87,7 +89,7 @@ fn is_given_up(old: Side<'_>, new: Side<'_>, origin: ReplicaId) -> bool {
     !new.members.is_active(origin) || old.members.retired(origin).is_some()
 }
 
-/// Returns up to where the origins that are no members have come with that: their last transactions, with timestamps.
+/// Returns the last transactions that arrive with it of each origin that is not a member, with timestamps.
 pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Timestamp)> {
     let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
     let heads =

@@ -21,7 +21,7 @@ pub const CHUNK_SIZE_MAX: usize = comms::logic::pace::SIZE_MAX;
 /// A message. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Message {
-    /// To all: new transactions, as they are.
+    /// To all: new transactions, unchanged.
     Push(Vec<EncodedTxn>),
     /// To all, from time to time: who is here, and in which state.
     Hello(Hello),
@@ -40,7 +40,7 @@ pub enum Message {
     },
     /// To one who waits for it: what I have, durably.
     Ack(VersionVector),
-    /// To all: new transactions of mine, for who has the one before them.
+    /// To all: new transactions of mine, for receivers that have the previous ones.
     DeltaPush(DeltaPush),
     /// Right before a [`Chunk::Txns`] with more to come: the last transaction of each origin in it. Until its bytes have come, the next
     /// pull can be on its way, so that a link with a long delay is not idle in between.
@@ -57,7 +57,7 @@ pub enum Message {
 pub enum Pattern {
     /// The peer answers it with a response.
     Request {
-        /// How long the response may be on its way. The replica has given it up by then, but takes it all the same.
+        /// How long the response may be in transit. The replica has given it up by then, but still takes it.
         within: Duration,
     },
     /// The message answers a request of the peer.
@@ -89,13 +89,13 @@ pub struct Hello {
     pub format: u8,
     /// Whether it may be asked for transactions.
     pub member: bool,
-    /// The chain of sponsors: who admitted it, who admitted that one, and so on.
+    /// The chain of sponsors: its sponsor, the sponsor's sponsor, and so on.
     pub sponsors: Vec<ReplicaId>,
-    /// [`VersionVector::digest`] of what it has.
+    /// [`VersionVector::digest`] of its version vector.
     pub vector: u64,
     /// The same of the chains: of two replicas with equal version vectors it differs if a number was used twice.
     pub chains: u64,
-    /// The same of what it has besides, but cannot read.
+    /// The same of the further transactions that it has and cannot read.
     pub pending: u64,
     /// Digest of the state that this gives.
     pub state: u128,
@@ -116,7 +116,7 @@ pub struct Pull {
     pub pending: VersionVector,
     /// About how many bytes to answer with.
     pub size_max: u32,
-    /// Set by who is no member: please make me one.
+    /// Set by a replica that is not a member: a request to be admitted.
     pub join: Option<Join>,
 }
 
@@ -142,7 +142,7 @@ pub enum Chunk {
         number: u32,
         /// The transactions of the sender.
         vector: VersionVector,
-        /// Some of what you lack.
+        /// Some of the transactions that you lack.
         txns: Vec<EncodedTxn>,
         /// Whether there is more.
         more: bool,

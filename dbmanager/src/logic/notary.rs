@@ -1,12 +1,13 @@
-//! Who has written a transaction, in a team whose robots have keys.
+//! The authors of transactions, in a team whose robots have keys.
 //!
 //! *Records.* `sys/keys/<origin>` beside `sys/members/<origin>`: a [`Claim`], by which a robot says with its key that this origin is
 //! its own, and which others it has given up. It comes with the admission, so whoever has a transaction of an origin has its key.
 //!
-//! *Rule.* A transaction is signed with the key of its origin, and taken over from nobody otherwise. It admits an origin only by that
-//! one's claim, and retires one only if that is of the same robot, is given up in a claim, or its key is revoked. No date is behind the year
-//! 2200 unless others were, in whatever epoch, and epochs rise by a few at a time: so nobody can use up all dates. What breaks the rule
-//! is refused by everybody alike, but for revocations that some have not heard of, who ask again.
+//! *Rule.* A transaction is signed with the key of its origin, and not accepted otherwise. It admits an origin only if
+//! it has that origin's claim. It retires an origin only if that belongs to the same robot, is given up in a claim, or
+//! its key is revoked. No date is after the year 2200 unless earlier ones were, in any epoch, and epochs rise by a few
+//! at a time, so dates cannot be used up. A transaction that breaks the rule is refused by every replica alike, except
+//! for revocations that some have not heard of; these ask again.
 //!
 //! *Not covered.* Who takes over a whole state, as a newcomer does, believes its sponsor.
 
@@ -45,7 +46,7 @@ pub trait Notary: fmt::Debug + Send + Sync {
     fn is_revoked(&self, holder: &Holder) -> bool;
 }
 
-/// Who has a key.
+/// The owner of a key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
     /// The name of the robot, in its certificate.
@@ -92,7 +93,7 @@ impl Claim {
         }
     }
 
-    /// Returns its bytes, as they are in a message and in the database.
+    /// Returns its bytes, in the form for messages and the database.
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_stdvec(self).unwrap_or_default()
     }
@@ -137,7 +138,8 @@ pub fn holder(notary: &dyn Notary, origin: ReplicaId, state: &State) -> Option<H
     claims.filter_map(|claim| claim.check(notary, origin).ok()).find(|holder| robots.contains(&holder.robot))
 }
 
-/// Returns whether a robot may retire an origin, by whose that is. One of before the team had keys writes nothing any more.
+/// Returns whether a robot may retire an origin, by the origin's owner. An origin from before the team had keys writes
+/// nothing any more.
 pub fn may_retire(notary: &dyn Notary, by: &Holder, whose: Option<&Holder>) -> bool {
     whose.is_none_or(|whose| whose.robot == by.robot || notary.is_revoked(whose))
 }
@@ -145,7 +147,7 @@ pub fn may_retire(notary: &dyn Notary, by: &Holder, whose: Option<&Holder>) -> b
 /// Checks the records of members that a transaction of `author` writes, given whose origins were before it.
 ///
 /// # Errors
-/// It admits or retires somebody whom it may not; for a person.
+/// If it admits or retires an origin without the right to; for a person.
 pub fn check_records(
     notary: &dyn Notary,
     (txn, author): (&Txn, &Holder),

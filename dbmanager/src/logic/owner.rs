@@ -3,19 +3,20 @@
 //! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or none if the prefix was released. `robot/<name>/…`
 //! belongs to that robot without a record, with term 0, until a record says otherwise. The longest prefix counts.
 //!
-//! *Rule.* Other robots refuse to write there, and say who owns it, so that the request can be sent on. Whoever owns a prefix, or
-//! finds it without an owner, may give it to anybody; an operator may *take it over*, by force. Each grant has the term after
-//! the one it knows. Of grants that did not see each other the larger term counts, then the later timestamp.
+//! *Rule.* Other robots refuse to write there, and name the owner, so that the request can be sent on. The owner of a
+//! prefix, or a robot that finds it without an owner, may give it to any robot; an operator may *take it over*, by
+//! force. Each grant has the next term after the one it knows. Among grants that did not see each other the larger term
+//! counts, then the later timestamp.
 //!
-//! *Why nothing passes unseen.* Whoever is cut off goes on writing after a takeover, or where there was no owner yet. Each write
-//! that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, whatever the clocks said
-//! ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition that the grant it relies on
-//! stands, so that it is known what its writer went by, even if that came back and has lost its context.
+//! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or while there was no owner
+//! yet. Each write that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, for
+//! any clocks ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition that its
+//! grant is still valid, so its writer's grant is known even if that robot returned and lost its context.
 //!
-//! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and each under a term checks
-//! its conditions on a state with all that came before it under that term: its own. A later term begins at a replica that
-//! has seen the release of the earlier one, hence all before it, unless somebody took over by force: then what the old owner
-//! wrote meanwhile is what the races list.
+//! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and checks its
+//! conditions on a state with all earlier transactions under the same term: its own. A later term begins at a replica
+//! that has seen the release of the earlier one, hence all its transactions, unless an operator took the prefix over by
+//! force: then the races list the old owner's writes in the meantime.
 
 use crate::logic::key::{Key, KeyError, Namespace};
 use crate::logic::state::{State, Version};
@@ -32,7 +33,7 @@ pub struct Owner {
     pub term: u64,
     /// The robot that owns it, if any.
     pub robot: Option<String>,
-    /// The transaction that granted it; none for what belongs to a robot by its name.
+    /// The transaction that granted it; none for a prefix that belongs to a robot by its name.
     pub grant: Option<Dot>,
 }
 
@@ -43,12 +44,12 @@ pub struct Owners(BTreeMap<String, Owner>);
 /// Returns the key with the record of a prefix, such as `team/arm`.
 ///
 /// # Errors
-/// If that is no key.
+/// If that is not a key.
 pub fn record(prefix: &Key) -> Result<Key, KeyError> {
     Key::new(format!("{OWN}{prefix}"))
 }
 
-/// Returns a record: a term, and who owns the prefix from now on.
+/// Returns a record: a term, and the owner of the prefix from now on.
 pub fn grant(term: u64, robot: Option<&str>) -> Value {
     let text = format!("{term} {}", robot.unwrap_or_default());
     Value { encoding: Encoding::TEXT, bytes: text.trim_end().as_bytes().into() }
@@ -59,7 +60,7 @@ pub fn prefix(record: &Key) -> Option<&str> {
     record.as_str().strip_prefix(OWN)
 }
 
-/// Returns the term that a record states, and who owns the prefix, if anybody does.
+/// Returns the term of a record, and the owner of the prefix, if there is one.
 pub fn read(record: &Value) -> Option<(u64, Option<String>)> {
     let text = std::str::from_utf8(&record.bytes).ok()?;
     let (term, robot) = text.split_once(' ').unwrap_or((text, ""));

@@ -35,9 +35,9 @@ pub(crate) struct IdentityRecord {
     pub(crate) origin: ReplicaId,
     /// Name of the robot.
     pub(crate) robot: String,
-    /// The replica id under which it wants to be admitted, if it is no member.
+    /// The replica id under which it wants to be admitted, if it is not a member.
     pub(crate) joining: Option<ReplicaId>,
-    /// The peer that was asked for the chunk; nobody else is asked for the same.
+    /// The peer that was asked for the chunk; no other peer is asked for it.
     pub(crate) asked: Option<ReplicaId>,
     /// Origins it has given up.
     pub(crate) past: Vec<Past>,
@@ -143,8 +143,8 @@ impl Batch {
     }
 }
 
-/// Returns by what a store shows that nothing is missing: digests of version vector and state, how many transactions
-/// and keys there are.
+/// Returns the summary by which a store shows that nothing is missing: digests of version vector and state, and the
+/// numbers of transactions and keys.
 fn summary(log: &Log, state: &State) -> (u64, u128, usize, usize) {
     (log.vector().digest(), state.digest(), log.len(), state.len())
 }
@@ -195,7 +195,7 @@ pub struct StoredRecords {
 }
 
 impl StoredRecords {
-    /// Takes the next record; records come in the order of their names. What is wrong is said at the end.
+    /// Takes the next record; records come in the order of their names. Mistakes are reported at the end.
     pub fn take(&mut self, name: &[u8], record: &[u8]) {
         self.count += 1;
         if self.wrong.is_none() {
@@ -254,8 +254,8 @@ impl From<&Records> for StoredRecords {
     }
 }
 
-/// Checks that the transactions of each origin follow each other up to its head. They are in order of their names, and what is
-/// behind one, the next transaction or the head, has its number and its hash.
+/// Checks that the transactions of each origin follow each other up to its head. They are in order of their names, and
+/// the successor of each, the next transaction or the head, has its number and its hash.
 fn check_chains(heads: &BTreeMap<ReplicaId, Head>, txns: &[(Dot, u64, EncodedTxn)]) -> Result<(), OpenError> {
     for (index, (dot, _, encoded)) in txns.iter().enumerate() {
         let found = encoded.open().map(|txn| txn.dot());

@@ -1,23 +1,25 @@
-//! One replica as a machine: its inputs, and what it does about each.
+//! One replica as a machine: its inputs, and its effects for each.
 //!
-//! [`Replica::handle`] takes an [`Input`] and says what is to be done, in order: the driver carries out [`Effect::Persist`],
-//! durably, before anything that comes after it (T4: what is acknowledged or sent is on the disk, and what another has
-//! from here cannot be forgotten here). If it fails, the driver drops the effects behind it and the replica, and opens the
-//! store again: a sync that is tried once more may succeed without having written anything.
+//! [`Replica::handle`] takes an [`Input`] and returns its effects, in order. The driver carries out
+//! [`Effect::Persist`], durably, before any later effect (T4: everything acknowledged or sent is on the disk, and
+//! transactions that others have from here cannot be forgotten here). If it fails, the driver drops the later effects
+//! and the replica, and reopens the store: a repeated sync may succeed without having written anything.
 //!
-//! The driver also asks for [`Replica::address`] after each input: it changes when a replica begins anew, and while it looks for
-//! somebody to admit it. The driver may pass on what still comes to an old address, or drop it.
+//! The driver also asks for [`Replica::address`] after each input: it changes when a replica starts again, and while it
+//! looks for a sponsor. The driver may pass on messages that still arrive at an old address, or drop them.
 //!
 //! A replica is a *member*, or it wants to become one. Until then it may be written to, but shows its transactions to
-//! nobody; once admitted it begins with its sponsor's state and rebases them under the origin that was admitted, with
-//! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
-//! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
+//! no other replica; once admitted it begins with its sponsor's state and rebases its transactions under the admitted
+//! origin, with the transactions they had seen. The same applies to a replica that was retired while away, to one that
+//! finds that others know more of its own transactions than itself (a lost tail, a restored backup), and to both of two
+//! clones.
 //!
-//! *Parts.* Each owns its state and has its own transitions. `ledger` is what the replica has and who it is
-//! (`contents`: log and state; `identity`; `commit`: how a draft becomes a transaction; `pending`: what cannot be read
-//! yet), `peers` whom to ask and when, `download` a state on its way, `tickets` who waits for a transaction. `hello`,
-//! `serve` and `branch` are the rules for what peers say: they read the ledger and return actions. `rebase` says what
-//! comes along when it begins anew. Only this file brings them together.
+//! *Parts.* Each owns its state and has its own transitions. `ledger` is the data and identity of the replica
+//! (`contents`: log and state; `identity`; `commit`: how a draft becomes a transaction; `pending`: transactions that
+//! cannot be read yet), `peers` chooses the peers to ask and when, `download` is a state in transit, `tickets` are the
+//! callers that wait for a transaction. `hello`, `serve` and `branch` are the rules for messages of peers: they read
+//! the ledger and return actions. `rebase` finds the transactions to bring along when it starts again. Only this file
+//! brings them together.
 
 mod action;
 mod authors;
@@ -87,8 +89,8 @@ impl Replica {
         })
     }
 
-    /// Opens a replica on a store that may be a copy of one that goes on elsewhere, or older than what others have from it:
-    /// it gives up its origin before it writes anything.
+    /// Opens a replica on a store that may be a copy of one that goes on elsewhere, or older than the transactions
+    /// others have from it: it gives up its origin before it writes anything.
     ///
     /// # Errors
     /// As [`Replica::open`].
@@ -188,7 +190,7 @@ impl Replica {
         self.ledger.acks.acked(origin)
     }
 
-    /// Returns what everybody has, as far as it knows, and who has less.
+    /// Returns the version vector that every member has, as far as it knows, and the members that have less.
     pub fn stable(&self) -> Stable {
         self.ledger.stable()
     }
@@ -391,7 +393,7 @@ impl Replica {
         self.downloads.cancel();
     }
 
-    /// Takes over a state as soon as it is whole.
+    /// Takes over a state as soon as it is complete.
     fn install(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(whole) = self.downloads.whole(effects) else { return };
         match self.ledger.identity.joining() {
@@ -408,11 +410,11 @@ impl Replica {
         self.peers.reset(now);
     }
 
-    /// Returns whether a member can go on from a state. If not, it may have to begin anew.
+    /// Returns whether a member can continue from a state. If not, it may have to start again.
     fn is_of_use(&mut self, now: Time, whole: &Downloaded, effects: &mut Vec<Effect>) -> bool {
         let from = whole.from;
         if !whole.manifest.vector().dominates(&self.log().low()) {
-            // What would have to be applied to it again is not all here any more.
+            // The transactions that would have to be applied to it again are not all here any more.
             let dropped = self.peers.dropped(from);
             if dropped >= DROPPED_MAX && from < self.origin() {
                 self.rejoin(now, false, effects);

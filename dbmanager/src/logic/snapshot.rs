@@ -30,7 +30,7 @@ impl ChunkHash {
     }
 }
 
-/// The chunks of a snapshot, and what they lead to.
+/// The chunks of a snapshot, and the digest of the result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The last transaction of each origin in it.

@@ -2,11 +2,12 @@
 //!
 //! *State.* `key -> {version}`, a version being `(dot, stamp, value | deleted)`: the writes that no other write has seen.
 //!
-//! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it writes, it
-//! takes away the versions whose dot is in `ctx` and adds its own. One that was rebased from another life of its replica
-//! (see [`merge`](crate::logic::merge)) takes away less: of what is in `ctx`, the versions it names, and deletions.
-//! A read shows the version with the largest timestamp; versions with different values are a conflict. With one value there is
-//! nothing to decide: several replicas that resolve in the same way, or rebase the same write, make no new conflict.
+//! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it
+//! writes, it takes away the versions whose dot is in `ctx` and adds its own. A transaction that was rebased from
+//! another life of its replica (see [`merge`](crate::logic::merge)) takes away less: within `ctx`, only the versions it
+//! names, and deletions. A read shows the version with the largest timestamp; versions with different values are a
+//! conflict. With one value there is nothing to decide: several replicas that resolve in the same way, or rebase the
+//! same write, make no new conflict.
 //!
 //! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
 //! `w ▷ v` needs `v` in `w`'s context, which must be here before `w` is applied, each pair is met in this order, `v` first.
@@ -20,8 +21,8 @@
 //!
 //! *T3, whole transactions.* All writes of a transaction go in in one call, and readers see the state before or after it.
 //!
-//! *Deletions* are versions without a value, until nobody can write without having seen them: see
-//! `collect`. The digest leaves out keys that are only deleted, so that dropping them is no change.
+//! *Deletions* are versions without a value, until every later write must have seen them: see `collect`. The digest
+//! leaves out keys that are only deleted, so dropping them changes nothing.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
@@ -48,7 +49,7 @@ pub struct Version {
 pub struct CausalContext<'a> {
     /// Its context.
     pub context: &'a VersionVector,
-    /// Set if it was rebased: of what is in the context, it takes away these (in order) and deletions.
+    /// Set if it was rebased: within the context, it takes away only these (in order) and deletions.
     pub only: Option<&'a [Dot]>,
 }
 
@@ -77,7 +78,7 @@ impl PartialEq for State {
 }
 
 impl State {
-    /// Applies one transaction. What it has seen must be applied already, and itself not yet.
+    /// Applies one transaction. All transactions it has seen must be applied already, and itself not yet.
     pub fn apply(&mut self, dot: Dot, stamp: Timestamp, seen: CausalContext<'_>, writes: &[Write]) {
         for Write { key, value } in writes {
             let mut versions = self.take(key);
@@ -93,12 +94,12 @@ impl State {
         self.entries.len()
     }
 
-    /// Returns whether there is no key.
+    /// Returns whether there are no keys.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Returns the versions of a key, by timestamp: the last is what a read shows.
+    /// Returns the versions of a key, by timestamp: a read shows the last.
     pub fn versions(&self, key: &Key) -> &[Version] {
         self.entries.get(key).map_or(&[], AsRef::as_ref)
     }
@@ -136,7 +137,7 @@ impl State {
     /// Checks a condition.
     ///
     /// # Errors
-    /// If it does not hold, with what is there.
+    /// If it does not hold, with the present version.
     pub fn check(&self, require: &Require) -> Result<(), TxnError> {
         let Require { key, condition } = require;
         let holds = match condition {
@@ -187,7 +188,7 @@ fn is_deleted(versions: &[Version]) -> bool {
     versions.iter().all(|version| version.value.is_none())
 }
 
-/// Returns whether there are values among the versions of a key that somebody has to choose from; a deletion is one too.
+/// Returns whether the versions of a key have different values, so that a client has to choose; a deletion is one too.
 pub fn differ(versions: &[Version]) -> bool {
     versions.iter().any(|version| version.value != versions[0].value)
 }

@@ -20,7 +20,7 @@ pub(crate) const SILENCES_MAX: u32 = 4;
 
 /// How long a chunk of a state is waited for at least before it is asked for once more, each time twice as long.
 pub(crate) const CHUNK_WAIT_MIN: Duration = Duration::from_secs(2);
-/// How long it is waited for at most: twice what a chunk takes on the slowest radio. One that was lost looks as if it took long.
+/// How long to wait for a chunk at most: twice its time on the slowest radio. A lost chunk looks like a slow one.
 pub(crate) const CHUNK_WAIT_MAX: Duration = Duration::from_secs(20);
 /// If chunks come faster than this after each other, more of them are asked for at a time.
 pub(crate) const CHUNK_TIME_FAST: Duration = Duration::from_millis(250);

@@ -1,9 +1,9 @@
 //! Transactions: the unit that is committed, replicated, shown and remembered as a whole.
 //!
-//! A [`Draft`] is what somebody wants; a [`Txn`] is that with its place in history: its dot, its timestamp, and its
-//! *context*, the version vector it was committed on. A [`EncodedTxn`] is a transaction as bytes, in the log and on the
-//! wire. Each names the hash of the one before it at its origin, and what else it has seen, so a number that was used
-//! twice shows (T6).
+//! A [`Draft`] is a caller's wish; a [`Txn`] is a draft with its place in history: its dot, its timestamp, and its
+//! *context*, the version vector it was committed on. An [`EncodedTxn`] is a transaction as bytes, in the log and on
+//! the wire. Each names the hash of the previous one of its origin, and the other transactions it has seen, so a number
+//! that was used twice shows (T6).
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::key::Key;
@@ -78,7 +78,7 @@ pub enum Condition {
     Absent,
     /// The key has a value.
     Exists,
-    /// Its value was written by this transaction, and nobody has written concurrently.
+    /// Its value was written by this transaction, and there was no concurrent write.
     Is(Dot),
 }
 
@@ -144,7 +144,7 @@ pub struct Txn {
     pub requires: Vec<Require>,
     /// Its writes, in the order of their keys, each key once.
     pub writes: Vec<Write>,
-    /// Whether somebody waits for others to have it.
+    /// Whether a caller waits for others to have it.
     pub wants_ack: bool,
     /// Set if it was committed before under another name.
     pub rebase: Option<Rebase>,
@@ -178,7 +178,7 @@ pub struct Header {
     pub context: VersionVector,
 }
 
-/// A transaction as bytes. What a newer version wrote stays as it is.
+/// A transaction as bytes. The bytes of a newer version stay unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncodedTxn {
     /// How `body` is to be read.
@@ -202,7 +202,7 @@ pub enum CodecError {
         /// Its size.
         size: usize,
     },
-    /// The bytes are no transaction.
+    /// The bytes are not a transaction.
     #[error("a transaction is malformed: {cause}")]
     Body {
         /// The error of the decoder.
@@ -214,7 +214,8 @@ pub enum CodecError {
 const SEEN_SIZE: usize = 8;
 
 impl EncodedTxn {
-    /// Returns the transaction as bytes, with the digest of what it has seen of others: [`Log::seen`](super::log::Log::seen).
+    /// Returns the transaction as bytes, with the digest of the other transactions it has seen:
+    /// [`Log::seen`](super::log::Log::seen).
     ///
     /// # Errors
     /// If it is too long.
@@ -241,8 +242,8 @@ impl EncodedTxn {
         (self.format == FORMAT_SIGNED).then(|| (notary::written(body), signature.as_slice()))
     }
 
-    /// Returns the digest of what the transaction has seen of others. The first format has none, which is also written where
-    /// nothing of others was seen.
+    /// Returns the digest of the other transactions that it has seen. The first format has none, which is also written
+    /// if it has seen none.
     pub fn seen(&self) -> Option<ChainHash> {
         let (_, end) = self.body.split_at_checked(self.body.len().checked_sub(self.behind())?)?;
         end.first_chunk::<SEEN_SIZE>().copied().map(ChainHash)

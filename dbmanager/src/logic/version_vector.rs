@@ -1,8 +1,8 @@
 //! Replica ids, dots and version vectors: the writer, one of its transactions, and how many of each writer are included.
 //!
 //! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a version
-//! vector (one number for each origin) says exactly which transactions somebody has, and the difference of two version
-//! vectors is exactly what one side lacks: no search tree and no set reconciliation is needed.
+//! vector (one number for each origin) gives exactly the transactions that a replica has, and the difference of two
+//! version vectors is exactly the set that one side lacks: no search tree and no set reconciliation is needed.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -114,7 +114,7 @@ impl VersionVector {
         self.include(Dot { seq: to.seq.saturating_sub(1), ..to });
     }
 
-    /// Shrinks to what is in `other` too.
+    /// Shrinks to the common part with `other`.
     pub fn meet(&mut self, other: &Self) {
         self.0.retain(|origin, seq| {
             *seq = (*seq).min(other.get(*origin));

@@ -222,7 +222,7 @@ fn what_a_member_may_not_write_is_taken_over_by_nobody() {
     assert!(team.has(0, "team/stolen"));
 }
 
-/// A wrong date alone is nothing to refuse: everybody could go on after it, and everybody has to have the same.
+/// A wrong date alone is not a reason to refuse: every robot could continue after it, and all must have the same.
 #[test]
 fn a_date_in_the_year_2099_is_taken_over_and_epochs_rise() {
     let mut team = Team::of(3);

@@ -124,7 +124,7 @@ impl Team {
         self.handle(1 - at, Input::Retire(origin, self.wall()), false);
     }
 
-    /// Returns what r2 knows of races below a prefix. The log of r1 does not reach back so far once it was retired.
+    /// Returns the races below a prefix that r2 knows. The log of r1 does not reach back that far once it was retired.
     fn races(&self, prefix: &str) -> Vec<Race> {
         past(&self.robots[1].replica).races(prefix)
     }

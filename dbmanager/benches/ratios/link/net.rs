@@ -27,7 +27,7 @@ pub(super) struct Line {
     pub(super) delay: Duration,
 }
 
-/// The replicas, and what is on its way between them.
+/// The replicas, and the messages in transit between them.
 pub(super) struct Net {
     now: Time,
     line: Line,
@@ -79,7 +79,7 @@ impl Net {
         self.bytes
     }
 
-    /// Returns what a robot has.
+    /// Returns the version vector of a robot.
     pub(super) fn cut_of(&self, robot: usize) -> VersionVector {
         self.replicas[robot].log().vector().clone()
     }
@@ -126,7 +126,7 @@ impl Net {
         Ok(())
     }
 
-    /// Does what is next, if that is before `end`.
+    /// Carries out the next event, if it is before `end`.
     fn step(&mut self, end: Time) -> Result<bool, Failure> {
         let mail = self.mail.first_key_value().map(|((at, _), _)| *at);
         let due = |(robot, replica): (usize, &Replica)| Some((replica.deadline()?.max(self.now), robot));
@@ -148,7 +148,7 @@ impl Net {
         }
     }
 
-    /// Tells a robot something, and carries out what it wants.
+    /// Gives a robot an input, and carries out its effects.
     pub(super) fn tell(&mut self, robot: usize, input: Input) -> Result<(), Failure> {
         let mut effects = Vec::new();
         self.replicas[robot].handle(self.now, input, &mut effects);

@@ -1,8 +1,8 @@
 //! The store of a robot: a folder with the records, kept by one of two engines, and a witness beside the folder.
 //!
-//! Which engine it is was chosen when the folder was made, and shows in the name of what is in it. Whatever the engine does not
-//! do by itself is done here or in its adapter: an opening checks what is there and makes it durable, names of files
-//! included; a panic is an error; after an error the engine is closed, and the store has to be opened anew.
+//! The engine was chosen when the folder was made, and shows in the names of its entries. Everything that the engine
+//! does not do by itself is done here or in its adapter: an opening checks the content and makes it durable, names of
+//! files included; a panic is an error; after an error the engine is closed, and the store has to be reopened.
 
 use super::witness::{self, Life, Trust};
 use super::{Store, StoreError, check_file, check_files, damaged, file_error};
@@ -17,7 +17,7 @@ use std::str::FromStr;
 /// The longest name of a record, and the longest record: far more than a replica ever writes.
 const NAME_SIZE_MAX: usize = 32 << 10;
 const RECORD_SIZE_MAX: usize = 64 << 20;
-/// How many damaged stores are put aside before somebody has to look.
+/// How many damaged stores are put aside before a person has to look.
 const ASIDE_MAX: u32 = 100;
 
 /// The engine that keeps the records of a store on the disk.
@@ -26,7 +26,7 @@ pub enum Engine {
     /// redb 4: a file of pages that are copied when they change.
     #[default]
     Redb,
-    /// sled 0.34: a log of what changes.
+    /// sled 0.34: a log of changes.
     Sled,
 }
 
@@ -38,11 +38,11 @@ pub(super) trait Records: fmt::Debug + Send {
     /// As [`Store::commit`]; writes down the present life too, if there is a new one.
     fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError>;
 
-    /// Ends it in order, as far as that is possible.
+    /// Ends it in order, if possible.
     fn close(self: Box<Self>);
 }
 
-/// An engine that was opened, and what the store says of its life, if it is not new.
+/// An opened engine, and the store's record of its life, if it is not new.
 pub(super) type Opened = (Box<dyn Records>, Option<Life>);
 
 /// A store in a directory, and its witness next to it.
@@ -195,8 +195,8 @@ impl DirStore {
         done
     }
 
-    /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
-    /// replica has written what it does about it.
+    /// Tells the witness about this life, if it does not know it. The reason for a doubt stays until the replica has
+    /// written its reaction to the disk.
     fn attest(&mut self) -> Result<(), StoreError> {
         if let Some(life) = self.unattested {
             let attested = witness::attest(&self.path, life, &self.engine.data(&self.path));

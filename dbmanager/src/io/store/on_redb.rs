@@ -1,17 +1,17 @@
 //! A store on redb: one file.
 //!
-//! *What a commit does.* The engine copies each page that changes to a place that the last state does not use, and
-//! writes it; then, into the first sector of the file, the root of the new state, in the one of two slots that is not
-//! the last state's, and which slot is the newest; then one `fdatasync`. Each page is named by its parent together with
-//! a sum of 128 bits, each root by its slot, and each slot has a sum. After a power cut any of these writes may be
+//! *A commit.* The engine copies each changed page to a place that the last state does not use, and writes it. Then it
+//! writes into the first sector of the file the root of the new state, in the slot that the last state does not use,
+//! and which of the two slots is the newest. Then follows one `fdatasync`. Each page is named by its parent together
+//! with a sum of 128 bits, each root by its slot, and each slot has a sum. After a power cut any of these writes may be
 //! there and others not. If all are, that is the new state. If not, some sum does not fit, and the other slot leads to
 //! the last state, of which no page was touched. So one sync is enough; two phases (`set_two_phase_commit`) would cost
-//! a second one, and only help against somebody who chooses both the values and what the drive writes first. A file
-//! grows, and is synced, before anything says that it is longer.
+//! a second one, and only help against an attacker who chooses both the values and the order in which the drive writes.
+//! A file grows, and is synced, before anything says that it is longer.
 //!
-//! *What is added.* The engine checks sums only when it was not closed in order, and may panic over what it then finds:
-//! here every opening checks all of them. It never syncs the folder: every opening of a store does. It takes an empty file
-//! for a new one: not if there is a witness of what was in it.
+//! *Additions.* The engine checks sums only when it was not closed in order, and may panic over damage: here every
+//! opening checks all of them. The engine never syncs the folder: here every opening of a store does. The engine takes
+//! an empty file for a new one: here not if a witness shows that the file had content.
 
 use super::dir::{Opened, Records};
 use super::witness::{self, Life};
@@ -120,7 +120,7 @@ fn is_false_start(mut file: &File) -> io::Result<bool> {
     Ok(bytes.get(..MAGIC_SIZE).is_none_or(zero) && bytes.get(HEAD_SIZE..).is_none_or(zero))
 }
 
-/// Returns layout and life; `None` if there is no table at all.
+/// Returns layout and life; `None` without a table.
 fn read_guard(engine: &Database) -> Result<Option<[Vec<u8>; 2]>, redb::Error> {
     let txn = engine.begin_read()?;
     if txn.list_tables()?.next().is_none() {
@@ -157,7 +157,7 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
     Ok(txn.commit()?)
 }
 
-/// Returns what the engine's error means for who uses the store.
+/// Returns the meaning of the engine's error for a user of the store.
 #[expect(
     clippy::wildcard_enum_match_arm,
     reason = "most of what the engine may say is about calls that nobody makes here"

@@ -1,4 +1,4 @@
-//! A store on sled 0.34.7, pinned, with what that lacks on Linux: a folder of its own in the folder of the store.
+//! A store on sled 0.34.7, pinned, with additions for Linux: a separate folder in the folder of the store.
 //!
 //! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache: of 100 simulated power cuts 99
 //! lost writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data
@@ -163,8 +163,8 @@ fn open_engine(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), S
     Ok((engine, life))
 }
 
-/// Checks that nobody has the store open. The engine takes the same lock, but says nothing that could be told from others;
-/// and it lets go of it on a thread of its own, some time after it was closed, without a word.
+/// Checks that no process has the store open. The engine takes the same lock, but its error cannot be told from others;
+/// and it releases the lock on a separate thread, some time after it was closed, without a notice.
 fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     let file = match File::open(data) {
         Ok(file) => file,
@@ -174,7 +174,8 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     let until = clock::now() + CLOSED_WITHIN;
     loop {
         match file.try_lock() {
-            // Closing it would not do: a program that is being started on another thread may have the file, too, for a moment.
+            // Closing it would not do: a program that is just being started on another thread may briefly hold the file
+            // as well.
             Ok(()) => return file.unlock().map_err(|cause| file_error(path, cause)),
             Err(TryLockError::WouldBlock) if clock::now() < until => {
                 Wakeup::default().wait(Some(clock::now() + ASK_AGAIN_AFTER));
@@ -189,7 +190,7 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
 fn open_or_begin_again(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
     let opened = shielded(path, || open_engine(path, folder));
     let size = folder.join(DATA).metadata().map_or(0, |file| file.len());
-    // Nothing was promised as long as there is no witness.
+    // Without a witness nothing was promised.
     if opened.as_ref().is_err_and(StoreError::is_damage) && !witness::exists(path) && size <= NEW_SIZE_MAX {
         let aside = folder.with_extension("begun");
         let cleared = if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) };
@@ -211,10 +212,10 @@ fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns what the engine's error means for who uses the store.
+/// Returns the meaning of the engine's error for a user of the store.
 fn store_error(path: &Path, cause: sled::Error) -> StoreError {
     let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
-    // The engine tells what its threads were told by the system as a text.
+    // The engine reports the system errors of its threads as text.
     let text = cause.to_string();
     let full = text.contains("StorageFull");
     file_error(path, if full { io::Error::new(io::ErrorKind::StorageFull, text) } else { cause })

@@ -1,10 +1,10 @@
 //! The witness: a file beside the store that tells whether the store is still the one it was.
 //!
-//! A store that was restored from a backup, or copied to another robot, would number its transactions from where it stood
-//! then; others know other transactions by those numbers already. So each store has a number of its own and counts how
-//! often it was written to after an opening, and the witness, which lies beside the store and not in it, says what both were
-//! last, and which file on which machine it was. A store that does not match begins a new life, under a new origin, with
-//! the first thing that is written to it.
+//! A store that was restored from a backup, or copied to another robot, would continue its numbers from that time, but
+//! others already know other transactions by those numbers. So each store has a number of its own and counts how often
+//! it was written to after an opening. The witness, which lies beside the store and not in it, records the last values
+//! of both, and the file and the machine. A store that does not match begins a new life, under a new origin, with its
+//! first write.
 //!
 //! The count goes up in the store first, with that first batch, and here second, so a store may be one ahead of its witness
 //! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
@@ -97,7 +97,7 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     let said = match file::bytes(&path(dir), SIZE_MAX) {
         Ok(said) => String::from_utf8_lossy(&said).into_owned(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Trust::Doubtful(Doubt::Missing)),
-        // A pipe, or a file that no store has written: nobody vouches for the store.
+        // A pipe, or a file that no store has written: nothing confirms the store.
         Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => {
             return Ok(Trust::Doubtful(Doubt::Damaged));
         }
@@ -152,7 +152,7 @@ fn testimony(life: Life, data: &Path) -> io::Result<BTreeMap<&'static str, Strin
     let born = file.stx_btime;
     let mut machine = blake3::Hasher::new();
     for path in MACHINE {
-        // What a machine does not have, it did not have before.
+        // A property that the machine lacks was not there before either.
         machine.update(&fs::read(path).unwrap_or_default()).update(&[0]);
     }
     Ok(BTreeMap::from([

@@ -138,7 +138,7 @@ impl Team {
         }
     }
 
-    /// Returns the timestamps of the values at a key that nobody who knew them has written over.
+    /// Returns the timestamps of the values at a key that no writer who knew them has overwritten.
     fn expected(&self, key: u8) -> BTreeSet<Timestamp> {
         let key = Key::new(format!("k{key}")).unwrap();
         let writes = |event: &&Event| event.writes.iter().any(|write| write.key == key);

@@ -17,10 +17,10 @@ use std::sync::Arc;
 /// How far the dates of a robot may be ahead of those that others know, since it has written much that never left it.
 const TICKS_MAX_MS: u64 = 1000;
 
-/// How many epochs of dates a transaction may leave out: a robot that is admitted anew may have begun some for itself.
+/// How many epochs of dates a transaction may skip: a robot that is admitted again may have begun some alone.
 const EPOCHS_MAX: u16 = 100;
 
-/// Who has written what.
+/// The authors of transactions.
 #[derive(Debug, Default)]
 pub(super) struct Authors {
     notary: Option<Arc<dyn Notary>>,
@@ -124,8 +124,8 @@ impl Authors {
     }
 }
 
-/// Checks that a transaction leaves dates to others, where `known` is the last date of a log that has all that it has seen: nobody
-/// who goes by the clock's rule is refused.
+/// Checks that a transaction leaves dates to others, where `known` is the last date of a log that has all transactions
+/// it has seen: a replica that follows the clock's rule is never refused.
 fn check_dates(txn: &Txn, known: Timestamp) -> Result<(), &'static str> {
     let is_ahead = |stamp: Timestamp, most: Timestamp| stamp.millis() > DATE_MAX_MS.max(most.millis() + TICKS_MAX_MS);
     let before = if txn.stamp.epoch > known.epoch { Timestamp::default() } else { known };

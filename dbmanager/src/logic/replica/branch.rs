@@ -1,19 +1,21 @@
 //! The rules for branches: a peer has another transaction under a number, knows more of this replica than it does itself, or
 //! has retired it.
 //!
-//! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses numbers of its that others know
-//! already. Nobody takes the one transaction for the other: a transaction that does not follow, or that has seen the other one, is
-//! refused, and the two who disagree say by which hashes they know what ([`Chunk::Known`]). So nothing that was acknowledged is
-//! overwritten by somebody who never saw it, and each branch is rebased.
+//! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses its own numbers that
+//! others already know. The two transactions are never mixed up: a transaction that does not follow, or that has seen
+//! the other one, is refused, and the two replicas that disagree exchange the hashes by which they know each number
+//! ([`Chunk::Known`]). So an acknowledged write is never overwritten by a writer who never saw it, and each branch is
+//! rebased.
 //!
-//! *Branches that cannot be compared.* A log that is cut does not say by which hash an old number is known. Of two who are known to
-//! disagree the one with the larger origin then begins anew, and takes for used twice whatever it cannot compare. A state says so of
-//! its last numbers only; so who has seen an origin use a number twice remembers it, and takes over no state that has more of it.
+//! *Branches that cannot be compared.* A log that is cut does not have the hash of an old number. Of two replicas that
+//! are known to disagree, the one with the larger origin then starts again, and treats every number it cannot compare
+//! as used twice. A state has the hashes of its last numbers only; so a replica that has seen an origin use a number
+//! twice remembers it, and takes over no state that has more of it.
 //!
-//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
-//! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
-//! second nobody knows any more if all that had heard it were started again since; nor does it help who has
-//! applied something meanwhile that was written without the lost deletions. Then digests differ, and there is an alarm.
+//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions
+//! than itself ([`Chunk::Fork`]), or it reports less than it reported before ([`Chunk::Behind`]). In both cases it
+//! starts again. The second sign is lost if all replicas that had heard it were restarted since; nor does it help a
+//! replica that has since applied a write made without the lost deletions. Then digests differ, and there is an alarm.
 
 use super::action::Action;
 use super::interface::{Alarm, Effect};
@@ -27,9 +29,9 @@ use crate::logic::txn::ChainHash;
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeSet;
 
-/// A member knows transactions by these hashes. If one is another here, somebody was set back, and both branches have spread:
-/// of two that stand on different ones, the one with the larger origin begins anew, from the other, and rebases what it has.
-/// Returns nothing if all of them mean the same, or the replica begins anew already.
+/// A member knows transactions by these hashes. If one differs here, a store was set back, and both branches have
+/// spread: of two replicas on different branches, the one with the larger origin starts again, from the other, and
+/// rebases its transactions. Returns nothing if all hashes agree, or the replica is already starting again.
 pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let contents = ledger.contents();
     if !may_rejoin(ledger) {
@@ -60,7 +62,7 @@ fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<
     gives_up(ledger, from, &origins)
 }
 
-/// Of two on different branches of these origins the one with the larger origin begins anew.
+/// Of two replicas on different branches of these origins, the one with the larger origin starts again.
 fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> Vec<Action> {
     if origins.is_empty() {
         return Vec::new();
@@ -119,7 +121,8 @@ pub(super) fn retired(ledger: &Ledger, from: ReplicaId, stamp: Timestamp) -> Opt
     stands.then_some(Action::Rejoin { twice: false })
 }
 
-/// Returns whether whoever ends its own chain so has less of it, or another one, than whoever knows it to end so.
+/// Returns whether a replica with this end of its own chain has less of it, or another one, than a replica that knows
+/// it to end at `known`.
 pub(super) fn is_set_back(own: (u64, ChainHash), known: (u64, ChainHash)) -> bool {
     own.0 < known.0 || own.0 == known.0 && own.1 != known.1
 }

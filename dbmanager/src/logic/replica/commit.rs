@@ -1,15 +1,15 @@
 //! The commit pipeline: turns a draft of a caller into a transaction with its place in history.
 //!
-//! [`CommitPipeline::plan`] checks a draft against what is here, [`CommitPipeline::seal`] gives it a timestamp, a
-//! number and a context; the replica then enters it. What never leaves the robot is written here at once.
+//! [`CommitPipeline::plan`] checks a draft against the present state, [`CommitPipeline::seal`] gives it a timestamp, a
+//! number and a context; the replica then enters it. Values that never leave the robot are written here at once.
 //!
-//! *Urgent and bulk.* There are no classes of transactions. One is shown after all that its writer had seen, and that is as a
-//! rule all that its robot had; so there is hardly anything that an urgent one could overtake without breaking that promise
-//! or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at most four of them), and what is
-//! large goes beside them: a value names it by its hash. A robot that needs bulk with a history of its own runs a second
-//! replica as a team of its own, whose messages the driver sends with less priority.
+//! *Urgent and bulk.* There are no classes of transactions. A transaction is shown after all transactions its writer
+//! had seen, which is usually everything its robot had. So an urgent one could hardly overtake anything without
+//! breaking that promise or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at
+//! most four of them), and large data goes beside them: a value names it by its hash. A robot that needs bulk data with
+//! a separate history runs a second replica as a separate team, whose messages the driver sends with less priority.
 //!
-//! *State.* The hybrid clock, what the wall clock said last, and what is at `local/…`.
+//! *State.* The hybrid clock, the last reading of the wall clock, and the values at `local/…`.
 
 use super::contents::Contents;
 use super::interface::AckLevel;
@@ -75,7 +75,7 @@ impl CommitPipeline {
         self.notary = Some(notary);
     }
 
-    /// Takes note of what the wall clock says.
+    /// Notes a reading of the wall clock.
     pub(super) fn set_wall(&mut self, wall: Wall) {
         self.wall = wall;
     }
@@ -119,7 +119,7 @@ impl CommitPipeline {
             granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), to)) });
         }
         let (reason, mut requires, mut writes) = draft.into_parts();
-        // What is nobody else's business is checked, and not told.
+        // Conditions on local keys are checked, and not passed on.
         requires.retain(|require| require.key.namespace() != Namespace::Local);
         requires.extend(fences.into_iter().map(|(key, dot)| Require { key, condition: Condition::Is(dot) }));
         writes.extend(granted);
@@ -139,7 +139,7 @@ impl CommitPipeline {
         let stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let head = log.head(origin).cloned().unwrap_or_default();
         let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
-        // What one's own transactions have seen is in one's own number.
+        // The transactions that one's own earlier ones have seen are covered by one's own number.
         let context: VersionVector = log.vector().beyond(&head.context).without(origin);
         let txn = Txn {
             stamp,
@@ -153,7 +153,7 @@ impl CommitPipeline {
             wants_ack: change.wants_ack,
             rebase: change.rebase,
         };
-        // All of it is what others wrote last, so it is known.
+        // All of it is the last writes of others, so it is known.
         let seen = log.seen(&txn.context);
         if let Some(notary) = &self.notary {
             let encoded = EncodedTxn::seal_signed(&txn, seen.unwrap_or_default(), &**notary)?;

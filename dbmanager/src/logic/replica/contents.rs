@@ -1,7 +1,7 @@
 //! The contents of a replica: its transactions, and the state, the members and the owners that follow from them.
 //!
-//! *Rule.* All four change together, by a transaction that is entered or by the state of another that is taken over, and what
-//! changes goes to the disk with the same batch.
+//! *Rule.* All four change together, when a transaction is entered or the state of another is taken over, and the
+//! changes go to the disk in the same batch.
 
 use crate::logic::key::Key;
 use crate::logic::log::Log;
@@ -52,7 +52,7 @@ impl Contents {
     pub(super) fn enter(&mut self, txn: &Txn, encoded: &EncodedTxn, batch: &mut Batch) {
         let (dot, context) = (txn.dot(), self.log.context(txn));
         let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
-        // What is rebased is concurrent with what is rebased with it.
+        // Rebased transactions are concurrent with each other.
         let seen = if only.is_some() { context.without(dot.origin) } else { context };
         self.state.apply(dot, txn.written(), CausalContext { context: &seen, only }, &txn.writes);
         let index = self.log.append(txn, encoded.clone());

@@ -27,7 +27,7 @@ pub(super) struct Offer {
     before: BTreeMap<ChunkHash, Vec<u8>>,
 }
 
-/// The download that is under way, if any, and what has come of one that was broken off.
+/// The download in progress, if any, and the chunks of one that was broken off.
 #[derive(Debug, Default)]
 pub(super) struct Downloads {
     current: Option<Download>,
@@ -104,7 +104,7 @@ impl Downloads {
         self.current = Some(download);
     }
 
-    /// Asks once more for what has not come in time, and in the end gives up.
+    /// Asks once more for chunks that have not come in time, and finally gives up.
     pub(super) fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(download) = self.current.as_mut().filter(|download| download.until <= now) else { return };
         if download.tries >= CHUNK_TRIES_MAX {
@@ -135,12 +135,12 @@ impl Downloads {
                 self.current = None;
                 effects.push(Effect::Alarm(Alarm::Malformed(from)));
             }
-            // The peer has gone on, or was started anew: the next pull brings its new manifest.
+            // The peer has moved on, or was restarted: the next pull brings its new manifest.
             None => self.break_off(),
         }
     }
 
-    /// Returns the state as soon as it is whole.
+    /// Returns the state as soon as it is complete.
     pub(super) fn whole(&mut self, effects: &mut Vec<Effect>) -> Option<Downloaded> {
         let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
         let Download { from, manifest, chunks, .. } = self.current.take_if(|download| whole(download))?;
@@ -153,7 +153,7 @@ impl Downloads {
         }
     }
 
-    /// Ends it, and forgets what has come.
+    /// Ends it, and discards its chunks.
     pub(super) fn cancel(&mut self) {
         self.current = None;
     }
@@ -171,7 +171,8 @@ impl Download {
         Self { from, manifest, chunks, asked, window: 1, alone, since, wait, until, tries: 0 }
     }
 
-    /// A chunk has come: what it took is what the next one may take. On a slow radio there is one on its way at a time.
+    /// A chunk has come: the time it took is the time that the next one may take. On a slow radio there is one in
+    /// transit at a time.
     fn arrived(&mut self, now: Time, name: ChunkHash, bytes: Vec<u8>) {
         self.chunks.insert(name, bytes);
         let took = now.since(self.since);

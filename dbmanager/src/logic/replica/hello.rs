@@ -1,4 +1,4 @@
-//! The rules for `Hello`: what a replica says of itself, and what follows from the `Hello` of a peer.
+//! The rules for `Hello`: a replica's own report, and the consequences of a peer's `Hello`.
 
 use super::action::Action;
 use super::branch::is_set_back;
@@ -18,7 +18,7 @@ enum Greeting {
     Copied,
     /// The peer may have more than is here.
     Ahead,
-    /// The peer is not known, and who has admitted it was retired.
+    /// The peer is not known, and its sponsor was retired.
     Retired(Timestamp),
     /// The peer belongs to another team of the same name.
     OtherTeam {
@@ -125,7 +125,7 @@ pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Acti
             }
         }
         Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),
-        // An old hello may have been overtaken by what it announces: who gets this knows better.
+        // An old hello may have been overtaken by the transactions it announces: the receiver of this knows better.
         Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
         Greeting::Ahead | Greeting::Differs => actions.push(Action::Ahead),
         Greeting::Even { buffers, same_chains, same_state } => {

@@ -1,12 +1,13 @@
 //! The replica id under which a replica writes, and the one under which it wants to be admitted.
 //!
-//! *State.* What the disk has of it, and what this start has learnt: how far others mean the same by the own numbers.
+//! *State.* The part of it on the disk, and the knowledge of this start: up to which number others mean the same
+//! transactions by its numbers.
 //!
-//! *One sponsor for one origin.* A sponsor counts a newcomer as one who begins with its state. So whoever gets no answer and
-//! asks somebody else asks for another origin, and says that it has given up the first: two sponsors that did not hear of each
-//! other would both count on a state of which the newcomer can take only one. Who was asked before is asked for the same
-//! origin as before, unless it says that this was retired: so a newcomer that nobody can answer costs the team one record for each
-//! member, and not one for each question.
+//! *One sponsor for one origin.* A sponsor counts a newcomer as a replica that begins with its state. So a newcomer
+//! that gets no answer and asks another sponsor asks for another origin, and reports that it has given up the first:
+//! two sponsors that did not hear of each other would both count on a state of which the newcomer can take only one. A
+//! sponsor that was asked before is asked for the same origin again, unless it reports that this was retired: so a
+//! newcomer that no sponsor can answer costs the team one record for each member, and not one for each question.
 
 use crate::logic::message::Join;
 use crate::logic::record::{Batch, IdentityRecord, OpenError, Past};

@@ -98,9 +98,9 @@ pub enum Alarm {
     NeedsUpgrade(u8),
     /// A peer sent what no peer sends.
     Malformed(ReplicaId),
-    /// A peer has passed on what nobody may write. It is left out.
+    /// A peer has passed on a transaction that breaks the rules. It is left out.
     Forged {
-        /// Who has sent it.
+        /// Its sender.
         from: ReplicaId,
         /// Why, for a person.
         why: String,
@@ -129,7 +129,7 @@ pub enum Effect {
     Visible(Dot, EncodedTxn),
     /// A transaction has a new name, since its origin had to be given up.
     Renamed(Dot, Dot),
-    /// Watchers begin anew: the state was replaced by a snapshot.
+    /// Watchers start again: the state was replaced by a snapshot.
     Replaced,
     /// Tell an operator.
     Alarm(Alarm),

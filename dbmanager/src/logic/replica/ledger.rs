@@ -38,7 +38,7 @@ pub(super) struct Ledger {
     pub(super) acks: Acks,
     batch: Batch,
     log_size: usize,
-    /// Whether others do not know yet of what is new here.
+    /// Whether there are changes here that others do not know yet.
     changed: bool,
 }
 
@@ -218,8 +218,8 @@ impl Ledger {
         forks || push.hashes().any(|(seq, _)| seq > self.log().vector().get(from))
     }
 
-    /// A transaction has come whose number its origin has used twice. That is remembered until this replica is admitted anew: a state
-    /// does not say which of the two it has.
+    /// A transaction has come whose number its origin has used twice. That is remembered until this replica is admitted
+    /// again: a state does not show which of the two it has.
     fn notice_fork(&mut self, origin: ReplicaId, effects: &mut Vec<Effect>) {
         if origin != self.identity.origin() {
             self.identity.knows_forked(origin);
@@ -358,7 +358,7 @@ impl Ledger {
         }
     }
 
-    /// Returns whether others do not know yet of what is new here; from now on they do.
+    /// Returns whether there are changes here that others do not know yet; from now on they do.
     pub(super) fn take_changed(&mut self) -> bool {
         std::mem::take(&mut self.changed)
     }
@@ -387,7 +387,7 @@ impl Ledger {
         names
     }
 
-    /// Goes on as `joining`, with all of `old` that nobody else rebases; returns its new names.
+    /// Continues as `joining`, with all of `old` that no other replica rebases; returns its new names.
     fn rebase(
         &mut self,
         now: Time,
@@ -412,7 +412,7 @@ impl Ledger {
         names
     }
 
-    /// Drops what nobody needs any more.
+    /// Drops everything that is no longer needed.
     pub(super) fn gc(&mut self) {
         self.acks.settle(self.contents.log().vector());
         if !self.is_member() {
@@ -432,8 +432,8 @@ impl Ledger {
         self.contents.truncate(&stable, self.log_size, &mut self.batch);
     }
 
-    /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
-    /// that, so it must not go on under its name.
+    /// Returns the answer to a member that has fewer transactions than it has reported. Others may have dropped
+    /// deletions because of that report, so the member must not continue under its name.
     pub(super) fn behind(&self, from: ReplicaId, vector: &VersionVector) -> Option<Message> {
         let said = self.acks.acked(from).filter(|said| !vector.dominates(said));
         said.map(|said| Message::Chunk(Chunk::Behind(said.clone())))

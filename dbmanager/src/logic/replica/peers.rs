@@ -93,8 +93,8 @@ impl PeerTable {
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD_MIN);
     }
 
-    /// Somebody has come: it hears of the state here at once, and whoever did not answer may be asked again. A question
-    /// that was lost with the link is not waited for; one that was not is asked twice, which harms nobody.
+    /// A peer has come: it hears of the state here at once, and a peer that did not answer may be asked again. A
+    /// question that was lost with the link is not waited for; one that was not lost is asked twice, which is harmless.
     pub(super) fn met(&mut self, now: Time) {
         (self.hello_at, self.hello_period) = (now, HELLO_PERIOD_MIN);
         for peer in self.peers.values_mut() {
@@ -134,7 +134,7 @@ impl PeerTable {
         self.hello_period = (period * 2).min(HELLO_PERIOD_MAX);
     }
 
-    /// Forgets those who are no members, unless they may have more than is here.
+    /// Removes replicas that are not members, unless they may have more than this one.
     pub(super) fn retain(&mut self, is_member: impl Fn(ReplicaId) -> bool) {
         self.peers.retain(|origin, peer| is_member(*origin) || peer.ahead || peer.pulling.is_some());
     }
@@ -170,7 +170,7 @@ impl PeerTable {
         self.peers.entry(origin).and_modify(|peer| peer.dropped = 0);
     }
 
-    /// A peer may have more than is here, and may be asked from then on.
+    /// A peer may have more than this replica, and may be asked from `ask_at` on.
     pub(super) fn ahead(&mut self, origin: ReplicaId, ask_at: Time) {
         if let Some(peer) = self.peer(origin) {
             peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
@@ -203,7 +203,7 @@ impl PeerTable {
         }
         (peer.ahead, peer.silences) = (false, 0);
         let (in_time, asked, announced) = (peer.pulling.take().is_some(), peer.asked.take(), peer.announced.take());
-        // One that comes late shows how long the way is, too.
+        // A late answer also shows how long the way is.
         match (asked, announced, full) {
             (Some(asked), Some(at), Some(bytes)) => peer.pace.timed(bytes, at.since(asked.at), now.since(at)),
             (Some(asked), None, Some(bytes)) => peer.pace.arrived(bytes, now.since(asked.at)),
@@ -231,8 +231,8 @@ impl PeerTable {
         Some((self.number, peer.pace.chunk()))
     }
 
-    /// Chooses a peer to ask now; none if as many are asked as may be. Whoever has asked one `sponsor` asks nobody else as long
-    /// as that one may answer.
+    /// Chooses a peer to ask now; none if the limit of open questions is reached. A replica that has asked one
+    /// `sponsor` asks no other as long as that one may answer.
     pub(super) fn choose(
         &mut self,
         now: Time,

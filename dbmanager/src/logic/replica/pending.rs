@@ -1,18 +1,19 @@
 //! Buffers transactions that cannot be read yet: of a newer format, or after one that is.
 //!
 //! *Rule.* Every format begins with the same [`Header`]. So a transaction that is next at its origin and whose causes
-//! are here, be they applied or buffered, is kept and passed on, although nobody here knows what it says; and so is
-//! what comes after it. None of it is applied: the own version vector, by which others count what is stable, stays
-//! behind it, and what is committed here has not seen it. A newer program finds it on the disk and applies it in the
-//! order in which it came, which is causal.
+//! are here, applied or buffered, is kept and passed on, although this program cannot read it; and so are its
+//! successors. None of them is applied: the own version vector, by which others count stability, does not include them,
+//! and transactions committed here have not seen them. A newer program finds them on the disk and applies them in the
+//! order in which they came, which is causal.
 //!
 //! That way a robot with an older program still carries updates from one newer robot to another, and never shows half of them.
 //!
 //! *Retirement.* Retirements of a replica with buffered transactions are buffered too. A member that confirms a retirement
 //! counts as one that has applied everything of that replica that anybody has.
 //!
-//! New formats are written only once [`Replica::team_format`](super::Replica::team_format) says that everybody reads them; that a
-//! transaction has to be buffered means that somebody has joined since, or that an operator was in a hurry.
+//! New formats are written only once [`Replica::team_format`](super::Replica::team_format) shows that every member
+//! reads them. So a transaction that has to be buffered means that a member has joined since, or that an operator was
+//! in a hurry.
 
 use crate::logic::log::Log;
 use crate::logic::record::Batch;
@@ -20,7 +21,7 @@ use crate::logic::txn::{ChainHash, EncodedTxn, Header};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
-/// How many bytes of transactions are buffered. What does not fit is pulled again later.
+/// How many bytes of transactions are buffered. Further ones are pulled again later.
 const PENDING_SIZE_MAX: usize = 16 << 20;
 
 /// The buffered transactions, in the order in which they came.
@@ -111,7 +112,7 @@ mod tests {
 
     const A: ReplicaId = ReplicaId::new(1);
 
-    /// Returns a transaction that nobody here can read.
+    /// Returns a transaction that no program here can read.
     fn newer(seq: u64, prev: ChainHash, context: &[(u64, u64)]) -> EncodedTxn {
         let context = context.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect();
         let stamp = Timestamp { epoch: 0, hlc: seq, origin: A };

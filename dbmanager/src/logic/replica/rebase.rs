@@ -1,8 +1,8 @@
 //! Re-commits the transactions of a rejoining replica under its new origin.
 //!
-//! *Rule.* Rebased is what the old state and log have, the new ones have not, and no member rebases itself: the own
-//! transactions, and those of origins that are no members. What that is, and why nothing is lost or hidden by it, is worked out
-//! in [`merge`]; here it becomes changes, which the replica commits under the admitted origin.
+//! *Rule.* Rebased are the transactions that the old state and log have, the new ones have not, and no member rebases
+//! itself: the own transactions, and those of origins that are not members. [`merge`] finds them, and explains why
+//! nothing is lost or hidden; here they become changes, which the replica commits under the admitted origin.
 //!
 //! The last of these transactions says up to where the old origins were rebased. So whoever comes back later with the
 //! same does not rebase it once more, and an old name leads to a new one
@@ -38,7 +38,7 @@ pub(super) struct Arrivals {
     pub(super) records: Vec<Write>,
 }
 
-/// A transaction that is rebased, as far as it is not committed yet.
+/// The part of a rebased transaction that is not committed yet.
 #[derive(Debug)]
 pub(super) struct Rest {
     rebase: Rebase,
@@ -47,7 +47,8 @@ pub(super) struct Rest {
     writes: Vec<(Write, BTreeSet<Dot>)>,
 }
 
-/// Returns what of `old` has to be committed on `new` as `joining`, who is not admitted yet; `None` if that is nothing.
+/// Returns the part of `old` that has to be committed on `new` as `joining`, which is not admitted yet; `None` if there
+/// is none.
 pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (ReplicaId, &Identity)) -> Option<Arrivals> {
     let forked = forked(old.log(), new.log(), me);
     let (old_side, new_side) = (side(old), side(new));
@@ -80,7 +81,7 @@ fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
     let mut forked: Forked = new.heads().iter().filter_map(other).collect();
     let past = me.past().iter().filter(|past| past.known_by_peers < u64::MAX);
     for Past { origin, known_by_peers, twice, .. } in past {
-        // Who knows less of its own transactions than others was set back.
+        // A replica that knows less of its own transactions than others was set back.
         let behind = old.vector().get(*origin) < new.vector().get(*origin);
         if *twice || behind || forked.contains_key(origin) {
             forked.insert(*origin, *known_by_peers);

@@ -82,11 +82,12 @@ fn claimed(notary: &dyn Notary, join: &Join, claim: &[u8]) -> Result<(), String>
     if holder.robot == join.robot { Ok(()) } else { Err(format!("`{}` joins as `{}`", holder.robot, join.robot)) }
 }
 
-/// Returns what makes this the first member of a team, alone or with what is left of one that had no members but itself.
+/// Returns the change that makes this the first member of a team, alone or with the rest of a team whose only member
+/// was itself.
 pub(super) fn founding(ledger: &Ledger) -> Option<Change> {
     let given_up = |origin: &ReplicaId| ledger.identity.past().iter().any(|past| past.origin == *origin);
     let before: Vec<ReplicaId> = ledger.contents().members().active().map(|(origin, _)| origin).collect();
-    // Those of before the robots had keys write nothing any more.
+    // Origins from before the robots had keys write nothing any more.
     let is_over = |origin: &ReplicaId| given_up(origin) || !ledger.authors.is_claimed(*origin, ledger.contents());
     ledger.identity.joining().filter(|_| before.iter().all(is_over))?;
     let origin = ledger.identity.origin();

@@ -24,7 +24,7 @@ pub(super) struct Team {
     mail: VecDeque<(usize, ReplicaId, Message)>,
     pub(super) answers: Vec<Answer>,
     pub(super) alarms: Vec<(usize, Alarm)>,
-    /// The replicas that hear nobody.
+    /// The isolated replicas.
     pub(super) away: BTreeSet<usize>,
     /// The replica that hears greetings only, and is heard.
     deaf: Option<usize>,
@@ -397,7 +397,7 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
 fn a_store_of_a_newer_program_is_not_damaged() {
     let mut team = Team::of(1);
     let Answer::Committed(last) = team.commit(0, put("team/a", b"1")) else { panic!("it is not committed") };
-    // What that would have left: its transaction in the log, and the head with its hash.
+    // The traces it would have left: its transaction in the log, and the head with its hash.
     let log = team.replicas[0].log();
     let newer = EncodedTxn { format: 9, body: log.encoded(last).unwrap().body.clone() };
     let mut batch = Batch::default();

@@ -8,11 +8,11 @@
 //! [`Checkpoints`] from its start on, before the first of the log is dropped: states share what they have in common, so a
 //! handful costs little.
 //!
-//! A date names a version vector, too: all transactions that were committed by then by a clock that may be believed,
-//! and all that those had seen. Of what was written without such a clock two bounds are known: it was not before any
-//! date that its writer had seen, and not after the date of whoever has seen it. A date between the two is refused:
-//! nobody can tell. A base will do if it is within that version vector, so one date in 2099 is in the way of none, once
-//! others have seen it.
+//! A date also names a version vector: all transactions that were committed by then according to a trustworthy clock,
+//! and all transactions that those had seen. For a write without such a clock two bounds are known: it was not before
+//! any date that its writer had seen, and not after the date of any transaction that has seen it. A date between the
+//! two is refused, because the answer is unknown. A base can be used if it is within that version vector, so a single
+//! date in 2099 blocks none, once others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;
@@ -65,7 +65,7 @@ pub enum AsOfError {
         /// Up to which transactions.
         missing: VersionVector,
     },
-    /// Some of it was written while no clock was set, and nobody with a date had seen it by then.
+    /// Some of it was written while no clock was set, and no dated transaction had seen it by then.
     #[error(
         "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
          was not set (the first is {first}, by `{by}`); ask for a later date, or for a version as `dca db version` prints it"
@@ -180,7 +180,7 @@ impl Past<'_> {
     /// Returns the version vector at a date, in milliseconds since 1970, as far as keys below `prefix` are concerned.
     ///
     /// # Errors
-    /// If it is not kept any more, or nobody can tell what was there then.
+    /// If it is no longer kept, or its content at that time is unknown.
     pub fn vector_at(&self, millis: u64, prefix: &str, base: Option<&Base>) -> Result<VersionVector, AsOfError> {
         let base = Base::of(self, base)?;
         let (mut vector, oldest) = (VersionVector::default(), base.vector());
@@ -223,7 +223,7 @@ impl Past<'_> {
     }
 }
 
-/// Returns the state that holds these versions, for whoever was sent them: what takes a state takes them then.
+/// Returns the state that holds these versions, for a client that was sent them, so that code for states can be used.
 pub fn state_of(entries: impl IntoIterator<Item = (Key, Vec<Version>)>) -> State {
     let mut state = State::default();
     for (key, versions) in entries {

@@ -2,10 +2,10 @@
 //!
 //! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
 //! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
-//! second would have been refused on one robot. So is a write below a prefix that was granted to another robot, if neither
-//! has seen the other: of these no timestamp says which was first, since the owner after the one in the order of timestamps may
-//! have decided before. No database that takes writes while it is cut off can prevent any of them; this one lists them. They
-//! are over when somebody writes the key having seen both.
+//! second would have been refused on one robot. The same holds for a write below a prefix that was granted to another
+//! robot, if neither has seen the other: no timestamp shows which was first, since the owner with the later timestamp
+//! may have decided earlier. No database that takes writes while it is cut off can prevent any of them; this one lists
+//! them. They are over when a client that has seen both writes the key.
 
 mod count;
 
@@ -27,7 +27,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Conflict {
     /// The key.
     pub key: Key,
-    /// The writes; the last is what a read shows.
+    /// The writes; a read shows the last.
     pub versions: Vec<Sibling>,
 }
 
@@ -57,7 +57,7 @@ pub struct Race {
     pub seen: String,
     /// The last of these transactions.
     pub relied: Party,
-    /// On what; nothing if it was a write that relied on nobody else having been granted a prefix of the key.
+    /// The condition; none if it was a write that relied on no other robot having been granted a prefix of the key.
     pub condition: Option<Condition>,
     /// The transactions that had changed or granted it.
     pub changed: Party,
@@ -109,7 +109,7 @@ struct Granted {
 /// The grants of each prefix, in the order of their timestamps.
 type Grants = BTreeMap<String, BTreeMap<Timestamp, Granted>>;
 
-/// How many hexadecimal digits name what somebody has seen: enough that writes that were not seen never have the same.
+/// How many hexadecimal digits name the set of transactions seen: enough that different sets never have the same.
 const SEEN_DIGITS: usize = 12;
 
 /// Returns a name for these writes at a key, in any order: whoever settles them says by it which ones they have seen.
@@ -237,7 +237,7 @@ impl Past<'_> {
             let other = || granted.robot.as_ref().is_some_and(|robot| *robot != self.robot(txn.written().origin));
             !knows(granted) && !granted.saw(&names, txn.written()) && other()
         };
-        // The longest prefix counts: who went by a record is not concerned by what becomes of shorter ones.
+        // The longest prefix counts: a writer that relied on a record is not affected by shorter ones.
         let counts = |prefix: &&str| fence.is_none_or(|(fenced, _)| prefix.len() >= fenced.len());
         prefixes(key).filter(counts).flat_map(of).find(unknown)
     }
@@ -261,7 +261,7 @@ fn names_of(txn: &Txn) -> impl Iterator<Item = Dot> {
     [txn.dot()].into_iter().chain(txn.rebase.as_ref().and_then(|rebase| rebase.from))
 }
 
-/// Returns the prefix and the grant by which a transaction went, if that is what a condition says.
+/// Returns the prefix and the grant that a transaction relied on, if a condition contains them.
 fn fence(require: &Require) -> Option<(&str, Dot)> {
     let Condition::Is(dot) = require.condition else { return None };
     Some((owner::prefix(&require.key)?, dot))
@@ -298,7 +298,8 @@ fn settle(races: &mut BTreeMap<Key, Unsettled>, key: &Key, over: &dyn Fn(Dot) ->
     }
 }
 
-/// Returns who relied on what, and who had changed it, if that is so.
+/// Returns the transaction that relied on a key, its condition, and the transaction that had changed the key, if this
+/// is a race.
 fn race(relied: &Touch, changed: &Touch) -> Option<(Dot, Condition, Dot)> {
     let (condition, deletes) = (relied.condition?, changed.deletes?);
     let broken = match condition {

@@ -20,7 +20,7 @@ pub struct Draft {
 pub enum Grant {
     /// Its owner, or anybody if it has none, gives it to a robot, or releases it.
     Give(Option<String>),
-    /// An operator takes it from whoever has it, and gives it to a robot.
+    /// An operator takes it from its owner, and gives it to a robot.
     TakeOver(String),
 }
 
@@ -58,7 +58,7 @@ pub enum TxnError {
     /// Too long as a whole.
     #[error("the transaction does not fit")]
     Codec(#[from] CodecError),
-    /// The prefix belongs to somebody else, on whose robot the transaction can be tried.
+    /// The prefix belongs to another robot, on which the transaction can be tried.
     #[error("`{key}` may only be written on the robot `{owner}`")]
     NotOwner {
         /// The key.
@@ -118,14 +118,14 @@ impl Draft {
         self
     }
 
-    /// Gives a prefix such as `team/arm` to somebody: see [`owner`](crate::logic::owner).
+    /// Gives a prefix such as `team/arm` to a robot: see [`owner`](crate::logic::owner).
     #[must_use]
     pub fn grant(mut self, prefix: Key, grant: Grant) -> Self {
         self.grants.insert(prefix, grant);
         self
     }
 
-    /// Returns which prefixes it gives to somebody.
+    /// Returns the prefixes that it gives away.
     pub fn grants(&self) -> impl Iterator<Item = (&Key, &Grant)> {
         self.grants.iter()
     }

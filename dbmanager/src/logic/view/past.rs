@@ -1,10 +1,10 @@
 //! The history of a key, and the audit of all keys.
 //!
-//! Both are read from the log, so they reach back as far as it does. Of two transactions that are kept, the later one
-//! in the order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
-//! context. The transactions carry contexts as differences, and what was cut off the log is missing from the sum. That is
-//! never a kept transaction: transactions go in the order of application, and what a dropped one had seen was applied before
-//! it.
+//! Both are read from the log, so they reach back to its beginning. Of two kept transactions, the later one in the
+//! order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
+//! context. The transactions carry contexts as differences, and the parts of transactions that were cut off are missing
+//! from the sum. Such a part is never a kept transaction: transactions are dropped in the order of application, and the
+//! transactions that a dropped one had seen were applied before it.
 //!
 //! A transaction that was rebased from another life of its replica has lost its context. Of such a one it is only
 //! known which versions it took away and which it required; what else it had seen may be shown as concurrent.
@@ -25,8 +25,8 @@ use std::ops::Range;
 /// The most transactions that are named as concurrent with one.
 const CONCURRENT_MAX: usize = 16;
 
-/// The dates that a clock which nobody keeps may be believed, in milliseconds since 1970: 2024, when nobody could have
-/// written what this program reads, to 2100.
+/// The believable dates of a clock that is not synchronised, in milliseconds since 1970: from 2024, before which this
+/// program's data cannot have been written, to 2100.
 const PLAUSIBLE: Range<u64> = 1_704_067_200_000..4_102_444_800_000;
 
 /// When something was done, as far as clocks are to be believed.
@@ -35,8 +35,8 @@ pub struct When {
     /// Milliseconds since 1970; in JSON `at`, in seconds.
     #[serde(rename = "at", with = "comms::logic::human::millis")]
     pub millis: u64,
-    /// Whether the clock was kept in step. If not, it is what the clock showed if that may be right, or else the latest date
-    /// that had been seen there.
+    /// Whether the clock was synchronised. If not, this is the clock's reading if it is plausible, or else the latest
+    /// date that had been seen there.
     pub trusted: bool,
 }
 
@@ -94,7 +94,8 @@ pub struct Filter {
     pub keys: Keys,
     /// Only what this robot did.
     pub by: Option<String>,
-    /// Only what was done at or after this time, in milliseconds since 1970. What has no date counts, if it may have been then.
+    /// Only changes at or after this time, in milliseconds since 1970. A change without a date counts if it may have
+    /// been made then.
     pub from: Option<u64>,
     /// Only what was done before this time, likewise.
     pub until: Option<u64>,
@@ -102,7 +103,7 @@ pub struct Filter {
     pub limit: usize,
 }
 
-/// The log and what it has led to.
+/// The log and the state that it has led to.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     /// The transactions.
@@ -146,8 +147,8 @@ impl When {
         Self { millis: Self::dated(wall, stamp).unwrap_or(stamp.millis()), trusted }
     }
 
-    /// Returns when a transaction was committed for the first time. Of one that was rebased, the wall clock is that of the rebase;
-    /// what is left of its first life is the timestamp, which orders its writes.
+    /// Returns when a transaction was committed for the first time. For a rebased one, the wall clock is that of the
+    /// rebase; from its first life it keeps the timestamp, which orders its writes.
     pub fn of_txn(txn: &Txn) -> Self {
         match &txn.rebase {
             Some(rebase) => Self { millis: rebase.stamp.millis(), trusted: false },
@@ -228,8 +229,8 @@ impl Past<'_> {
         })
     }
 
-    /// Returns the robot of an origin, retired ones included. If nobody has told, which is so of what was written before
-    /// joining, that is the robot that has rebased it; if nobody has, the origin itself.
+    /// Returns the robot of an origin, retired ones included. If that is unknown, as for transactions written before
+    /// joining, it is the robot that has rebased the transaction; else the origin itself.
     pub fn robot(&self, origin: ReplicaId) -> String {
         let named = |origin| {
             let key = Key::new(format!("sys/members/{origin}")).ok()?;
@@ -240,12 +241,13 @@ impl Past<'_> {
         named(origin).or_else(rebased).unwrap_or_else(|| origin.to_string())
     }
 
-    /// Visits each kept transaction in the order of application, with what it had seen; `heads` are those from before.
+    /// Visits each kept transaction in the order of application, with the version vector it had seen; `heads` are the
+    /// earlier ones.
     pub(super) fn walk(&self, heads: &BTreeMap<ReplicaId, Head>, mut visit: impl FnMut(&Txn, &VersionVector)) {
         let mut contexts: BTreeMap<ReplicaId, VersionVector> =
             heads.iter().map(|(origin, head)| (*origin, head.context.clone())).collect();
         for (_, encoded) in self.log.in_order() {
-            // What cannot be read was not applied either.
+            // An unreadable transaction was not applied either.
             let Ok(txn) = encoded.open() else { continue };
             let context = contexts.entry(txn.stamp.origin).or_default();
             context.go_on(txn.dot(), &txn.context);

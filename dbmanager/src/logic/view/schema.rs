@@ -18,9 +18,9 @@
 //! Of several that match a key, the one with the longest pattern counts, and of these the one whose first `+` comes
 //! last.
 //!
-//! *A schema is advice to writers.* It is asked before a commit, where somebody can still mend what he wrote. What is
-//! stored is never refused or rewritten: it may come from a robot that had not heard of the schema, and a replica that
-//! refused what others have would differ from them for ever. Fields that this program does not know are left alone.
+//! *A schema is advice to writers.* It is checked before a commit, when the writer can still correct the value. Stored
+//! values are never refused or rewritten: they may come from a robot that had not heard of the schema, and a replica
+//! that refused others' data would differ from them for ever. Fields that this program does not know are left alone.
 
 mod check;
 
@@ -62,7 +62,7 @@ pub struct Schema {
     pub doc: String,
 }
 
-/// Why a value is no schema.
+/// The reason why a value is not a schema.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SchemaError {
     /// The schema is not a table.
@@ -111,7 +111,7 @@ impl Schema {
         Ok(schema)
     }
 
-    /// Takes a field; says what it has to be if it is not.
+    /// Sets a field; returns the required type if the value does not have it.
     fn set(&mut self, field: &str, datum: &Datum) -> Result<(), String> {
         let text = || {
             let Datum::Text(text) = datum else { return Err("a text".to_owned()) };
@@ -167,7 +167,7 @@ impl Schema {
 }
 
 impl Schemas {
-    /// Reads the schemas of a state. What is none is told apart, and is no obstacle to the others.
+    /// Reads the schemas of a state. Invalid ones are kept separately, and do not affect the others.
     pub fn of(state: &State) -> Self {
         let mut schemas = Self::default();
         for (key, versions) in state.scan(SCHEMA) {
@@ -193,7 +193,7 @@ impl Schemas {
 
     /// Returns the schema that counts for a key.
     pub fn find(&self, key: &Key) -> Option<&Schema> {
-        // There are at most as many patterns as somebody has written by hand, so that all of them can be looked at.
+        // There are only as many patterns as people have written by hand, so all of them can be checked.
         let matching = self.by_pattern.iter().filter(|(pattern, _)| matches(pattern, key.as_str()));
         let rank = |pattern: &str| {
             let literal = pattern.split('/').map(|segment| segment != ANY).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! The results of the other views as text for people: aligned columns under headings. A `!` marks what needs somebody's
+//! The results of the other views as text for people: aligned columns under headings. A `!` marks entries that need
 //! attention.
 
 use super::as_of::Difference;
@@ -83,7 +83,7 @@ pub fn differences(differences: &[Difference], show: Show<'_>) -> String {
     table(&differences.iter().map(row).collect::<Vec<_>>())
 }
 
-/// Returns what nobody has settled, a block for each.
+/// Returns the unsettled conflicts and races, a block for each.
 pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> String {
     let mut blocks = Vec::new();
     for conflict in conflicts {

@@ -12,9 +12,9 @@
 //! # end
 //! ```
 //!
-//! The file is TOML, sorted by key, a line for each, so that two of them differ where the databases do. What is shown
-//! of a key is in it; a concurrent one is a comment. The database's own records (`sys/`) are left out, and so is
-//! what never leaves the robot (`local/`), unless it is asked for.
+//! The file is TOML, sorted by key, a line for each, so that two files differ where the databases do. It contains the
+//! value that a read of the key shows; a concurrent one is a comment. The database's own records (`sys/`) and local
+//! ones (`local/`) are left out, unless requested.
 //!
 //! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.
 //! A file that was cut off does not end as one that is whole, so nothing is deleted because it is not in it.
@@ -31,7 +31,7 @@ use toml::de::{DeTable, DeValue};
 
 /// The format of the file.
 const FORMAT: i64 = 1;
-/// About how many bytes of writes go into one transaction: the rest is for what else is in it.
+/// About how many bytes of writes go into one transaction, with room for its other parts.
 const WRITES_SIZE_MAX: usize = TXN_SIZE_MAX - (32 << 10);
 /// The last line of a file that is whole.
 const END: &str = "# end";

@@ -1,9 +1,9 @@
 //! Typed values: the meaning of the bytes at a key.
 //!
-//! A stored [`Value`] is a number that says how it is meant, its *tag*, and bytes. A [`Datum`] is the same, read. No
-//! bytes are refused and none are lost: what a newer program wrote under a tag that is not known here, and what is
-//! malformed, is shown as [`Datum::Opaque`] and written back as it was, inside of lists and tables too. So reading and
-//! writing back is the identity on stored values, and equal data have equal bytes.
+//! A stored [`Value`] is a number that gives its type, its *tag*, and bytes. A [`Datum`] is the same in readable form.
+//! No bytes are refused and none are lost: values of a newer program under an unknown tag, and malformed ones, are
+//! shown as [`Datum::Opaque`] and written back unchanged, even inside lists and tables. So reading and writing back is
+//! the identity on stored values, and equal data have equal bytes.
 //!
 //! | tag | meaning | bytes |
 //! |---|---|---|
@@ -16,10 +16,11 @@
 //! | 6 | list | count, then each value with its tag and length (postcard) |
 //! | 7 | table | count, then each name and value, by name (postcard) |
 //!
-//! **A table, or a key for each field?** The database merges keys, not what is inside of them: two robots that change
-//! two fields of one table at a time are in conflict, and one of the tables is shown. Give each field a key of its own
-//! (`team/camera/gain`, `team/camera/exposure`) and write them in one transaction: then only those who change the same
-//! field meet. A table is right for what makes sense as a whole only, like a pose or the coefficients of a calibration.
+//! **A table, or a key for each field?** The database merges keys, not their insides: two robots that change two fields
+//! of one table at the same time are in conflict, and one of the tables is shown. Give each field a separate key
+//! (`team/camera/gain`, `team/camera/exposure`) and write them in one transaction: then only changes of the same field
+//! conflict. A table is right for values that only make sense as a whole, like a pose or the coefficients of a
+//! calibration.
 
 mod json;
 pub(in crate::logic::view) mod text;
@@ -33,7 +34,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use thiserror::Error;
 
-/// The tag of an envelope. Those of all others are in `comms::logic::database::value`, which writes and reads them.
+/// The tag of an envelope. All other tags are in `comms::logic::database::value`, which writes and reads them.
 const SEALED: u8 = 4;
 
 /// A typed value.
@@ -139,7 +140,7 @@ impl Datum {
         if size > VALUE_SIZE_MAX { Err(DatumError::Long { size }) } else { Ok(value) }
     }
 
-    /// Returns the word for what it is.
+    /// Returns the word for its type.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::Bool(_) => "bool",
@@ -171,7 +172,7 @@ impl Datum {
     }
 }
 
-/// The same as a program has it: there nobody reads what is sealed, and floats are those of Rust.
+/// The same in the form for a program, where sealed values cannot be read, and floats are those of Rust.
 impl From<&Datum> for Typed {
     fn from(datum: &Datum) -> Self {
         match datum {

@@ -1,15 +1,15 @@
 //! Watching: every transaction that changes a key below a prefix, once, whole, after all that it had seen.
 //!
-//! *State.* A version vector: what was told. *The log is the queue.* A watcher takes as many events as it has room for, and what
-//! it leaves stays in the log, so a slow one costs no memory, and nobody waits for it. What was told is a token, too:
-//! with it, a watcher goes on after a restart, or at another robot.
+//! *State.* A version vector: the transactions reported so far. *The log is the queue.* A watcher takes as many events
+//! as it has room for, and the others stay in the log, so a slow watcher costs no memory and delays no other. The
+//! version vector is also a token: with it, a watcher continues after a restart, or at another robot.
 //!
-//! *Why it is right.* The log returns what is beyond a version vector in the order in which it was applied, which is
-//! causal, and each transaction has one name. So each is told once, and nothing before what it had seen. There are two
-//! ways to miss some, and both are told: the log has dropped what was not taken yet ([`Notification::Lagged`]), and the
-//! replica has begun anew with the state of another ([`Notification::Replaced`]). Then the watcher reads the state, and
-//! goes on from there. A name may change, if a robot was retired while it was away: who was told under the old one is
-//! not told again.
+//! *Why it is right.* The log returns the transactions beyond a version vector in the order of application, which is
+//! causal, and each transaction has one name. So each is reported once, and after all transactions it had seen. There
+//! are two ways to miss some, and both are reported: the log has dropped transactions that were not taken yet
+//! ([`Notification::Lagged`]), and the replica has started again with the state of another
+//! ([`Notification::Replaced`]). Then the watcher reads the state, and continues from there. A name may change, if a
+//! robot was retired while it was away: a transaction reported under the old name is not reported again.
 
 use super::as_of::AsOfError;
 use super::past::{HistoryEntry, Keys, Past};
@@ -83,7 +83,7 @@ impl Watch {
         &self.position
     }
 
-    /// The replica has begun anew with the state of another.
+    /// The replica has started again with the state of another.
     pub const fn replaced(&mut self) {
         self.replaced = true;
     }

@@ -16,7 +16,7 @@ use std::time::Duration;
 const CLIENTS: usize = 4;
 /// How many keys they share.
 const KEYS: u64 = 5;
-/// The anomalies that clients may see if a robot rebases again what others have deleted since.
+/// The anomalies that clients may see if a robot rebases writes that others have deleted since.
 const REPEATED: [Anomaly; 6] = [
     Anomaly::FracturedRead,
     Anomaly::ReadYourWrites,

@@ -6,7 +6,7 @@ use dbmanager::logic::record::{Batch, Records};
 /// The fate of a write that the replica has to wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
-    /// The batch is written, and the driver goes on.
+    /// The batch is written, and the driver continues.
     Done,
     /// The robot stops before it is written.
     CrashBefore,
@@ -64,8 +64,8 @@ impl Disk {
         records
     }
 
-    /// Returns what would be left after a power cut now, and whether that is a store that stopped earlier. If not, one
-    /// batch in the middle is missing.
+    /// Returns the records that a power cut would leave now, and whether they are a store that stopped earlier. If not,
+    /// one batch in the middle is missing.
     pub(crate) fn after_power_cut(&self, random: &mut Random) -> (Records, bool) {
         let count = self.cache.len() as u64;
         let kept = usize::try_from(random.below(count + 1)).expect("it is a length");

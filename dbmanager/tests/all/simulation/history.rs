@@ -1,4 +1,4 @@
-//! A checker of histories: what clients wrote and read, without a look inside.
+//! A checker of histories: it sees only the clients' reads and writes.
 //!
 //! Values are unique, so each read shows the transaction whose value it saw. Three relations between transactions
 //! follow: `wr` (saw); `ww` (overwrote: a client read a value and wrote another in its place, or a watcher saw the
@@ -67,7 +67,7 @@ pub(crate) enum Anomaly {
     MonotonicReads,
     /// The writes of a session in another order.
     MonotonicWrites,
-    /// A write before what its session had seen.
+    /// A write ordered before one that its session had seen.
     WritesFollowReads,
     /// A circle of causality.
     CyclicCo,
@@ -259,7 +259,7 @@ impl<'a> Facts<'a> {
         self.newer.get(&register).and_then(|of| of.get(&than)).is_some_and(|newer| newer.contains(&value))
     }
 
-    /// Returns whether a transaction must not see a value any more, given that its past has another one.
+    /// Returns whether a transaction must no longer see a value, given that its past has another one.
     fn is_stale(&self, reader: usize, (register, value): (Register, Value), than: Value) -> bool {
         self.is_newer(register, than, value) && !self.may_be_uncovered(reader, (register, value), than)
     }

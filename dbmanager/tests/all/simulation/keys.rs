@@ -25,7 +25,7 @@ fn mac(keys: &[u8; 64], digest: &[u8; 32]) -> Vec<u8> {
 }
 
 impl Keys {
-    /// Returns the keys that a robot has after it was invited so many times.
+    /// Returns the keys that a robot has after this number of invitations.
     pub(crate) fn new(robot: &str, invited: u32, revoked: &Revoked) -> Self {
         let secret = blake3::derive_key("dca simulated keys", format!("{robot} {invited}").as_bytes());
         Self { robot: robot.to_owned(), secret, revoked: Arc::clone(revoked) }

@@ -14,7 +14,7 @@ const HOUR_MS: i64 = 3_600_000;
 const DAY_MS: u64 = 86_400_000;
 
 impl World {
-    /// Chooses who stays and whose disk is bad. Robot 0 has no privilege.
+    /// Chooses the robot that stays and the one with a bad disk. Robot 0 has no privilege.
     pub(crate) fn curse(&mut self, size: usize) {
         self.faults.anchor = self.below(size);
         self.faults.cursed = (self.faults.anchor + 1) % size;
@@ -149,7 +149,7 @@ impl World {
         }
     }
 
-    /// The bad disk: a power cut takes what its flushes had only promised, or a backup is put back.
+    /// The bad disk: a power cut takes the data that its flushes had only promised, or a backup is put back.
     fn roll_back(&mut self) {
         let node = self.faults.cursed;
         let mut random = self.random.clone();
@@ -338,7 +338,7 @@ impl World {
         self.nodes[node].disk.broken = true;
     }
 
-    /// Starts a robot from a disk of which its witness says that it is a copy.
+    /// Starts a robot from a disk that its witness recognises as a copy.
     pub(crate) fn restart_copied(&mut self, node: usize) {
         self.nodes[node].copied = true;
         self.restart(node);

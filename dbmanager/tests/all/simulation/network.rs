@@ -36,7 +36,8 @@ pub(crate) struct Network {
     pub(crate) sent: u64,
     /// The shortest and the longest way, in microseconds.
     pub(crate) latency_us: [u64; 2],
-    /// How long the bytes of a message have occupied a slow radio at most, with what was before it: all else waits for that long.
+    /// How long the bytes of a message have occupied a slow radio at most, including the messages before it: all others
+    /// wait for that long.
     pub(crate) occupied_max: Duration,
     /// Directions in which nothing gets through.
     cut: BTreeSet<(usize, usize)>,
@@ -93,12 +94,12 @@ impl Network {
         self.slow.clear();
     }
 
-    /// Gives a robot a radio of so many bytes per second.
+    /// Gives a robot a radio of this rate.
     pub(crate) fn choke(&mut self, node: usize, bytes_per_second: u64) {
         self.radios.insert(node, bytes_per_second.max(1));
     }
 
-    /// Makes a robot take so long for each message that it gets.
+    /// Makes a robot take this long for each message that it gets.
     pub(crate) fn slow_down(&mut self, node: usize, each: Duration) {
         self.slow.insert(node, (each, Time::ZERO));
     }

@@ -46,7 +46,7 @@ impl World {
         }
     }
 
-    /// Does what an operator does if the last member has lost its disk: an empty robot begins the team again.
+    /// Acts like an operator when the last member has lost its disk: an empty robot founds the team again.
     pub(super) fn found_anew(&mut self) {
         let runs = |node: &super::Node, is: fn(&Replica) -> bool| node.replica.as_ref().is_some_and(is);
         let wanted = self.memberless && !self.nodes.iter().any(|node| runs(node, Replica::is_member));

@@ -42,13 +42,13 @@ struct Event {
     seen: BTreeMap<ReplicaId, Id>,
 }
 
-/// The events so far, as callers and watchers were told of them.
+/// The events up to now, as reported to callers and watchers.
 #[derive(Default)]
 pub(crate) struct Reference {
     events: BTreeMap<Id, Event>,
     /// Where each was acknowledged.
     acknowledged: BTreeMap<Id, usize>,
-    /// The transactions that the robot that has written them does not have any more.
+    /// The transactions that their own robot has lost.
     orphaned: BTreeSet<Id>,
     /// Whether a robot has returned and left behind the transactions it held of others, which those others bring
     /// themselves.
@@ -234,7 +234,7 @@ impl Reference {
             })
     }
 
-    /// Forgives that transactions are lost that were on a disk and are on none any more.
+    /// Forgives the loss of transactions that were on a disk and are on none any more.
     ///
     /// Copies of it on other robots are orphans. If those robots are retired, and return, they may leave it behind,
     /// because its own robot is a member and would bring it. Such a loss needs a lost disk and a retirement.

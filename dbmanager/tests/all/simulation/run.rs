@@ -1,4 +1,4 @@
-//! One seed: a team in which things go wrong, that is mended, and whose history is checked.
+//! One seed: a team with faults, which is repaired, and whose history is checked.
 
 use super::{Faults, World};
 use comms::logic::random::Random;

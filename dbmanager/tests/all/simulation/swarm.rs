@@ -31,13 +31,13 @@ pub(crate) struct Faults {
     pub(crate) join: u64,
     /// One more robot founds a second team before it hears the others.
     pub(crate) second_team: bool,
-    /// Clocks that jump, drift, freeze or are not trusted any more, per step.
+    /// Clocks that jump, drift, freeze or are no longer trusted, per step.
     pub(crate) clock: u64,
     /// All robots are switched off for days, per step; some stay off longer.
     pub(crate) away: u64,
     /// Robots restored from a backup, which their witness notices, per step.
     pub(crate) restore: u64,
-    /// Robots whose disk is copied into another, which the witness of that one notices, per step.
+    /// Robots whose disk is copied into another, as the other's witness notices, per step.
     pub(crate) clone: u64,
     /// One robot has a bad disk and no witness: its flushes lie, and it is restored from backups. Per step.
     pub(crate) rollback: u64,

@@ -73,7 +73,7 @@ struct Node {
     invited: u32,
     /// How much of the log is kept.
     log_size: usize,
-    /// Its witness says that the disk is a copy, and nothing was written to it since.
+    /// Its witness recognises the disk as a copy, and nothing was written to it since.
     copied: bool,
     /// Goes up whenever clients cannot rely on their earlier reads.
     era: u64,
@@ -238,7 +238,7 @@ impl World {
         }
     }
 
-    /// Stops a robot where it stands.
+    /// Stops a robot at once.
     pub(crate) fn crash(&mut self, node: usize) {
         if let Some(replica) = self.nodes[node].replica.take() {
             self.nodes[node].asleep = (replica.origin(), replica.log().vector().clone());
@@ -246,7 +246,7 @@ impl World {
         }
     }
 
-    /// Waits until nothing is new any more, and checks what there is then. Links are mended if links were a fault.
+    /// Waits until nothing changes any more, and checks the result. Links are repaired if links were a fault.
     pub(crate) fn settle(&mut self) -> Result<(), String> {
         self.converge()?;
         let replicas = self.nodes.iter().enumerate().filter_map(|(at, node)| Some((at, node.replica.as_ref()?)));
@@ -263,7 +263,7 @@ impl World {
             self.reference.verdict()?;
             self.make_one_team(told);
             self.found_anew();
-            // By links too: who means another transaction by the same number has not met the others yet.
+            // By links as well: a robot that has another transaction under the same number has not met the others yet.
             let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().vector().clone(), of.log().chains()));
             let first = has(&self.nodes[0]);
             let same = |node: &Node| node.replica.as_ref().is_some_and(Replica::is_member) && has(node) == first;
@@ -279,7 +279,7 @@ impl World {
         Err(format!("T7, I13: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
     }
 
-    /// Checks what must be so after each step.
+    /// Checks the invariants after each step.
     fn check_step(&mut self) -> Result<(), String> {
         self.reference.verdict()?;
         let running: Vec<&Replica> = self.nodes.iter().filter_map(|node| node.replica.as_ref()).collect();
@@ -334,7 +334,7 @@ impl World {
         Ok(())
     }
 
-    /// Lets so many milliseconds pass.
+    /// Lets `millis` milliseconds pass.
     pub(crate) fn run_for(&mut self, millis: u64) {
         let end = self.now + Duration::from_millis(millis);
         let posted_max = self.posted + INPUTS_MAX as u64 + INPUTS_PER_MS_MAX * millis;

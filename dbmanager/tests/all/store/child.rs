@@ -12,7 +12,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The variable with the order: what to do, the folder, how often.
+/// The variable with the order: the action, the folder, the count.
 const ORDER: &str = "DCA_STORE_CHILD";
 /// How often a robot opens its store again before it gives up.
 const TRIES_MAX: usize = 200;
@@ -59,14 +59,14 @@ fn obeys() {
 }
 
 fn say(text: &str) {
-    // One write a line, so that a line is told or not.
+    // One write per line, so that each line is printed completely or not at all.
     let mut out = std::io::stdout().lock();
     out.write_all(format!("{text}\n").as_bytes()).unwrap();
     out.flush().unwrap();
 }
 
 /// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file
-/// `ballast` beside the store is removed when the store cannot be opened any more: then there is room again.
+/// `ballast` beside the store is removed when the store can no longer be opened: then there is space again.
 fn commit(dir: &Path, (count, close_after): (u64, u64)) {
     let mut robot = reopen(dir);
     say(&format!("open {}", robot.committed()));

@@ -78,8 +78,8 @@ fn a_failed_store_stays_failed() {
 
 /// Flips bits anywhere in the file, and one in each byte of its head, where the engine has no checksums: of a store
 /// that was closed, and of one that was not. A store that opens has an earlier state: the last one, or an older one, if
-/// the engine took the end for torn. An older state is found when the robot meets the others, who know more about it
-/// than itself.
+/// the engine took the end for torn. An older state is noticed when the robot meets the others, which know more about
+/// it than it does itself.
 #[test]
 fn bit_flip_in_any_file() {
     let folder = Folder::quick();
@@ -159,7 +159,7 @@ fn bit_flip_in_any_file_of_sled() {
     println!("{refused} of 120 refused, {earlier} opened at an earlier state");
 }
 
-/// A robot on what opened can write, and finds it again: nothing that was damaged comes to light later.
+/// A robot on the opened store can write, and finds its writes again: no damage appears later.
 fn go_on(folder: &Folder) {
     let mut robot = Robot::open(open(&folder.store()).unwrap()).unwrap();
     robot.commit((0..40).map(|number| put_text(&format!("team/{number}"), &"x".repeat(200)))).unwrap();

@@ -89,7 +89,7 @@ fn kill(times: u64) {
     });
 }
 
-/// Runs a child to whose calls `strace` does something. It counts them for each thread.
+/// Runs a child whose calls `strace` disturbs. It counts them for each thread.
 fn injected(folder: &Folder, inject: &str, count: u64) -> Option<Vec<String>> {
     if Command::new("strace").arg("--version").stdout(Stdio::null()).status().is_err() {
         println!("skipped: needs strace");

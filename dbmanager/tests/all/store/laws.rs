@@ -1,4 +1,4 @@
-//! The laws of every store, whatever its engine.
+//! The laws of every store, for every engine.
 
 use super::{Folder, Robot, batch, on_each_engine, open, put_text};
 use dbmanager::io::store::memory::MemoryStore;

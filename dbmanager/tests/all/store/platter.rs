@@ -2,7 +2,7 @@
 //!
 //! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of
 //! their file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with
-//! the given probability, each sector separately: so writes are torn and reordered. Of later changes of a file's
+//! the probability of the cut, each sector separately: so writes are torn and reordered. Of later changes of a file's
 //! length, a prefix survives. `sync_file_range` is not a barrier, as on honest drives that get no flush request. Names
 //! change when the directory was synced; of later changes a prefix survives, as from a journal.
 

@@ -20,7 +20,7 @@ use std::process::{Command, Stdio};
 /// With which probability, in percent, a page that was not synced survives: half of the drives are merciless.
 const SURVIVAL: [u64; 4] = [0, 0, 50, 90];
 
-/// The remains of a version vector after a power cut.
+/// The state of a store after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Left {
     /// All that was acknowledged.
@@ -57,7 +57,7 @@ fn watch(folder: &Folder, (order, count): (Order, u64), keep: impl FnMut(Call)) 
     assert!(strace.wait().unwrap().success());
 }
 
-/// Returns the number in a line that was told: how much is acknowledged.
+/// Returns the number in a printed line: how much is acknowledged.
 fn acknowledged(call: &Call) -> Option<u64> {
     let Call::Notification(text) = call else { return None };
     text.strip_prefix("ack ")?.trim().parse().ok()
@@ -72,7 +72,7 @@ struct Cuts<'a, F> {
     moments: Vec<(u64, u64)>,
     /// How much is acknowledged, and how many calls ago.
     now: (u64, u64),
-    /// Looks into a folder after a version vector; is told how much was acknowledged.
+    /// Looks into a folder after a power cut; gets the acknowledged count.
     look: F,
     found: BTreeMap<Left, u64>,
 }
@@ -185,7 +185,7 @@ fn power_cut_while_it_opens_and_closes() {
     });
 }
 
-/// The power is cut again, after each call while the store recovers from a version vector, and goes on.
+/// The power is cut again, after each call while the store recovers from a power cut, and continues.
 #[test]
 fn power_cut_after_a_power_cut() {
     on_each_engine(|| {

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-/// The calls that change files, make changes durable, or tell the outside that they are.
+/// The calls that change files, make changes durable, or report this to the outside.
 pub(crate) const CALLS: &str = "openat,pwrite64,write,fsync,fdatasync,rename,unlink,mkdir,ftruncate,writev,pwritev,pwritev2,\
      fallocate,truncate,copy_file_range,renameat,renameat2,unlinkat,mkdirat";
 
-/// A system call, as far as it is about files below a folder.
+/// The part of a system call that concerns files below a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Call {
     /// A new file, or an existing one that is now empty.
@@ -26,7 +26,7 @@ pub(crate) enum Call {
     /// Everything written to a file before `since` is durable: calls are numbered from 0 in the order of their ends,
     /// and this many had ended when this one began.
     Sync { path: PathBuf, data_only: bool, since: usize },
-    /// The program has told something.
+    /// The program has printed a line.
     Notification(String),
 }
 
@@ -54,7 +54,7 @@ struct Reader<F> {
     keep: F,
     /// How many calls were kept.
     count: usize,
-    /// Where `write` goes on, by descriptor.
+    /// The position of the next `write`, by descriptor.
     positions: BTreeMap<String, usize>,
 }
 

@@ -3,7 +3,7 @@
 use super::*;
 
 impl Team {
-    /// Sets the disk of a robot back to what it was, to the bit, and starts it.
+    /// Sets the disk of a robot back to an earlier state, exactly, and starts it.
     fn set_back(&mut self, node: usize, disk: Records) {
         self.disks[node] = disk;
         self.replicas[node] = Replica::open(self.config(node), &self.disks[node]).unwrap();

@@ -118,7 +118,7 @@ fn who_has_joined_can_look_back_to_that() {
     let oldest = moments[0].vector();
     assert_eq!(look(&team[0], &checkpoints, &before), Err(AsOfError::Compacted { oldest }));
     assert!((2..=CHECKPOINTS_MAX).contains(&checkpoints.0.len()));
-    // What the log drops takes the oldest with it; the next one is as good.
+    // The oldest moment goes with the dropped transactions; the next one is as good.
     let half = team[0].log.size() / 2;
     team[0].forget(half);
     checkpoints.note(&team[0].past());
@@ -156,7 +156,7 @@ fn one_clock_in_2099_does_not_end_dates() {
     team[1].wall.millis = 4_070_908_800_000;
     team[1].put("a clock in 2099", "team/b", "1");
     heal(&mut team);
-    // The log begins anew after it; nobody has written since.
+    // The log is rewritten after it; nothing was written since.
     team[0].wall = right;
     team[0].forget(0);
     checkpoints.note(&team[0].past());
@@ -240,7 +240,7 @@ fn without_any_date_no_question_by_date_is_answered() {
     for date in [5000, 6000, MORNING] {
         assert!(matches!(past.vector_at(date, "", None), Err(AsOfError::Undated { count: 1, .. })), "{date}");
     }
-    // What is left of it once the log is cut says no more.
+    // Its remaining part, once the log is cut, does not show more.
     let base = Base { heads: robot.log.heads().clone(), state: robot.state.clone() };
     robot.forget(0);
     let vector = robot.past().vector_at(MORNING, "", Some(&base));

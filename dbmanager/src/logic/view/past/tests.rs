@@ -63,7 +63,7 @@ proptest! {
         let mut team = Robot::team(3);
         play(&mut team, &steps, |_| ());
         heal(&mut team);
-        // What each had seen, from a log that is whole.
+        // The context of each, from a complete log.
         let mut contexts: BTreeMap<Dot, VersionVector> = BTreeMap::new();
         team[2].past().walk(&BTreeMap::new(), |txn, seen| {
             contexts.insert(txn.dot(), seen.clone());

@@ -34,13 +34,13 @@ impl fmt::Display for Breach {
 }
 
 impl Schema {
-    /// Returns in what a value differs from what the schema says.
+    /// Returns how a value differs from the schema.
     pub fn breach(&self, datum: &Datum) -> Option<Breach> {
         let breach = |must_be: String, hint: &str| {
             let (found, hint) = (Some(datum.to_string()), hint.to_owned());
             Some(Breach { key: String::new(), must_be, found, hint })
         };
-        // What nobody can look into cannot be checked.
+        // Values that cannot be read cannot be checked.
         if matches!(datum, Datum::Sealed(_) | Datum::Opaque { .. }) {
             return None;
         }
@@ -65,7 +65,7 @@ impl Schema {
             Datum::List(items) => (length(items.len()), " values"),
             Datum::Bool(_) | Datum::Table(_) | Datum::Sealed(_) | Datum::Opaque { .. } => return None,
         };
-        // What cannot be compared, NaN, is in no range.
+        // A value that cannot be compared, such as NaN, is in no range.
         let within = |end: &Option<Datum>, wrong: Ordering| {
             end.as_ref().is_none_or(|end| compare(&size, end).is_some_and(|order| order != wrong))
         };
@@ -90,8 +90,8 @@ impl Schema {
 }
 
 impl Schemas {
-    /// Returns what in a transaction is not what it is meant to be, by key. It says so before the commit; who insists
-    /// may commit all the same.
+    /// Returns the differences between a transaction and the schemas, by key. This is reported before the commit; the
+    /// caller may still insist on it.
     pub fn check(&self, draft: &Draft) -> Vec<Breach> {
         let breach = |(key, value): (&Key, Option<&_>)| {
             let datum = value.map(Datum::of);
@@ -112,8 +112,8 @@ impl Schemas {
         draft.writes().filter_map(breach).collect()
     }
 
-    /// Returns what of a state is not what it is meant to be: written before the schema, or by somebody who insisted;
-    /// and the keys without `+` that are required and hold nothing.
+    /// Returns the differences between a state and the schemas: values written before the schema, or by a caller who
+    /// insisted; and the required keys without `+` that have no value.
     pub fn audit(&self, state: &State) -> Vec<Breach> {
         let mut breaches: Vec<Breach> = Vec::new();
         for (key, versions) in state.scan("") {
@@ -141,7 +141,7 @@ fn own(key: &Key, error: SchemaError) -> Breach {
     Breach { key: key.to_string(), must_be: "hold a schema".to_owned(), found: None, hint: error.to_string() }
 }
 
-/// Returns how two numbers are ordered, exactly; none if one is no number.
+/// Returns the exact order of two numbers; none if one is not a number.
 pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
     if let (Datum::Integer(left), Datum::Integer(right)) = (left, right) {
         Some(left.cmp(right))

@@ -11,14 +11,14 @@ use std::fmt;
 impl Datum {
     /// Returns it as JSON on one line.
     pub fn to_json(&self) -> String {
-        // Writing to memory fails for names that are no text only.
+        // Writing to memory fails only for names that are not text.
         serde_json::to_string(self).unwrap_or_default()
     }
 
     /// Reads JSON.
     ///
     /// # Errors
-    /// If it is none, or `null`, which is no value.
+    /// If it is not JSON, or `null`, which is not a value.
     pub fn from_json(text: &str) -> Result<Self, TextError> {
         if let Some((byte, number)) = integers(text).find(|(_, number)| number.parse::<i64>().is_err()) {
             return Err(text::at(text, byte, text::too_large(number), String::new()));
@@ -49,7 +49,7 @@ fn integers(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let words = text.split(outside).map(move |word| {
         let at = byte;
         byte += word.len();
-        // What has split the text here is the one character behind the word.
+        // The text was split here by the one character behind the word.
         byte += text.get(byte..).and_then(|rest| rest.chars().next()).map_or(0, char::len_utf8);
         (at, word)
     });

@@ -1,8 +1,8 @@
 //! Values as text: TOML and JSON, both ways, without loss.
 //!
-//! What a form has no word for is a table with one name that begins with `$`: `{"$bytes" = "00ff"}`, likewise `$sealed`,
-//! `{"$opaque" = "9:00ff"}` with the tag before the bytes, and in JSON `{"$float": "inf"}`. A table that happens to look
-//! like that has one `$` more: `{"$$bytes" = …}`. Bytes are hexadecimal.
+//! A value that a form cannot express is a table with one name that begins with `$`: `{"$bytes" = "00ff"}`, likewise
+//! `$sealed`, `{"$opaque" = "9:00ff"}` with the tag before the bytes, and in JSON `{"$float": "inf"}`. A table that
+//! happens to look like that has one `$` more: `{"$$bytes" = …}`. Bytes are hexadecimal.
 
 use super::{DEPTH_MAX, Datum, Float};
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
-/// Why a text is no value, and where.
+/// The reason why a text is not a value, and the place.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub struct TextError {
     /// The line, from 1.

@@ -83,7 +83,7 @@ proptest! {
         let mut rooms = rooms.into_iter().cycle();
         for step in steps.chunks(1) {
             play(&mut team, step, |_| ());
-            // What each had seen does not change; a log that is whole tells it.
+            // The context of each does not change; a complete log shows it.
             let mut contexts = BTreeMap::new();
             team[0].past().walk(&BTreeMap::new(), |txn, seen| drop(contexts.insert(txn.dot(), seen.clone())));
             watcher.look(&team[0], rooms.next().unwrap(), &contexts)?;
@@ -181,7 +181,7 @@ fn begins_anew_when_the_state_was_replaced() {
     let mut team = Robot::team(2);
     let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     team[0].put("", "team/a", "1");
-    // Its robot was retired while it was away, and begins under a new origin with what the other has.
+    // Its robot was retired while it was away, and begins under a new origin with the other's data.
     let mut anew = team[1].clone();
     anew.origin = ReplicaId::new(9);
     watch.replaced();

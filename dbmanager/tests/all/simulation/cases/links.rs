@@ -97,7 +97,8 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
     let millis = time_to_equal(&mut world, (0, 1));
     let sent = world.network.sent - before;
     let limit = 1000 * 1000 * (100 + 32) / 6250;
-    // I13 and I14, beside the bytes of the values and 32 for each transaction. Measured: 2.2 in time, 1.4 in bytes.
+    // I13 and I14, in addition to the bytes of the values and 32 for each transaction. Measured: 2.2 in time, 1.4 in
+    // bytes.
     assert!(millis <= limit * 5 / 2, "{millis} ms for what takes {limit} ms at least; {sent} bytes");
     assert!(sent <= 1000 * (100 + 32) * 3 / 2, "{sent} bytes");
     world.settle().unwrap();
@@ -124,8 +125,9 @@ fn a_long_way_is_no_slow_one() {
     }
 }
 
-/// Nodes give each other up after 6 s of silence, and with the link goes the answer that is on its way. So none is that long, and the
-/// link is full all the same. Measured at 500 ms: 1.2 of the bytes alone, and 1.5 s; before, 7.0 s.
+/// Nodes give each other up after 6 s of silence, and the answer on its way is lost with the link. So no answer may
+/// take that long, and the link must still be full. Measured at 500 ms: 1.2 of the bytes alone, and 1.5 s; before, 7.0
+/// s.
 #[test]
 fn a_backlog_over_50_kbit_per_s_and_a_long_way_keeps_nodes_apart_for_2_s_at_most() {
     for millis in [250, 500] {
