@@ -1,7 +1,7 @@
 //! The messages between DCA's programs, and how they travel.
 //!
 //! [`logic`] is the vocabulary, without I/O: points in time, keys, the envelope around every message, frames for stream
-//! sockets, queue policies, and the messages of the control channel. [`io`] has the clock and what opens sockets:
+//! sockets, queue policies, and the messages of the control channel. [`io`] has the clock and the sockets:
 //!
 //! - a *node* opens [`io::session::Session`]: calls, streams, presence of other nodes, node-to-node messages;
 //! - a *controller* opens [`io::data::DataSession`]: data goes from controller to controller over links dialled from

@@ -25,8 +25,8 @@ const READS_MAX: usize = 4;
 /// How long it takes at the most to read both of them, if nothing comes between.
 const READ_WITHIN: Duration = Duration::from_micros(20);
 
-/// Returns what the calendar clock showed at the origin of [`now`], as time since 1970. That changes only when somebody sets the
-/// calendar clock: what slews the one slews the other.
+/// Returns the time of the calendar clock at the origin of [`now`], since 1970. It changes only when the calendar clock
+/// is set: both clocks are slewed together.
 pub fn calendar_origin() -> Duration {
     let mut best = (Duration::MAX, Duration::ZERO);
     for _ in 0..READS_MAX {
@@ -45,7 +45,7 @@ pub fn calendar_origin() -> Duration {
 /// How far a calendar clock is to be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockQuality {
-    /// Somebody keeps it in step with others.
+    /// A time service keeps it synchronised.
     Kept,
     /// The clock shows a date that may be right, and nothing keeps it.
     Plausible,

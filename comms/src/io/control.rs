@@ -1,7 +1,7 @@
 //! The control channel between a node and the programs on its host: frames of envelopes on a Unix socket.
 //!
-//! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user: a node but for the one as
-//! whom it starts programs, a program but for root.
+//! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user. There are
+//! two exceptions: a node accepts the user that it starts programs as, and a program accepts root.
 
 mod program;
 
@@ -40,7 +40,7 @@ pub enum ControlError {
         /// The system's words.
         cause: io::Error,
     },
-    /// Nobody listens.
+    /// No process listens.
     #[error("no node listens on `{path}`: {cause}")]
     Connect {
         /// The path.
@@ -48,7 +48,7 @@ pub enum ControlError {
         /// The system's words.
         cause: io::Error,
     },
-    /// The other side belongs to somebody else.
+    /// The other side belongs to another user.
     #[error("the other side runs as user {uid}, not as this one")]
     Stranger {
         /// Its user id.
@@ -109,7 +109,7 @@ pub struct ControlReceiver {
 
 #[derive(Debug)]
 struct Channel {
-    /// Waited for to be read only: one that is waited for to be written wakes a task whenever the other side reads.
+    /// Registered only for reading: a registration for writing would wake a task whenever the other side reads.
     stream: AsyncFd<UnixStream>,
     outbox: Mutex<Outbox>,
     filled: Notify,
@@ -124,7 +124,7 @@ struct Outbox {
 }
 
 impl Listener {
-    /// Listens on `path`, in place of whoever did before. Only this user can connect.
+    /// Listens on `path`, and replaces an earlier listener. Only this user can connect.
     ///
     /// # Errors
     /// If the system refuses.
@@ -140,7 +140,7 @@ impl Listener {
         Ok(Self { listener, user: None })
     }
 
-    /// The same for programs that run as another user: that one can connect, too.
+    /// The same for programs that run as another user, who can connect as well.
     ///
     /// # Errors
     /// If the system refuses.
@@ -173,7 +173,7 @@ impl Listener {
 
 impl ControlSender {
     /// Sends an order. It is written at once, since the way through another task would cost as much as the way to the
-    /// program; what the socket does not take travels while [`ControlReceiver::recv`] is waited for.
+    /// program; bytes that the socket does not take are sent while [`ControlReceiver::recv`] is awaited.
     ///
     /// # Errors
     /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
@@ -239,7 +239,7 @@ impl ControlReceiver {
 
 impl Drop for ControlReceiver {
     fn drop(&mut self) {
-        // The senders share the socket; a program that nobody hears must notice.
+        // The senders share the socket, so it has to be closed for the program to notice that the receiver is gone.
         shutdown(self.channel.stream.get_ref(), Shutdown::Both).unwrap_or_default();
     }
 }
@@ -260,7 +260,8 @@ impl Outbox {
         outbox.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a frame, and writes what the socket takes at once; says whether nothing is left for the receiver to write.
+    /// Takes a frame, and writes as much as the socket takes at once; returns whether nothing is left for the receiver
+    /// to write.
     fn send(outbox: &Mutex<Self>, frame: Zeroizing<Vec<u8>>, stream: &UnixStream) -> Result<bool, ControlError> {
         let mut outbox = Self::lock(outbox);
         let pushed = outbox.frames.push(frame);
@@ -275,7 +276,7 @@ impl Outbox {
         self.frames.is_empty() && self.writing.0.len() == self.writing.1
     }
 
-    /// Writes what the socket takes; says whether that was everything.
+    /// Writes as much as the socket takes; returns whether that was everything.
     fn write(&mut self, mut stream: &UnixStream) -> io::Result<bool> {
         loop {
             if self.writing.1 == self.writing.0.len() {
@@ -302,7 +303,7 @@ fn register(stream: UnixStream, interest: Interest) -> io::Result<AsyncFd<UnixSt
     Ok(unsafe { AsyncFd::register_with_interest(stream, interest) }?)
 }
 
-/// Waits until a socket takes more; for ever if there is none.
+/// Waits until a socket takes more; for ever without a socket.
 async fn writable(full: Option<&AsyncFd<UnixStream>>) -> io::Result<AsyncFdReadyGuard<'_, UnixStream>> {
     match full {
         Some(stream) => stream.writable().await,

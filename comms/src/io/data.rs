@@ -178,7 +178,7 @@ impl DataSession {
         dialled.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
-    /// Links to another session whenever it can be reached, and keeps linked to it; waits for nothing.
+    /// Links to another session as soon as it can be reached, and stays linked to it; waits for nothing.
     ///
     /// # Errors
     /// If the address cannot be dialled.
@@ -187,7 +187,7 @@ impl DataSession {
         kept.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
-    /// Dials a session no more; a link that stands is left alone.
+    /// Stops dialling a session; an existing link is kept.
     pub fn forget(&self, session: &str) {
         self.opened.forget(session);
     }
@@ -320,7 +320,7 @@ impl DataSession {
         Ok(PendingFetch { key: key.to_owned(), within, reply })
     }
 
-    /// Closes the session, in 1 s at the most.
+    /// Closes the session, in at most 1 s.
     pub fn close(self) {
         let (closed_tx, closed) = sync_channel(1);
         let closing = move || {
@@ -420,7 +420,7 @@ impl Publisher {
         self.listeners.wait(within)
     }
 
-    /// Returns where it is told who listens.
+    /// Returns the present subscribers, which are kept up to date.
     pub(crate) fn listeners(&self) -> Arc<Listeners> {
         Arc::clone(&self.listeners)
     }

@@ -1,8 +1,8 @@
-//! How many files and sockets this process may have open, and which it has from whoever started it.
+//! How many files and sockets this process may have open, and which of them it has inherited.
 //!
-//! The soft limit of most systems is 1024, kept low for programs that use select(2). A process of DCA uses no such thing and
-//! has as many connections as somebody makes, so it takes what the hard limit allows. Programs that it starts get back what
-//! it had.
+//! The soft limit of most systems is 1024, kept low for programs that use select(2). A process of DCA does not use
+//! select and may have many connections, so it raises its limit to the hard limit. Programs that it starts get the
+//! original limit back.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::sync::OnceLock;
@@ -22,7 +22,7 @@ pub fn before() -> Option<u64> {
     BEFORE.get().copied().flatten()
 }
 
-/// Sets the soft limit of this process, for what it starts.
+/// Sets the soft limit of this process, for the programs it starts.
 pub fn set(current: Option<u64>) {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, maximum }) {
@@ -30,8 +30,9 @@ pub fn set(current: Option<u64>) {
     }
 }
 
-/// Closes what this process has inherited beside standard input, output and errors: nobody meant it to have that, and a pipe of a
-/// shell would stay open for as long as it runs. To be called first in `main`, before anything is opened.
+/// Closes everything this process has inherited except standard input, output and errors. It was not meant for this
+/// process, and a pipe of a shell would stay open for as long as the process runs. To be called first in `main`, before
+/// anything is opened.
 pub fn close_inherited() {
     let closed = close_from_third();
     if closed == 0 {

@@ -1,8 +1,8 @@
-//! Random numbers that nobody can predict, from the system. Numbers that a seed repeats are in `logic/random`.
+//! Unpredictable random numbers from the system. Reproducible numbers from a seed are in `logic/random`.
 
 use std::io;
 
-/// Returns bytes that nobody can predict. Right after the machine has started it waits until the system has some.
+/// Returns unpredictable bytes. Right after the machine has started it waits until the system has some.
 ///
 /// # Errors
 /// The system has no such call.
@@ -12,7 +12,7 @@ pub fn bytes<const N: usize>() -> io::Result<[u8; N]> {
     Ok(bytes)
 }
 
-/// Returns a number that nobody has had before: 64 random bits.
+/// Returns a unique number: 64 random bits.
 ///
 /// # Errors
 /// The system has no such call.

@@ -1,7 +1,7 @@
 //! Reads and writes regular files, and nothing else, without waiting.
 //!
-//! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody reads or writes, a device may
-//! have no end, and a regular file may be larger than the memory.
+//! A name in a folder may belong to anything. Opening a named pipe waits for a reader or writer, a device may have no
+//! end, and a regular file may be larger than the memory.
 
 use crate::logic::human::size;
 use rustix::fs::{FileType, Mode, OFlags, fstat, lstat, open, stat};
@@ -11,12 +11,12 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-/// Who may read a file that is made.
+/// The permissions of a new file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Privacy {
     /// Its user alone.
     Own,
-    /// Whoever the process lets read its files.
+    /// The usual permissions of the process.
     Usual,
 }
 
@@ -32,7 +32,7 @@ impl Privacy {
 /// Returns the bytes of a regular file that has at most `bytes_max` of them.
 ///
 /// # Errors
-/// The file cannot be opened or read, is no regular file (`InvalidInput`), or is longer (`FileTooLarge`).
+/// The file cannot be opened or read, is not a regular file (`InvalidInput`), or is longer (`FileTooLarge`).
 pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
     bounded(opened(path)?, bytes_max)
 }
@@ -40,7 +40,7 @@ pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
 /// Opens a regular file to be read.
 ///
 /// # Errors
-/// The file cannot be opened, or is no regular file (`InvalidInput`): also a link that leads nowhere is not.
+/// The file cannot be opened, or is not a regular file (`InvalidInput`), which includes a dangling link.
 pub fn opened(path: &Path) -> io::Result<File> {
     // To open a device may already do something to it.
     if !is_there(path, "read")? {
@@ -58,8 +58,8 @@ pub fn bytes_itself(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
     bounded(opened_itself(path)?, bytes_max)
 }
 
-/// Opens a regular file to be read: itself, and not what a link leads to. So a folder may belong to somebody who must not have this process
-/// read other files.
+/// Opens a regular file for reading, without following a link. So the folder may belong to a user who must not make
+/// this process read other files.
 ///
 /// # Errors
 /// As [`opened`], and for a link (`InvalidInput`).
@@ -80,7 +80,7 @@ pub fn appended_itself(path: &Path, privacy: Privacy) -> io::Result<File> {
 /// Checks that a name belongs to a regular file itself or to nothing.
 ///
 /// # Errors
-/// It belongs to something else, a link for one (`InvalidInput`, or `IsADirectory`), or nobody can tell.
+/// It belongs to something else, such as a link (`InvalidInput`, or `IsADirectory`), or cannot be examined.
 pub fn check_itself(path: &Path) -> io::Result<()> {
     match lstat(path) {
         Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), "written"),
@@ -92,31 +92,31 @@ pub fn check_itself(path: &Path) -> io::Result<()> {
 /// Opens a regular file to be appended to; makes it if it is not there.
 ///
 /// # Errors
-/// The file cannot be made or opened, or is no regular file (`InvalidInput`).
+/// The file cannot be made or opened, or is not a regular file (`InvalidInput`).
 pub fn appended(path: &Path, privacy: Privacy) -> io::Result<File> {
     check(path)?;
     regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE, privacy, "written")
 }
 
-/// Checks that a name belongs to a regular file or to nothing, before somebody else opens it: a library that asks less.
+/// Checks that a name belongs to a regular file or to nothing, before a library opens it that checks less.
 ///
 /// # Errors
-/// It belongs to something else (`InvalidInput`, or `IsADirectory`), or nobody can tell.
+/// It belongs to something else (`InvalidInput`, or `IsADirectory`), or cannot be examined.
 pub fn check(path: &Path) -> io::Result<()> {
     is_there(path, "written").map(drop)
 }
 
-/// Returns whether an open file still has this name: what is written to one without a name is lost.
+/// Returns whether an open file still has this name: writes to a file without a name are lost.
 pub fn is_in_place(file: &File, path: &Path) -> bool {
     let id = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
     let here = id(std::fs::symlink_metadata(path));
     here.is_some() && here == id(file.metadata())
 }
 
-/// Makes an empty file in the place of whatever has its name, but for a folder.
+/// Makes an empty file, and replaces anything of its name except a folder.
 ///
 /// # Errors
-/// What is there cannot be removed, or the file cannot be made.
+/// The present entry cannot be removed, or the file cannot be made.
 pub fn created(path: &Path, privacy: Privacy) -> io::Result<File> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
@@ -125,7 +125,7 @@ pub fn created(path: &Path, privacy: Privacy) -> io::Result<File> {
     OpenOptions::new().create_new(true).write(true).mode(privacy.mode()).open(path)
 }
 
-/// Makes a file of these bytes, in the place of whatever has its name, but for a folder.
+/// Makes a file of these bytes, and replaces anything of its name except a folder.
 ///
 /// # Errors
 /// As [`created`], or it cannot be written.
@@ -151,7 +151,7 @@ pub fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
 fn is_there(path: &Path, use_of_it: &str) -> io::Result<bool> {
     match stat(path) {
         Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), use_of_it).map(|()| true),
-        // Whoever writes to it would make a file elsewhere, or hear that there is none.
+        // A write would make a file elsewhere, or fail with "not found".
         Err(Errno::NOENT) if lstat(path).is_ok() => {
             Err(io::Error::new(ErrorKind::InvalidInput, "it is a link that leads nowhere"))
         }
@@ -227,7 +227,7 @@ mod tests {
         }
         assert_eq!(bytes(&file, 6).unwrap(), b"abcdef");
         assert_eq!(bytes(&file, 5).unwrap_err().kind(), ErrorKind::FileTooLarge);
-        // What is in the way goes; what a link leads to stays.
+        // The file in the way is replaced; the target of a link stays.
         for path in [&pipe, &link, &dangling, &file] {
             write(path, b"new").unwrap();
             assert_eq!(bytes(path, 9).unwrap(), b"new");

@@ -40,7 +40,7 @@ impl<T> Shared<T> {
 }
 
 impl<T> Sender<T> {
-    /// Puts a value in, as the policy says; it is turned away when nobody listens any more.
+    /// Puts a value in, under the policy; it is turned away when the receiver is gone.
     pub fn push(&self, value: T) -> Pushed<T> {
         let mut state = self.0.lock();
         if state.receiver_gone {

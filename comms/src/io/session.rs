@@ -103,7 +103,7 @@ pub struct Session {
     calls: Calls,
     /// In a team: signs what is said, and checks what is heard.
     authenticator: Option<Arc<dyn Authenticator>>,
-    /// Each stream of answers that somebody may still take has a receiver of it.
+    /// Each stream of answers that still has a reader holds a receiver of it.
     answering: watch::Sender<()>,
 }
 
@@ -241,14 +241,14 @@ impl Session {
     /// Says how long it takes to the other end of a link and back, as the time of an answer: when it carries nothing for much
     /// longer, it is given up.
     pub fn note_round_trip(&self, session: &str, took: Duration) {
-        // In few steps, so that it is seldom set anew.
+        // In few steps, so that it is seldom changed.
         let millis = patience::of(took).as_millis().max(1);
         let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
         self.opened.set_patience(session, Duration::from_millis(millis));
     }
 
-    /// Ends the link to a session whose process has stopped although its system goes on: nothing comes from it any more. A link to a
-    /// process of the same machine is left to its lease.
+    /// Ends the link to a session whose process has stopped while its system runs: no data arrives from it any more. A
+    /// link to a process of the same machine is left to its lease.
     pub fn cut(&self, session: &str) {
         self.opened.cut_if_silent(session, CUT_AFTER);
     }
@@ -334,7 +334,7 @@ impl Session {
     }
 }
 
-/// Runs something that blocks on a thread of its own; none if there is no thread to be had.
+/// Runs a blocking function on a separate thread; none if no thread can be started.
 async fn on_thread<T: Send + 'static>(name: &str, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done_tx, done) = tokio::sync::oneshot::channel();
     let thread = std::thread::Builder::new().name(name.to_owned());

@@ -4,12 +4,12 @@ use rustix::process::{Resource, getrlimit};
 use std::io;
 use std::panic::resume_unwind;
 
-/// How large it is, in bytes: what Linux gives, unless somebody limits it.
+/// The size of the stack, in bytes: the default of Linux.
 const STACK: usize = 8 << 20;
 
-/// Does all the work of a program, on a thread of its own where the stack of the calling one may not become as large as usual: that is
-/// what the caller of the process lets it be (`ulimit -s`), and a process that comes to its end is killed without a word. Programs that
-/// it starts have the limit of the caller.
+/// Runs all work of a program on a separate thread if the stack of the calling thread is limited below the usual size.
+/// The caller of the process sets that limit (`ulimit -s`), and a process that exceeds it is killed without a message.
+/// Programs that it starts have the limit of the caller.
 ///
 /// # Errors
 /// The system gives no thread.

@@ -9,11 +9,12 @@ use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{AbortHandle, JoinSet};
 
-/// How long nobody is accepted after the system has refused to.
+/// The pause before the next accept after the system has refused one.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Accepts connections for ever, and has each served. At most `serving_max` are served at a time: for a new one the oldest goes of
-/// the address that has the most. So an address with many connections ends none of another address.
+/// Accepts connections for ever, and serves each. At most `serving_max` are served at a time: for a new one, the oldest
+/// connection of the address with the most connections is dropped. So an address with many connections ends none of
+/// another address.
 ///
 /// # Cancellation
 /// All connections end.

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! A reader refuses a message of another kind or version instead of guessing. Samples on wires go without an envelope:
-//! both ends are told the same message type by the same plan.
+//! both ends get the same message type from the same plan.
 
 use crate::logic::control::{Notice, Order};
 use crate::logic::signals::{Peaks, Signals};
@@ -66,7 +66,7 @@ pub enum Kind {
     Proof = 19,
     /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
     QueueRequest = 20,
-    /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): what became of it.
+    /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): the result for a message.
     QueueAnswer = 21,
     /// [`RouterRequest`](crate::logic::messaging::wire::RouterRequest): a queue subscribes.
     RouterRequest = 22,
@@ -76,9 +76,9 @@ pub enum Kind {
     LockRequest = 24,
     /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
     LockAnswer = 25,
-    /// [`Seal`](crate::logic::seal::Seal): what travels beside something sealed in a team.
+    /// [`Seal`](crate::logic::seal::Seal): the attachment of a sealed message in a team.
     Seal = 26,
-    /// [`Seals`](crate::logic::seal::Seals): what travels beside something that several programs get.
+    /// [`Seals`](crate::logic::seal::Seals): the attachment of a sample for several programs.
     Seals = 27,
     /// [`Hello`](crate::logic::direct::Hello): the consumer of a wire connects to its producer on the same host.
     DirectHello = 28,
@@ -107,7 +107,7 @@ pub enum Kind {
     Namesake = 106,
     /// A node's message to another one whose message it has refused.
     Refusal = 107,
-    /// Where the audit log of a node has come to, signed.
+    /// The position of a node's audit log, signed.
     AuditHead = 108,
     /// The certificate of a node that is to be renewed, or was.
     Renewing = 109,

@@ -49,7 +49,7 @@ pub struct Partner {
     pub devices: Vec<String>,
 }
 
-/// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends are told the same one.
+/// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends get the same one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Incoming {
     /// Number of the wire in the plan.
@@ -77,7 +77,7 @@ pub struct Outgoing {
     pub pull: bool,
 }
 
-/// How data moves on a wire, where the spec says so. Both ends are told.
+/// How data moves on a wire, if the spec gives it. Both ends get this.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
     /// Number of the wire in the plan.
@@ -326,7 +326,7 @@ pub enum Notice {
         /// Whether it publishes [`crate::logic::signals::Signals`].
         signals: bool,
     },
-    /// Every link stands.
+    /// Every link is up.
     Connected,
     /// A link could not be made.
     ConnectFailed {

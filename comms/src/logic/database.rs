@@ -49,7 +49,7 @@ pub enum DatabaseRequest {
         /// How many more.
         parts: u32,
     },
-    /// The watch with this number is not wanted any more.
+    /// Ends the watch with this number.
     Cancel,
 }
 

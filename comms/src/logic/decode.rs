@@ -90,7 +90,7 @@ impl Reader<'_> {
         Ok(array)
     }
 
-    /// Returns so many bytes in a buffer of their own.
+    /// Returns so many bytes in a new buffer.
     fn piece(&mut self) -> Result<Vec<u8>> {
         let size = self.length()?;
         if size > self.left() {
@@ -112,7 +112,7 @@ impl Reader<'_> {
         usize::try_from(self.varint::<64>()?).map_err(|_too_long| Error::DeserializeBadVarint)
     }
 
-    /// Reads a number of so many bits: seven in a byte, the lowest first, the highest bit says that more follow.
+    /// Reads a number of `BITS` bits: seven in a byte, the lowest first; the highest bit marks that more follow.
     #[inline]
     fn varint<const BITS: u32>(&mut self) -> Result<u64> {
         let (mut number, bytes) = (0, BITS.div_ceil(7));
@@ -140,7 +140,7 @@ impl Reader<'_> {
         Err(Error::DeserializeBadVarint)
     }
 
-    /// Reads a number with a sign, which stands in the lowest bit.
+    /// Reads a signed number, with the sign in the lowest bit.
     #[inline]
     fn signed<const BITS: u32>(&mut self) -> Result<i64> {
         let number = self.varint::<BITS>()?;

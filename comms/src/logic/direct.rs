@@ -148,7 +148,7 @@ pub struct Header {
     pub life: u32,
     /// How many values it has sent in it, including one that follows.
     pub number: u32,
-    /// Grows with each frame of the producer, whatever its wire.
+    /// Grows with each frame of the producer, over all its wires.
     pub order: u64,
 }
 
@@ -236,7 +236,7 @@ pub fn release(buffer: u32) -> [u8; 5] {
     of_buffer(RELEASE, buffer)
 }
 
-/// Returns the packet by which a producer says that it does not use a buffer again.
+/// Returns the packet by which a producer gives up a buffer.
 pub fn retire(buffer: u32) -> [u8; 5] {
     of_buffer(RETIRED, buffer)
 }

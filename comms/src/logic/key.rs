@@ -148,17 +148,17 @@ pub fn refused(host: &str) -> String {
     format!("dca/n/{}/refused", escape(host))
 }
 
-/// Returns the key on which a node tells the others of its team where its audit log has come to.
+/// Returns the key on which a node publishes the position of its audit log to its team.
 pub fn audit(host: &str) -> String {
     format!("dca/n/{}/audit", escape(host))
 }
 
-/// Returns the expression of all keys on which nodes tell the others where their audit logs have come to.
+/// Returns the expression of all keys on which nodes publish the positions of their audit logs.
 pub fn audit_any() -> String {
     "dca/n/*/audit".to_owned()
 }
 
-/// Returns the key on which a node gets back what others have signed of its audit log.
+/// Returns the key on which a node gets back others' signatures on the head of its audit log.
 pub fn countersigned(host: &str) -> String {
     format!("dca/n/{}/countersigned", escape(host))
 }
@@ -193,7 +193,7 @@ pub fn ping_any() -> String {
     "dca/n/*/ping".to_owned()
 }
 
-/// Returns the key on which a node alone is asked whether it is there.
+/// Returns the key of presence questions to one node.
 pub fn asked(host: &str) -> String {
     format!("dca/n/{}/asked", escape(host))
 }
@@ -213,7 +213,7 @@ pub fn namesake(host: &str) -> String {
     format!("dca/n/{}/namesake", escape(host))
 }
 
-/// Returns the key that says that a node is up.
+/// Returns the key that shows that a node is up.
 pub fn live(host: &str, boot: u64) -> String {
     format!("dca/live/{}/{boot:016x}", escape(host))
 }
@@ -255,7 +255,7 @@ pub fn wire_seen(wire: &str) -> String {
     format!("{wire}/seen")
 }
 
-/// Returns the key on which a replica of a team's database tells everybody something.
+/// Returns the key of a replica's news to all replicas of a team's database.
 pub fn db_news(team: &str, origin: u64) -> String {
     format!("dca/db/{}/news/{origin:016x}", escape(team))
 }
@@ -265,7 +265,7 @@ pub fn db_news_any(team: &str) -> String {
     format!("dca/db/{}/news/*", escape(team))
 }
 
-/// Returns the key on which one replica is told something.
+/// Returns the key of messages to one replica.
 pub fn db_inbox(team: &str, origin: u64) -> String {
     format!("dca/db/{}/to/{origin:016x}", escape(team))
 }
@@ -363,7 +363,7 @@ fn unescape(escaped: &str) -> Option<String> {
         });
     }
     let name = String::from_utf8(bytes).ok()?;
-    // Only what `escape` writes is read: one name, one key.
+    // Only the form that `escape` writes is read: one name, one key.
     (escape(&name) == escaped).then_some(name)
 }
 

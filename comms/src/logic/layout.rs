@@ -39,7 +39,7 @@ pub enum Layout {
     List {
         /// The type of an element.
         of: Box<Self>,
-        /// The number of elements; any number, which is sent with them, if the type does not say it.
+        /// The number of elements; none if the type allows any number, which is then sent with them.
         count: Option<usize>,
     },
 }

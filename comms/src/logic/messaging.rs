@@ -9,7 +9,7 @@
 //! - [`lock`]: a [`ResourceLock`](lock::ResourceLock) lets one client at a time use a resource, for the time of a
 //!   lease; a [`FencingCheck`](fencing::FencingCheck) at the resource refuses everybody else. [`lock_client`] is the
 //!   client's side.
-//! - [`wire`]: what programs say to each other about all of these.
+//! - [`wire`]: the messages between programs about all of these.
 //!
 //! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing
 //! distributed control system for intelligent mobile robot", Artificial Life and Robotics 8 (2004), section 3.

@@ -204,7 +204,7 @@ pub enum ObjectError {
 }
 
 impl ObjectError {
-    /// Returns [`ObjectError::TooLarge`] for so many bytes, if they are too many.
+    /// Returns [`ObjectError::TooLarge`] for `size` bytes, if they are too many.
     ///
     /// # Errors
     /// If they are.

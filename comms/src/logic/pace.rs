@@ -26,7 +26,7 @@ const CHUNK_TIME_MAX: Duration = Duration::from_secs(2);
 const TIMED_TIME_MAX: Duration = Duration::from_millis(2500);
 /// The most that an answer is expected to take which was not full.
 const EXPECTED_MAX: Duration = Duration::from_secs(16);
-/// The bytes to ask a peer for whose link is not known yet. On the slowest radio they arrive in time.
+/// The bytes to request from a peer with an unknown link. On the slowest radio they arrive in time.
 const SIZE_FIRST: usize = 4 << 10;
 /// The fewest bytes to ask for.
 const SIZE_MIN: usize = 1 << 10;
@@ -61,7 +61,7 @@ impl Pace {
         PULL_TIME + 2 * self.expected
     }
 
-    /// Notes how long an answer took that was not `full`: its size says nothing.
+    /// Notes how long an answer took that was not `full`: its size does not count.
     pub fn heard(&mut self, took: Duration) {
         self.expected = self.expected.max(took.min(EXPECTED_MAX));
     }
@@ -76,7 +76,7 @@ impl Pace {
         self.ask_for(bytes, fitting((bytes, sending), time), time);
     }
 
-    /// Notes how long a full answer of so many bytes took.
+    /// Notes how long a full answer of this size took.
     pub fn arrived(&mut self, bytes: usize, took: Duration) {
         let took = took.max(Duration::from_millis(1));
         let (bytes_base, took_base) = self.base.unwrap_or((bytes, took));
@@ -127,7 +127,7 @@ fn in_wide(size: usize) -> u128 {
     u128::try_from(size).unwrap_or(u128::MAX)
 }
 
-/// Returns how long so many bytes are on their way at a rate.
+/// Returns how long `size` bytes are in transit at a rate.
 fn sending((bytes, time): (usize, Duration), size: usize) -> Duration {
     let nanos = time.as_nanos() * in_wide(size) / in_wide(bytes.max(1));
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))

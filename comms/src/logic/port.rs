@@ -10,7 +10,7 @@ pub enum Policy {
     Latest,
     /// The oldest value gives way.
     DropOldest(NonZeroUsize),
-    /// The new value is turned away, and the sender is told.
+    /// The new value is refused, and the sender is informed.
     Reject(NonZeroUsize),
 }
 
@@ -19,7 +19,7 @@ pub enum Policy {
 pub enum Pushed<T> {
     /// The value is in the queue.
     Stored,
-    /// The value is in the queue, and this older one is not any more.
+    /// The value is in the queue and has replaced this older one.
     Replaced(T),
     /// The value is not in the queue: here it is.
     Rejected(T),

@@ -25,7 +25,7 @@ mod tests {
     use super::super::codec::{decode, encode};
     use super::*;
 
-    /// Bytes that other versions say and hear.
+    /// Bytes that other versions send and read.
     #[test]
     fn golden_proof() {
         let proof = Proof { key: [7; 32], signature: vec![8; 64], credential: Some(vec![9]) };

@@ -19,7 +19,7 @@ pub const TELL_EVERY: Duration = Duration::from_secs(60);
 /// How long something sealed with another key is no more than that: one end may have heard later than the other that
 /// the program there was started again.
 pub const OTHER_KEY_WITHIN: Duration = Duration::from_secs(10);
-/// How many wires of a program are told of at most.
+/// The most wires of a program whose refusals are reported.
 const WIRES_MAX: usize = 256;
 
 /// Stands for the number of a wire if a message came over none: a call of a program that may not call.
@@ -82,7 +82,7 @@ pub enum Refusal {
     /// It has no seal.
     #[error("it is not sealed")]
     Unsealed,
-    /// It is sealed with a key that is not that of the wire.
+    /// It is sealed with another key than the wire's.
     #[error("it is sealed with the key of another program")]
     OtherKey,
     /// It has come before, or a later message has.
@@ -107,11 +107,11 @@ pub enum Refusal {
 pub struct Refused {
     /// Number of the wire in the plan.
     pub wire: u32,
-    /// How much was refused since this was told last.
+    /// How much was refused since the last report.
     pub count: u64,
     /// Why the last of it was.
     pub why: Refusal,
-    /// The session that it says to be from, if it says so; of a link who that is, for a person.
+    /// The session that it claims to come from, if it has one; for a link its owner, for a person.
     pub from: Option<String>,
 }
 
@@ -148,7 +148,7 @@ impl Refusals {
         self.0.entry(wire).and_modify(|of_wire| of_wire.other = None);
     }
 
-    /// Returns when something is to be told.
+    /// Returns when the next report is due.
     pub fn deadline(&self) -> Option<Time> {
         self.0.values().filter_map(OfWire::deadline).min()
     }
@@ -181,7 +181,7 @@ mod tests {
     use super::super::codec::{decode, encode};
     use super::*;
 
-    /// Bytes that other versions say and hear.
+    /// Bytes that other versions send and read.
     #[test]
     fn golden_seal() {
         let seal = Seal { content: Content::Boundary, key: 300, number: 300, tag: [7; TAG_SIZE] };

@@ -34,7 +34,7 @@ mod tests {
     use super::super::codec::encode;
     use super::*;
 
-    /// Bytes that other versions say and hear.
+    /// Bytes that other versions send and read.
     #[test]
     fn golden_messages() {
         let introduction = Introduction { session: "a1".into(), credential: vec![7, 8] };

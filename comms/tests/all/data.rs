@@ -16,7 +16,7 @@ use std::time::Duration;
 
 const LONG: Duration = Duration::from_secs(20);
 
-/// A directory of its own for each test, removed afterwards.
+/// A separate directory for each test, removed afterwards.
 struct Dir(PathBuf);
 
 impl Dir {
@@ -99,7 +99,7 @@ fn nobody_there_is_said_so_in_time() {
     consumer.close();
 }
 
-/// Sends until the link stands (again): earlier values are lost, as they should be.
+/// Sends until the link is up (again): earlier values are lost, as intended.
 fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
     for _ in 0..1000 {
         wire.put(vec![number]).unwrap();
@@ -110,7 +110,7 @@ fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
     panic!("{number} was never heard");
 }
 
-/// Stands between two sessions and can cut what goes through it.
+/// Stands between two sessions and can cut their connection.
 #[derive(Default)]
 struct Proxy {
     streams: Arc<Mutex<Vec<UnixStream>>>,

@@ -32,7 +32,7 @@ impl Program {
         Self::with(None)
     }
 
-    /// Returns one of a team.
+    /// Returns a program of a team.
     fn with(guard: Option<Guard>) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("dca-direct-{}-{}.wire", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
@@ -86,13 +86,13 @@ impl Program {
         self.path.inlet((&of.place(), LONG), (key, form()), None, |_, _| ()).unwrap_err()
     }
 
-    /// Waits as a loop does, until so much has come.
+    /// Waits like a loop, until `count` values have come.
     fn wait_for(&self, came: &Receiver<Arrived>, count: usize) -> Vec<Arrived> {
         let (mut all, until): (Vec<Arrived>, _) = (came.try_iter().collect(), now() + LONG);
         while all.len() < count {
             assert!(now() < until, "{} of {count} have come", all.len());
             if !self.path.inlets().wait(Some(now() + LONG / 100)) {
-                // What has been read, and waited for what was sent before it, is called for.
+                // A value that has been read, and that waited for an earlier one, wakes the reader.
                 self.path.inlets().read();
             }
             all.extend(came.try_iter());
@@ -121,7 +121,7 @@ fn send(outlet: &Outlet, bytes: &[u8], number: u32) {
     assert!(outlet.send(&mut Parcel::new(bytes), number), "the consumer is gone");
 }
 
-/// Keeps whoever takes a value until it is let go.
+/// Blocks the reader of a value until it is opened.
 #[derive(Clone, Default)]
 struct Gate(Arc<Mutex<()>>);
 
@@ -168,7 +168,7 @@ fn who_is_not_wired_is_not_taken() {
     assert!(stranger.path.inlet((&gone, LONG), ("k", form()), None, |_, _| ()).is_err());
 }
 
-/// What is sent while a loop is busy does not fill the socket: another thread reads it.
+/// Values sent while a loop is busy do not fill the socket: another thread reads them.
 #[test]
 fn a_busy_loop_loses_nothing() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -189,7 +189,8 @@ fn a_busy_loop_loses_nothing() {
     assert!(all.iter().map(|(_, sequence)| sequence.number).eq(1..=MANY));
 }
 
-/// A consumer that reads nothing keeps nobody: not the producer, and not another consumer. Its values are missing, and words come all the same.
+/// A consumer that reads nothing delays neither the producer nor another consumer. Its values are missing, and
+/// boundaries still arrive.
 #[test]
 fn a_consumer_that_does_not_read_delays_nobody() {
     let (producer, stuck, quick) = (Program::new(), Program::new(), Program::new());
@@ -234,7 +235,8 @@ fn a_consumer_that_does_not_read_delays_nobody() {
     assert!(last == MANY && values < MANY && values > 1, "{values} have come");
 }
 
-/// What nobody has taken yet keeps its bytes: when more is sent, and when its producer has the memory for itself again.
+/// A value that has not been taken yet keeps its bytes: when more is sent, and when its producer has the memory for
+/// itself again.
 #[test]
 fn a_value_in_shared_memory_stays_as_it_was_sent() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -269,7 +271,7 @@ fn a_value_in_shared_memory_stays_as_it_was_sent() {
     assert!(kept.into_iter().all(|(number, value)| value.into_vec() == long(number)));
 }
 
-/// Two consumers have what is encoded once, and the producer can read it back for others.
+/// Two consumers share a value that is encoded once, and the producer can read it back for others.
 #[test]
 fn a_long_value_is_encoded_right_into_the_memory_of_its_output() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -292,7 +294,7 @@ fn a_long_value_is_encoded_right_into_the_memory_of_its_output() {
     }
 }
 
-/// What goes over several wires of a producer comes in the order in which it was sent, also when all of it waits in their sockets.
+/// Values over several wires of a producer arrive in the order of sending, even when all of them wait in their sockets.
 #[test]
 fn wires_of_one_producer_keep_their_order_among_each_other() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -309,7 +311,7 @@ fn wires_of_one_producer_keep_their_order_among_each_other() {
     outlets.iter().for_each(wait_connected);
     let mut sent = 0;
     for _ in 0..50 {
-        // First all of it waits; then it is read while more is sent.
+        // First all values wait; then they are read while more are sent.
         let shut = gate.shut();
         for _ in 0..5 {
             for (outlet, count) in outlets.iter().zip([7, 1, 3]) {
@@ -326,7 +328,7 @@ fn wires_of_one_producer_keep_their_order_among_each_other() {
     drop(inlets);
 }
 
-/// A producer that is started again: what its predecessor has sent comes first, and the numbers are others.
+/// A restarted producer: the values of its predecessor come first, and the numbers are new.
 #[test]
 fn another_producer_takes_the_place_of_one_that_is_gone() {
     let (before, consumer) = (Program::new(), Program::new());
@@ -350,7 +352,7 @@ fn another_producer_takes_the_place_of_one_that_is_gone() {
     assert!(!outlet.send(&mut Parcel::new(b"nobody"), 2));
 }
 
-/// A call of another thread and a deadline end a wait, as they do without direct paths.
+/// A call of another thread and a deadline end a wait, as without direct paths.
 #[test]
 fn a_wait_ends_with_a_call_or_at_its_deadline() {
     let program = Program::new();
@@ -365,7 +367,8 @@ fn a_wait_ends_with_a_call_or_at_its_deadline() {
     caller.join().unwrap();
 }
 
-/// Makes a guard that shows one secret and expects another one, on every wire that is open by then; and who hears whom it has refused.
+/// Makes a guard that shows one secret and expects another one, on every wire that is open by then; and the receiver of
+/// its refusals.
 fn guard(shown: u8, expected: u8, is_known: &Arc<AtomicBool>) -> (Guard, Receiver<String>) {
     let (refused_tx, refused) = sync_channel(16);
     let is_known = Arc::clone(is_known);
@@ -377,25 +380,27 @@ fn guard(shown: u8, expected: u8, is_known: &Arc<AtomicBool>) -> (Guard, Receive
     (Guard::new(secrets, move |who| refused_tx.try_send(who).unwrap_or_default()), refused)
 }
 
-/// Returns a program of a team, and who hears whom it has refused.
+/// Returns a program of a team, and the receiver of its refusals.
 fn member(shown: u8, expected: u8) -> (Program, Receiver<String>) {
     let (guard, refused) = guard(shown, expected, &Arc::new(AtomicBool::new(true)));
     (Program::with(Some(guard)), refused)
 }
 
-/// Each end shows that it has the secret of its direction; nobody else comes to the wire, nor takes the place of its producer.
+/// Each end proves that it has the secret of its direction; no other program can join the wire, or replace its
+/// producer.
 #[test]
 fn in_a_team_a_wire_is_for_its_two_ends_alone() {
     let ((producer, refused), (consumer, _)) = (member(1, 2), member(2, 1));
     let (outlet, _) = producer.outlet("k", &Memory::default());
-    // One of the same user that has even the token, and no keys; another program of the team; and one that shows what the producer does.
+    // A program of the same user that even has the token, but no keys; another program of the team; and one that shows
+    // the producer's secret.
     let who = format!("process {} of user {} on this machine", std::process::id(), rustix::process::getuid().as_raw());
     for stranger in [Program::new(), member(3, 1).0, member(1, 1).0] {
         stranger.hear_in_vain(&producer, "k");
         assert!(!outlet.is_connected());
     }
     assert_eq!([(); 2].map(|()| refused.recv_timeout(LONG).unwrap()), [who.as_str(), &who]);
-    // Who listens in the place of the producer, and takes everybody.
+    // An impostor listens in the place of the producer, and accepts every consumer.
     let (impostor, _) = member(3, 2);
     let _impostor = impostor.outlet("k", &Memory::default());
     assert_eq!(consumer.hear_in_vain(&impostor, "k").kind(), std::io::ErrorKind::PermissionDenied);
@@ -412,14 +417,14 @@ fn in_a_team_a_wire_is_for_its_two_ends_alone() {
     assert!(refused.try_recv().is_err());
 }
 
-/// The node tells each end of the other one, and not at the same time.
+/// The node informs the two ends of each other, and not at the same time.
 #[test]
 fn a_consumer_waits_until_its_producer_has_heard_of_it() {
     let is_known = Arc::new(AtomicBool::new(false));
     let (of_producer, refused) = guard(1, 2, &is_known);
     let (producer, (consumer, _)) = (Program::with(Some(of_producer)), member(2, 1));
     let (outlet, _) = producer.outlet("k", &Memory::default());
-    // Nobody can be told apart from one who comes too early, so it is not told of.
+    // It looks like a consumer that comes too early, so it is not reported.
     consumer.hear_in_vain(&producer, "k");
     std::thread::scope(|scope| {
         let connecting = scope.spawn(|| consumer.hear(&producer, "k", None));

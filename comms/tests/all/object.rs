@@ -19,7 +19,7 @@ use std::time::Duration;
 
 const LONG: Duration = Duration::from_secs(30);
 
-/// A directory of its own for each test, removed afterwards.
+/// A separate directory for each test, removed afterwards.
 struct Dir(PathBuf);
 
 impl Dir {
@@ -66,7 +66,7 @@ fn ask(session: &DataSession, call: &ObjectCall) -> Result<Vec<u8>, ObjectError>
     session.call_and_wait((&key, &cancel_key), (&CallWay::Open, call))
 }
 
-/// Serves `echo`, keeps `wait` without an answer, and forgets `drop`. Tells what happens.
+/// Serves `echo`, keeps `wait` without an answer, and forgets `drop`. Reports the events.
 fn serve(session: &DataSession) -> (ObjectServer, Receiver<String>) {
     let (told_tx, told) = sync_channel(1000);
     let kept: Mutex<Vec<AnswerWay>> = Mutex::default();
@@ -97,7 +97,7 @@ fn calls_are_answered_or_say_why_not() {
     let dir = Dir::new("one");
     let (server, client) = (dir.open("s.sock"), dir.open("c.sock"));
     let (_serving, told) = serve(&server);
-    // Nobody is there yet.
+    // There is no server yet.
     assert_eq!(ask(&client, &call(&client, 0, "echo", vec![], LONG)), Err(ObjectError::Gone));
     client.dial(&dial_of(&server), LONG).unwrap();
     for size in [0, 1, 64, 300_000, PAYLOAD_SIZE_MAX] {
@@ -118,7 +118,8 @@ fn calls_are_answered_or_say_why_not() {
     server.close();
 }
 
-/// Who waits no more says so; who is killed is not linked any more. Who has its answer says nothing.
+/// A caller that cancels sends a message; a caller that is killed loses its link. A caller with its answer sends
+/// nothing.
 #[test]
 fn the_other_end_learns_that_nobody_waits() {
     let dir = Dir::new("cancel");
@@ -142,7 +143,7 @@ fn the_other_end_learns_that_nobody_waits() {
     let id = client.id();
     assert!(server.is_linked(&id) && server.is_linked(&server.id()));
     client.close();
-    // What was said before has arrived, and no cancellation is among it.
+    // All earlier messages have arrived, and no cancellation is among them.
     let other = dir.open("o.sock");
     other.dial(&dial_of(&server), LONG).unwrap();
     assert_eq!(ask(&other, &call(&other, 3, "echo", vec![2], LONG)), Ok(vec![2]));
@@ -179,7 +180,7 @@ fn a_hundred_callers_have_their_own_answers() {
     server.close();
 }
 
-/// A server in a process of its own: this test, started again.
+/// A server in a separate process: this test, started again.
 struct Other {
     child: Child,
     dial: Dial,

@@ -117,7 +117,7 @@ async fn check_calls(session: &Session, host: &str) {
     assert!(matches!(replies.next().await, Some(Err(CallError::Unreachable { .. }))));
     assert_eq!(replies.next().await, None);
 
-    // That somebody is still there is no answer; that nobody says so any more is an end.
+    // A sign that the server is still there is not an answer; its absence ends the call.
     let silence_max = Duration::from_millis(300);
     let mut replies = session.call_stream(&key::rpc(host, "linger"), Vec::new(), silence_max).unwrap();
     assert_eq!(replies.next().await, Some(Ok(vec![1])));
@@ -125,7 +125,7 @@ async fn check_calls(session: &Session, host: &str) {
     assert_eq!(replies.next().await, None);
 }
 
-/// A stream that ends without its mark is no stream that is complete.
+/// A stream that ends without its mark is not complete.
 async fn check_broken(session: &Session, host: &str) {
     for (verb, came, part) in [("part", 3, "in the middle"), ("give up", 1, "it is too much")] {
         let mut replies = session.call_stream(&key::rpc(host, verb), Vec::new(), LONG).unwrap();
@@ -175,7 +175,7 @@ async fn a_server_gives_no_more_than_its_caller_takes() {
     a.close().await;
 }
 
-/// A session that closes has given what it had to give.
+/// A session that closes has sent its pending answers.
 #[tokio::test(flavor = "multi_thread")]
 async fn answers_that_are_complete_are_taken_before_a_session_closes() {
     let dir = Dir::new("answered");
@@ -205,8 +205,8 @@ async fn answers_that_are_complete_are_taken_before_a_session_closes() {
     client.close().await;
 }
 
-/// Two sessions may serve one key, as two nodes of one name do. A stream stays with the one that began it, and a client can mean
-/// the one that it is linked to.
+/// Two sessions may serve one key, like two nodes of one name. A stream stays with the server that began it, and a
+/// client can choose the server that it is linked to.
 #[tokio::test(flavor = "multi_thread")]
 async fn of_two_servers_of_one_key_one_gives_all_answers_of_a_stream() {
     const PIECES: u8 = 40;
@@ -250,10 +250,10 @@ async fn of_two_servers_of_one_key_one_gives_all_answers_of_a_stream() {
 #[tokio::test(flavor = "multi_thread")]
 async fn nodes_and_a_client() {
     let dir = Dir::new("calls");
-    // `a` is told of `b` before there is a `b`.
+    // `a` knows the address of `b` before `b` exists.
     let a = node(&dir, "a", &["b"]).await;
     let b = node(&dir, "b", &[]).await;
-    // A node serves before it says that it is up.
+    // A node serves before it announces itself.
     let server = b.serve(&key::rpc_any("b")).unwrap();
     let _here = b.announce(&key::live("b", 1)).unwrap();
     appears(&a, "b").await;
@@ -270,7 +270,8 @@ async fn nodes_and_a_client() {
     let mut inbox = b.subscribe(&key::inbox("b"), Policy::reject(100)).unwrap();
     appears(&b, "b").await;
     let mut sent = 0;
-    // `a` learns of the inbox a moment after it is there; a message before that is lost, and senders that mind repeat.
+    // `a` learns of the inbox slightly later than it exists; an earlier message is lost, and senders repeat if
+    // necessary.
     let first = loop {
         a.put(&key::inbox("b"), vec![sent]).unwrap();
         sent += 1;
@@ -285,7 +286,7 @@ async fn nodes_and_a_client() {
     b.close().await;
 }
 
-/// Carries what is written to one socket to another, and back, each byte so much later.
+/// Relays bytes from one socket to another, and back, with a delay.
 async fn relay(from: PathBuf, to: PathBuf, delay: Duration) {
     let listener = UnixListener::bind(from).unwrap();
     let mut carrying = tokio::task::JoinSet::new();

@@ -1,10 +1,10 @@
 //! The kernel's word on its own calendar clock. `adjtimex` is in no safe crate that this workspace has.
 //!
-//! Whoever disciplines the clock (chrony with `rtcsync`, ntpd, ptp4l with phc2sys, systemd-timesyncd) clears the flag
-//! `STA_UNSYNC`; the kernel sets it again by itself once its estimated error exceeds 16 s, about nine hours after the last word of
-//! its keeper. Source: adjtimex(2), Linux `kernel/time/ntp.c`.
+//! The service that disciplines the clock (chrony with `rtcsync`, ntpd, ptp4l with phc2sys, systemd-timesyncd) clears
+//! the flag `STA_UNSYNC`. The kernel sets it again by itself once its estimated error exceeds 16 s, about nine hours
+//! after the service's last correction. Source: adjtimex(2), Linux `kernel/time/ntp.c`.
 
-/// Returns whether somebody keeps the calendar clock in step; `None` if the kernel does not say.
+/// Returns whether a service keeps the calendar clock synchronised; `None` if the kernel does not report it.
 pub(super) fn is_kept() -> Option<bool> {
     let timex = read()?;
     Some(timex.status & libc::STA_UNSYNC == 0)

@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use zeroize::Zeroizing;
 
-/// How long a node may take nothing of what it is sent.
+/// How long a node may leave a notice unread.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 
 /// Sends notices to the node. Clones share one channel.
@@ -61,7 +61,7 @@ struct Channel {
 /// holds.
 ///
 /// # Errors
-/// If nobody listens on `path`, not in time, or a stranger does.
+/// If no process listens on `path`, or it does not answer in time, or another user's process does.
 pub fn connect(path: &Path, within: Duration) -> Result<(NoticeSender, OrderReceiver), ControlError> {
     let failed = |cause: Errno| ControlError::Connect { path: path.to_owned(), cause: cause.into() };
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None).map_err(failed)?;
@@ -71,7 +71,7 @@ pub fn connect(path: &Path, within: Duration) -> Result<(NoticeSender, OrderRece
     let stream = UnixStream::from(socket);
     stream.set_nonblocking(true)?;
     let node = socket_peercred(&stream).map_err(io::Error::from)?.uid;
-    // Root may do to it whatever it wants anyway, and starts programs as others.
+    // Root can do anything to the program, and starts programs as other users.
     if !node.is_root() {
         check_user(node.as_raw())?;
     }
@@ -90,8 +90,8 @@ pub fn notice_frame(notice: &Notice) -> Result<Vec<u8>, ControlError> {
 }
 
 impl NoticeSender {
-    /// Sends a notice. It is written at once; what the socket does not take travels while [`OrderReceiver::recv`] is waited
-    /// for.
+    /// Sends a notice. It is written at once; bytes that the socket does not take are sent while
+    /// [`OrderReceiver::recv`] waits.
     ///
     /// # Errors
     /// If the notice is too long, or 256 wait already. A node that is gone is not an error: the receiver says so.
@@ -105,7 +105,7 @@ impl NoticeSender {
     /// If 256 wait already.
     pub fn send_frame(&self, frame: Vec<u8>) -> Result<(), ControlError> {
         if !Outbox::send(&self.channel.outbox, Zeroizing::new(frame), &self.channel.stream)? {
-            // It fails only where it has been readable for ever.
+            // It fails only after an endless number of unread writes.
             rustix::io::write(&self.channel.filled, &1_u64.to_ne_bytes()).unwrap_or_default();
         }
         Ok(())
@@ -122,7 +122,7 @@ impl NoticeSender {
         }
     }
 
-    /// Ends the channel: its receiver hears what has arrived, and then the end.
+    /// Ends the channel: its receiver hears the messages that have arrived, and then the end.
     pub fn close(&self) {
         shutdown(&self.channel.stream, Shutdown::Both).unwrap_or_default();
     }
@@ -147,7 +147,7 @@ impl OrderReceiver {
     /// Waits for the next order until `until`; without a time, for ever.
     ///
     /// # Errors
-    /// As those of [`OrderReceiver::recv`].
+    /// The errors of [`OrderReceiver::recv`].
     pub fn recv_until(&mut self, until: Option<Time>) -> Result<Received, ControlError> {
         loop {
             if let Some(body) = self.decoder.next_frame()? {
@@ -158,14 +158,14 @@ impl OrderReceiver {
             if self.stuck_at.is_some_and(|at| at <= now()) {
                 return Err(io::Error::from(io::ErrorKind::TimedOut).into());
             }
-            // A blocking read would wake, too, whenever the node takes a notice.
+            // A blocking read would also wake whenever the node takes a notice.
             let flags = if is_written { PollFlags::IN } else { PollFlags::IN | PollFlags::OUT };
             let channel = &*self.channel;
             let mut ready = [PollFd::new(&channel.stream, flags), PollFd::new(&channel.filled, PollFlags::IN)];
             wait(&mut ready, until.into_iter().chain(self.stuck_at).min())?;
             let [stream, filled] = ready.map(|one| one.revents());
             if !filled.is_empty() {
-                // That it is not readable any more would be as well.
+                // An error here would also mean that it is not readable any more.
                 rustix::io::read(&channel.filled, &mut [0; 8]).unwrap_or_default();
             }
             if stream.contains(PollFlags::OUT) {
@@ -204,7 +204,7 @@ impl OrderReceiver {
 
 impl Drop for OrderReceiver {
     fn drop(&mut self) {
-        // The senders share the socket; a node that nobody hears must notice.
+        // The senders share the socket, so it has to be closed for the node to notice that the receiver is gone.
         shutdown(&self.channel.stream, Shutdown::Both).unwrap_or_default();
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 /// How long a listener has that is there.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A directory of its own for each test, removed afterwards.
+/// A separate directory for each test, removed afterwards.
 struct Dir(PathBuf);
 
 impl Dir {
@@ -102,7 +102,7 @@ async fn a_program_that_does_not_read_fills_its_own_queue_only() {
     let listener = Listener::bind(&dir.socket()).unwrap();
     let (_notices, _orders) = connect(&dir.socket(), SOON).unwrap();
     let (orders, _receiver) = listener.accept().await.unwrap();
-    // What the kernel takes before the program reads comes on top.
+    // The kernel's buffer takes further bytes before the program reads.
     let order = Order::Activate { activation: 0, value: large() };
     let sent = (0..2 * FRAMES_MAX).take_while(|_| orders.send(&order).is_ok()).count();
     assert!((FRAMES_MAX..FRAMES_MAX + 2).contains(&sent), "{sent}");
@@ -136,7 +136,7 @@ async fn garbage_and_half_frames_are_errors() {
     check(&frame::encode(&codec::encode(&Order::Exit).unwrap(), 100).unwrap(), "kind 1 instead of kind 2").await;
 }
 
-/// A program of some later version is told so, and says who it is.
+/// A program of a later version is told so, and gives its identity.
 #[tokio::test]
 async fn another_version_is_told_on_both_sides() {
     let dir = Dir::new("version");

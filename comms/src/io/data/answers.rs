@@ -1,4 +1,4 @@
-//! The thread that answers who fetches.
+//! The thread that answers fetches.
 //!
 //! An answering thread waits for room on the link. Zenoh's threads must not wait: the system also tells them that there
 //! is room, and two that wait for each other's link keep all links of a process silent until zenoh gives one up, after
@@ -21,7 +21,7 @@ pub(super) type Answer = Box<dyn FnOnce() + Send>;
 pub(super) struct Answers(OnceLock<SyncSender<Answer>>);
 
 impl Answers {
-    /// Returns what takes an answer and does not wait.
+    /// Returns a function that takes an answer and does not wait.
     pub(super) fn later(&self) -> impl Fn(Answer) + Send + Sync + use<> {
         let sender = self.0.get_or_init(|| {
             let (sender, waiting) = sync_channel(WAITING_MAX);

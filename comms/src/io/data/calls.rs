@@ -37,7 +37,7 @@ pub struct CallGate {
 /// The sender of a call, or of its cancellation.
 #[derive(Debug)]
 pub(super) enum Sender {
-    /// The program with this session; what seals the answer, and the number of the call.
+    /// The program with this session, the sealer of the answer, and the number of the call.
     Caller(String, Arc<Sealer>, u64),
     /// A client that looks at running programs, through a node of the team.
     Visitor,
@@ -86,7 +86,7 @@ pub(super) struct Outgoing {
 }
 
 impl CallWay {
-    /// Prepares something to be sent; says for a person why it cannot be.
+    /// Prepares a message; returns the reason, for a person, if it cannot be sent.
     pub(super) fn prepare(&self, key: &str, content: Content, bytes: Vec<u8>) -> Result<Outgoing, String> {
         match self {
             Self::Open => Ok(Outgoing { bytes: bytes.into(), beside: None, number: 0 }),

@@ -57,7 +57,7 @@ pub struct IncomingCall {
     pub call: ObjectCall,
     /// When its caller waits no more, on the clock of this host.
     pub deadline: Time,
-    /// Whether it comes from a command line, by a node of the team, and not from a program.
+    /// Whether it comes from a command line, through a node of the team, and not from a program.
     pub is_visit: bool,
     /// The way of the answer.
     pub way: AnswerWay,
@@ -236,7 +236,7 @@ impl DataSession {
         result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
     }
 
-    /// Returns whether a link to a session stands.
+    /// Returns whether there is a link to a session.
     pub fn is_linked(&self, session: &str) -> bool {
         self.opened.is_linked_to(session)
     }
@@ -359,7 +359,7 @@ impl Drop for PendingCall {
             return;
         }
         drop(self.sink.take());
-        // The first poll does it; what would be waited for is a callback that runs at this moment.
+        // The first poll does it; it would only wait for a callback that runs at this moment.
         let closing = pin!(self.token.cancel().into_future());
         drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         let Ok(cancel) = codec::encode(&ObjectCancel { id: self.id.clone() }) else { return };

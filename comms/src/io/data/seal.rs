@@ -182,7 +182,7 @@ impl Opener {
         Self { state: Mutex::default(), refused: Box::new(refused) }
     }
 
-    /// Expects a key from now on; says whether it is another one than before.
+    /// Expects a key from now on; returns whether it differs from the previous one.
     pub fn set(&self, key: Option<SealKey>) -> bool {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let id = |key: Option<&SealKey>| key.map(|key| key.id);
@@ -203,7 +203,7 @@ impl Opener {
         true
     }
 
-    /// Returns what names the key that it expects.
+    /// Returns the id of the key that it expects.
     pub fn key_id(&self) -> Option<u32> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).key.as_ref().map(|key| key.id)
     }

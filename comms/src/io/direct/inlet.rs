@@ -27,7 +27,7 @@ const PACKETS_OF_BELL: usize = 1024;
 /// The longest packet.
 const PACKET_SIZE: usize = HEADER_SIZE + if INLINE_MAX > Boundary::SIZE_MAX { INLINE_MAX } else { Boundary::SIZE_MAX };
 
-/// Takes what arrives on a wire.
+/// Takes the arrivals on a wire.
 type OnArrival = Box<dyn FnMut(Arrival<Value>, Sequence) + Send>;
 
 /// The consumer's ends of all wires of a program.
@@ -116,7 +116,7 @@ impl Inlets {
             let ready = self.poll(&streams, until);
             self.is_waiting.store(false, Ordering::SeqCst);
             if ready.is_called {
-                // That it is not readable any more would be as well.
+                // An error here would also mean that it is not readable any more.
                 rustix::io::read(&self.doorbell, &mut [0; 8]).unwrap_or_default();
             }
             if ready.has_arrived {
@@ -131,7 +131,7 @@ impl Inlets {
         }
     }
 
-    /// Reads what has arrived, without waiting.
+    /// Reads the packets that have arrived, without waiting.
     pub fn read(&self) {
         self.read_most(PACKETS_MAX);
     }
@@ -227,7 +227,7 @@ impl Set {
         }
     }
 
-    /// Reads at most so many packets of each wire; says whether more may be there that no socket tells of.
+    /// Reads at most `count_max` packets of each wire; returns whether there may be more, which no socket will report.
     fn read(&mut self, count_max: usize) -> bool {
         let (mut has_more, mut others) = (false, Vec::new());
         for wire in self.wires.values_mut() {
@@ -287,7 +287,7 @@ impl Wire {
         }
     }
 
-    /// Reads packets and keeps them, up to so many; says whether the socket may have more.
+    /// Reads and keeps packets, up to `count_max`; returns whether the socket may have more.
     fn fetch(&mut self, buffer: &mut [u8], count_max: usize) -> bool {
         while self.packets.len() < count_max {
             let Some((size, file)) = self.receive(buffer) else { return false };

@@ -66,7 +66,7 @@ impl From<Vec<u8>> for Value {
 }
 
 impl Loan {
-    /// Returns the first `size` bytes of a buffer; none if it is not so long.
+    /// Returns the first `size` bytes of a buffer; none if the buffer is shorter.
     pub(super) fn new(mapping: &Arc<Mapping>, size: usize, back: Return) -> Option<Self> {
         let state = State::There { mapping: Arc::clone(mapping), size, _return: back };
         (size <= mapping.size()).then(|| Self { state: Mutex::new(state) })

@@ -84,7 +84,7 @@ impl Buffer {
         self.file.as_fd()
     }
 
-    /// Puts bytes at the beginning; says whether there is room.
+    /// Puts bytes at the beginning; returns whether there is room.
     pub fn write(&mut self, bytes: &[u8]) -> bool {
         self.filler().put(bytes)
     }
@@ -94,7 +94,7 @@ impl Buffer {
         Filler { buffer: self, size: 0 }
     }
 
-    /// Returns a copy of the first `size` bytes; none if it is not so long.
+    /// Returns a copy of the first `size` bytes; none if the buffer is shorter.
     pub fn read(&self, size: usize) -> Option<Vec<u8>> {
         self.mapping.read(size)
     }
@@ -156,7 +156,7 @@ impl Mapping {
         self.size
     }
 
-    /// Returns a copy of the first `size` bytes; none if it is not so long.
+    /// Returns a copy of the first `size` bytes; none if the buffer is shorter.
     pub fn read(&self, size: usize) -> Option<Vec<u8>> {
         if size > self.size {
             return None;
@@ -166,7 +166,7 @@ impl Mapping {
         Some(bytes)
     }
 
-    /// Copies `size` bytes from the place `from` on; says whether it is so long.
+    /// Copies `size` bytes from the place `from` on; returns whether the buffer is long enough.
     #[expect(unsafe_code, reason = "reads from mapped memory")]
     fn append(&self, from: usize, size: usize, to: &mut Vec<u8>) -> bool {
         if from > self.size || size > self.size - from {
@@ -206,7 +206,7 @@ impl Source for Reading<'_> {
 impl Drop for Mapping {
     #[expect(unsafe_code, reason = "the counterpart of `new`")]
     fn drop(&mut self) {
-        // SAFETY: it was mapped with this size, is unmapped once, and nothing refers to it any more.
+        // SAFETY: it was mapped with this size, is unmapped once, and no reference to it is left.
         unsafe { libc::munmap(self.start.as_ptr(), self.size) };
     }
 }

@@ -14,7 +14,7 @@ use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// After how many values, and bytes of them, a consumer is asked to read what waits, if its loop does not.
+/// After how many values, and bytes of them, a consumer is asked to read waiting packets, if its loop does not.
 const BELL_EVERY: u32 = 64;
 const BELL_BYTES: usize = 64 << 10;
 /// How many words wait for a consumer that does not read; the oldest gives way.
@@ -192,7 +192,7 @@ impl End {
         self.lock().as_ref().is_some_and(|connection| !connection.words.is_empty())
     }
 
-    /// Does something with the connection; says whether there still is one.
+    /// Runs an action on the connection; returns whether the connection still exists.
     fn with(&self, act: impl FnOnce(&mut Connection) -> Sent) -> bool {
         let mut connection = self.lock();
         let Some(there) = connection.as_mut() else { return false };
@@ -291,7 +291,7 @@ impl Connection {
         self.told(sent, 0)
     }
 
-    /// Sends the words that wait; `Whole` if none waits any more.
+    /// Sends the waiting boundaries; `Whole` if none is left.
     fn flush(&mut self) -> Sent {
         while let Some(packet) = self.words.front() {
             match send(&self.stream, &[packet], None) {

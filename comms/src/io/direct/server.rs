@@ -166,7 +166,7 @@ impl Server {
 
     fn accept(&mut self) {
         let Ok(stream) = accept_with(&self.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) else {
-            // Too many open files: who waits to be accepted would wake this thread without end.
+            // Too many open files: a waiting connection would wake this thread without end.
             Wakeup::default().wait(Some(now() + ACCEPT_PAUSE));
             return;
         };

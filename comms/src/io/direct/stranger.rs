@@ -47,7 +47,7 @@ struct Asked {
 /// The events since a stranger was looked at last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct News {
-    /// It has said something, or has gone.
+    /// It has sent something, or is gone.
     pub(super) is_ready: bool,
     /// The node has named the programs at the other ends of wires.
     pub(super) has_keys: bool,
@@ -152,7 +152,7 @@ impl Stranger {
 }
 
 impl Asked {
-    /// Returns why who asks for this wire is let go in the end.
+    /// Returns the reason why this stranger is finally dropped.
     fn unproved(&self, guard: &Guard) -> io::Error {
         match guard.secrets(&self.hello.key) {
             Some(_) => refused("it does not have the secret of this wire"),

@@ -1,10 +1,10 @@
 //! Calls: one request, and one answer or a stream of them.
 //!
-//! A stream is asked for piece by piece ([`super::stream`]), and ends with a mark: how many answers it has, and their digest.
-//! One that ends in any other way is broken, and its caller gets an error: what has come may be a part. The network does not
-//! always tell: a link may be lost that both ends take for whole, or the server may stand still. So a server says now and
-//! then that it is still there ([`super::Request::still_here`]), which callers do not see, and a stream without a word for too
-//! long ends with an error.
+//! A stream is asked for piece by piece ([`super::stream`]), and ends with a mark: how many answers it has, and their
+//! digest. A stream that ends in any other way is broken, and its caller gets an error, because the answers so far may
+//! be incomplete. The network does not always show this: a link may be lost unnoticed by both ends, or the server may
+//! hang. So a server regularly sends that it is still there ([`super::Request::still_here`]), which callers do not see,
+//! and a stream that is silent for too long ends with an error.
 
 mod error;
 
@@ -33,15 +33,15 @@ use zenoh::cancellation::CancellationToken;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 
-/// A server answers a pull when it has something, and zenoh wants a limit all the same: one that comes after every silence.
+/// A server answers a pull when it has something, but zenoh requires a limit: one longer than every silence.
 ///
 /// Zenoh keeps half a kilobyte for each query until its limit is over, also when it is answered, so a long one is a leak.
 const PULL_TIMEOUT: Duration = Duration::from_secs(60);
-/// How many bytes of answers may be on their way to one session, all its streams together: what the buffers of a link to a
-/// suspended program hold, so that what others send over the same nodes goes on. Source: the 208 KiB that Linux gives a Unix
-/// socket (`net.core.wmem_default`), less a part for what else is sent.
+/// How many bytes of answers may be in transit to one session, over all its streams: as much as the buffers of a link
+/// to a suspended program hold, so that other messages over the same nodes are not blocked. Source: the 208 KiB that
+/// Linux gives a Unix socket (`net.core.wmem_default`), less a part for other messages.
 const ON_THE_WAY_MAX: usize = 128 << 10;
-/// How long zenoh remembers that a server was told that nobody takes its answers.
+/// How long zenoh remembers that a server was told that its stream has no reader.
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(1);
 /// The least that a stream asks for, in bytes.
 const PIECE_SIZE_MIN: usize = 1 << 10;
@@ -64,7 +64,7 @@ impl Open {
 
     fn close(&self) {
         if self.is_open() {
-            // The first poll does it; what would be waited for is a callback that runs at this moment.
+            // The first poll does it; it would only wait for a callback that runs at this moment.
             let closing = pin!(self.token.cancel().into_future());
             drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         }
@@ -110,7 +110,7 @@ pub struct Replies {
     session: zenoh::Session,
     stream: StreamId,
     streams: Arc<AtomicUsize>,
-    /// In a team, who has to answer.
+    /// In a team, the node that has to answer.
     expect: Option<Arc<Expect>>,
     silence_max: Duration,
     silence: Silence,
@@ -147,18 +147,18 @@ impl Session {
     /// See [`CallError`].
     ///
     /// # Cancellation
-    /// The request may be carried out all the same.
+    /// The request may still be carried out.
     pub async fn call(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Vec<u8>, CallError> {
         self.call_signed(key, payload, within).await.map(|(answer, _)| answer)
     }
 
-    /// As [`Session::call`], with who has answered. In a team a node signs the question.
+    /// Like [`Session::call`], with the author of the answer. In a team a node signs the question.
     ///
     /// # Errors
     /// See [`CallError`].
     ///
     /// # Cancellation
-    /// The request may be carried out all the same.
+    /// The request may still be carried out.
     pub async fn call_signed(
         &self,
         key: &str,
@@ -184,7 +184,7 @@ impl Session {
         }
     }
 
-    /// Returns what goes with a question with one answer in a team, and who has to answer it.
+    /// Returns the attachment of a question with one answer in a team, and the node that has to answer it.
     fn one(&self, key: &str, payload: &[u8]) -> Result<Option<(Pull, Arc<Expect>)>, CallError> {
         let Some(authenticator) = &self.authenticator else { return Ok(None) };
         let failed = |error: std::io::Error| CallError::Session { key: key.to_owned(), cause: error.to_string() };
@@ -226,7 +226,7 @@ impl Session {
     }
 }
 
-/// What goes with a question, and whose answers to it count.
+/// The attachment of a question, and the node whose answers count.
 #[derive(Debug, Default)]
 struct AskOptions {
     pull: Option<Pull>,
@@ -255,7 +255,7 @@ fn ask(
     // The closure goes, and with it the sender, when the answer is in or the server is gone.
     let sink: Arc<Sink> = Arc::new(Mutex::new(Some(answer_tx)));
     let open = Open { token: CancellationToken::default(), sink: Arc::downgrade(&sink) };
-    // Who serves the same key must not be asked in the place of who is meant.
+    // Another server of the same key must not be asked instead of the intended one.
     let target = if expect.is_some() { QueryTarget::All } else { QueryTarget::default() };
     let take = move |reply| {
         if expect.as_ref().is_some_and(|expect| !expect.takes(&reply)) {
@@ -263,7 +263,7 @@ fn ask(
         }
         let sink = sink.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(sink) = sink {
-            // Who has given up does not want it.
+            // A caller that has given up does not want it.
             drop(sink.send((reply, clock::now())));
         }
     };
@@ -279,7 +279,7 @@ fn ask(
         let attachment = codec::encode(&pull).map_err(|error| failed(error.to_string()))?;
         asking = asking.attachment(attachment);
         if !matches!(pull, Pull::One { .. }) {
-            // What nodes say to each other goes before what somebody reads.
+            // Messages between nodes go before answers for readers.
             asking = asking.priority(Priority::DataLow);
         }
     }
@@ -333,7 +333,7 @@ impl Replies {
     async fn more(&mut self) -> Result<(), CallError> {
         let Some(asked) = &mut self.asked else { return Err(self.broken("nothing more was asked for")) };
         let answer = tokio::select! {
-            // What is there counts, however late it is looked at.
+            // An answer that is already there counts, however late.
             biased;
             answer = &mut asked.answer => answer,
             () = over(&mut self.silence, self.silence_max) => {
@@ -405,7 +405,7 @@ impl Drop for Replies {
         if self.state == Stream::Ended && self.incoming.end().is_some() {
             return;
         }
-        // The server need not keep what nobody takes; if it does not hear of it, it gives up by itself.
+        // The server need not keep answers without a reader; if this message is lost, the server gives up by itself.
         let Ok(leave) = codec::encode(&Pull::Leave { stream: self.stream.clone() }) else { return };
         let leaving = self.session.get(&self.server).attachment(leave).congestion_control(CongestionControl::Drop);
         if let Err(error) = leaving.timeout(LEAVE_TIMEOUT).callback(drop).wait() {

@@ -4,11 +4,11 @@ use super::OpenError;
 use std::path::Path;
 use zenoh::Config;
 
-/// How long a session is silent before its peer gives it up: longer than the longest way there and back, which is 3 s, since
-/// a peer hears nothing in that time when a link is new. What is cut is noticed earlier, see `patience`.
+/// How long a session is silent before its peer gives it up: longer than the longest round trip, which is 3 s, since a
+/// peer hears nothing in that time when a link is new. A cut is noticed earlier, see `patience`.
 const LEASE_MS: u32 = 5000;
-/// The same for nodes, which are linked each to each, and mostly have nothing to say: 175 bytes on the cable per word and link over IPv6,
-/// with what TCP answers.
+/// The same for nodes, which are linked each to each, and mostly idle: 175 bytes on the cable per keep-alive and link
+/// over IPv6, including TCP's answers.
 const NODE_LEASE_MS: u32 = 15_000;
 /// How often a session says a word that has nothing to say: the system sees soon that it does not arrive.
 const WORD_EVERY_MS: u32 = 250;
@@ -29,7 +29,7 @@ impl Settings {
             .text("mode", mode)
             .set("scouting/gossip/enabled", "false")
             .set("listen/endpoints", "[]")
-            // Known peers are dialled in the background, again and again; nobody waits for them.
+            // Known peers are dialled in the background, again and again; opening does not wait for them.
             .set("connect/timeout_ms", "-1")
             .set("connect/exit_on_failure", "false")
             .set("connect/retry", "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }")
@@ -39,26 +39,27 @@ impl Settings {
             .set("scouting/multicast/enabled", "false")
             .set("transport/link/tx/lease", &lease_ms.to_string())
             .set("transport/link/tx/keep_alive", &(lease_ms / word_every_ms).to_string())
-            // Who connects and says nothing must not keep out who comes next.
+            // A connection that sends nothing must not keep out the next one.
             .set("transport/unicast/accept_pending", ACCEPT_PENDING_MAX)
-            // Three ways of 3 s there and back, and two for who accepts. A place that does not answer at all is not dialled, see
-            // `reach`.
+            // Three round trips of 3 s, and two for the accepting side. An address that does not answer at all is not
+            // dialled, see `reach`.
             .set("transport/unicast/open_timeout", "10000")
             .set("transport/unicast/accept_timeout", "7000")
     }
 
     /// A node: a peer in the clique of all nodes.
     pub(super) fn node() -> Self {
-        // On a radio of 50 kbit/s the longest of its messages still comes within a lease: a part of one is no sign of life.
+        // On a radio of 50 kbit/s the longest of its messages still arrives within a lease: a partial message is not a
+        // sign of life.
         Self::new("peer", [NODE_LEASE_MS, NODE_WORD_EVERY_MS])
             .set("transport/link/tx/batch_size", "16384")
-            // What can go goes at once. What cannot shares a batch with what comes next.
+            // A message that can be sent is sent at once. Otherwise it shares a batch with the next ones.
             .set("transport/link/tx/queue/batching/time_limit", "0")
             // 256 KiB of answers: all that is on the way to a few command lines, so that who passes it on does not wait.
             .set("transport/link/tx/queue/size/data_low", "16")
     }
 
-    /// A controller's data session: it finds nobody and is found by nobody.
+    /// A controller's data session: it discovers no session, and no session discovers it.
     pub(crate) fn data() -> Self {
         // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
         Self::new("peer", [LEASE_MS, WORD_EVERY_MS])

@@ -1,4 +1,5 @@
-//! Who has to answer a call in a team. Whoever serves the same key may answer, too; that is no answer.
+//! The node that has to answer a call in a team. Another server of the same key may answer as well; that does not
+//! count.
 
 use super::proof::{self, Authenticator, Author, Digest};
 use crate::logic::proof::Proof;
@@ -25,7 +26,7 @@ struct Seen {
     author: Option<Author>,
     /// Why answers did not count.
     forged: Option<String>,
-    /// A refusal that nobody has signed.
+    /// A refusal without a signature.
     refused: Option<String>,
 }
 
@@ -79,7 +80,8 @@ impl Expect {
         true
     }
 
-    /// Returns whether an error is one of this end: nobody signs what zenoh says, or a refusal before there is an answer.
+    /// Returns whether an error comes from this end: errors of zenoh, and a refusal before there is an answer, are
+    /// unsigned.
     fn is_own(&self, error: &ReplyError) -> bool {
         if *error.encoding() == Encoding::from(super::serve::REFUSED) {
             let text = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();

@@ -1,4 +1,4 @@
-//! The network interfaces of this machine, as they are now.
+//! The present network interfaces of this machine.
 
 use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr, TcpListener};
@@ -25,8 +25,8 @@ pub(crate) fn now() -> BTreeSet<Address> {
     addresses.filter(|address| !address.ip.is_unspecified() && !address.ip.is_loopback()).collect()
 }
 
-/// Returns the addresses of this host at which programs of others can dial it, wherever they are: one that is valid on its
-/// own cable alone means nothing to somebody else, and one that is so new that nothing can listen on it is left out.
+/// Returns the addresses of this host at which programs of other hosts can dial it, from anywhere. An address that is
+/// valid only on its own cable is left out, and so is one that is too new to listen on.
 pub fn dialled() -> Vec<IpAddr> {
     let usable = |ip: &IpAddr| !is_link_local(*ip) && TcpListener::bind((*ip, 0)).is_ok();
     now().into_iter().map(|address| address.ip).filter(usable).collect()

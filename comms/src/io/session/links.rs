@@ -117,9 +117,9 @@ impl Place {
 }
 
 impl Links {
-    /// Takes note of a session that says that it is there; says whether to dial it. Anybody can say anything on a network, so
-    /// few that have never been linked are dialled at a time: a new one takes the place of the oldest of its machine, or of
-    /// all. Who is there says so again.
+    /// Notes a session that announces itself; returns whether to dial it. Any host on a network can announce anything,
+    /// so only a few that have never been linked are dialled at a time: a new one replaces the oldest of its machine,
+    /// or of all. Real sessions repeat their announcement.
     pub(super) fn find(&mut self, PlaceFound { session, name, by, locator }: PlaceFound, within: Duration) -> bool {
         if !self.kept.contains_key(&session) {
             let (kept, standing) = (&self.kept, &self.standing);
@@ -224,7 +224,7 @@ impl Links {
     }
 }
 
-/// Returns the links; nobody holds them for long.
+/// Returns the links; the lock is never held for long.
 pub(super) fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
     // Maps of plain values are valid whatever happened to the thread that held them.
     links.lock().unwrap_or_else(PoisonError::into_inner)
@@ -242,7 +242,7 @@ mod tests {
             let locator = format!("tcp/{by}:7").parse().unwrap();
             links.find(PlaceFound { session: session.into(), name: "c1".into(), by, locator }, Duration::from_secs(60))
         };
-        // One that is linked, and one that this program was told of, stay whatever is said.
+        // A linked session, and one that this program was told of, stay in spite of all announcements.
         assert!(hear(&mut links, "linked", 1));
         links.standing.insert("linked".into());
         links.kept.insert("told".into(), Place::told(vec![], None));

@@ -17,7 +17,7 @@ use zenoh::sample::{Sample, SampleKind};
 /// Appearances and departures that have not been taken yet.
 const PRESENCES_MAX: usize = 4096;
 
-/// A key, and what was put on it.
+/// A key, and the bytes that were put on it.
 type Message = (String, Vec<u8>);
 
 /// Receives what is put on a key until it is dropped.
@@ -47,7 +47,7 @@ pub struct Beats {
     _subscriber: Subscriber<()>,
 }
 
-/// A change of who is there.
+/// A change of presence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Presence {
     /// This key was announced, or has been since before the watch began.
@@ -57,8 +57,8 @@ pub enum Presence {
 }
 
 impl Session {
-    /// Sends to whoever subscribes to `key` now. Lost if nobody does, or if the link is congested or cut; senders that
-    /// mind send again.
+    /// Sends to the present subscribers of `key`. The message is lost if there are none, or if the link is congested or
+    /// cut; senders repeat it if necessary.
     ///
     /// # Errors
     /// If the session is closed.
@@ -82,8 +82,8 @@ impl Session {
         put.map_err(|cause| session_error(key, &cause))
     }
 
-    /// Lets who listens with [`Session::hear_beats`] hear of this session: nothing is said, so nothing is signed. What is on its way
-    /// is what shows the system that a link is cut.
+    /// Sends a beat of this session to the listeners with [`Session::hear_beats`]. A beat has no content, so nothing is
+    /// signed. Bytes in transit make the system notice that a link is cut.
     ///
     /// # Errors
     /// If the session is closed.
@@ -146,7 +146,7 @@ impl Session {
 }
 
 impl Subscription {
-    /// Returns the next key and what was put on it; none once the session is closed.
+    /// Returns the next key and the bytes that were put on it; none once the session is closed.
     ///
     /// # Cancellation
     /// Safe.
@@ -154,7 +154,7 @@ impl Subscription {
         self.samples.recv().await.map(|(message, _)| message)
     }
 
-    /// As [`Subscription::next`], with who has said it.
+    /// Like [`Subscription::next`], with the author.
     ///
     /// # Cancellation
     /// Safe.

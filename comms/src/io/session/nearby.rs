@@ -120,7 +120,8 @@ fn log_change(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool
     }
 }
 
-/// Returns the interfaces on which nodes of other machines can be found, and why nobody can be heard there, if so.
+/// Returns the interfaces on which nodes of other machines can be found, and the reason if discovery is impossible
+/// there.
 pub async fn discovery() -> (Vec<String>, Result<(), String>) {
     let found = interfaces::now();
     let names: BTreeSet<String> = found.iter().map(|address| address.name.clone()).collect();

@@ -69,8 +69,8 @@ impl std::fmt::Debug for Opened {
 }
 
 impl Opened {
-    /// Opens a session. Blocks; must not be called from a task.
-    /// With `tunnels` the session hears and dials nobody on other hosts but through those.
+    /// Opens a session. Blocks; must not be called from a task. With `tunnels` the session hears and dials other hosts
+    /// only through those.
     pub(crate) fn open(
         settings: Settings,
         redial: Redial,
@@ -104,7 +104,7 @@ impl Opened {
         let keeper = ZRuntime::Net.spawn(keep(dialler.clone(), port, changes));
         let strays = ZRuntime::Net.spawn(end_strays(session.clone(), dialler.clone(), Arc::clone(&to_keeper)));
         let (addresses_tx, addresses) = watch::channel(Vec::new());
-        // Of a team nobody outside hears a name; that is also how both kinds tell each other apart.
+        // No host outside a team hears a name; this also distinguishes both kinds.
         let shown = |name: &String| if dialler.tunnels.is_some() { String::new() } else { name.clone() };
         let own = match &search {
             Search::Found(name, port) => Some(Announced { session: id.clone(), name: shown(name), port: *port }),
@@ -181,8 +181,8 @@ impl Opened {
         self.dialler.cut(session);
     }
 
-    /// Ends the links to a session, unless something comes from it within `time`. A long answer on a slow link keeps back all other
-    /// words, and would be lost with the link.
+    /// Ends the links to a session, unless data arrives from it within `time`. A long answer on a slow link delays all
+    /// other messages, and would be lost with the link.
     pub(crate) fn cut_if_silent(&self, session: &str, time: Duration) {
         let (dialler, session) = (self.dialler.clone(), session.to_owned());
         let ends = dialler.ends_of(&session);
@@ -217,7 +217,7 @@ impl Opened {
         self.dialler.tunnels.iter().for_each(|tunnels| tunnels.judge_again());
     }
 
-    /// Returns the session's id as it is written in a `Dial`.
+    /// Returns the session's id in the form of a `Dial`.
     pub(crate) fn id(&self) -> String {
         self.session.zid().to_string()
     }
@@ -294,7 +294,7 @@ impl Opened {
     }
 }
 
-/// Notes which links stand, and tells the keeper of what it has to know.
+/// Notes which links are up, and passes the changes on to the keeper.
 fn watch_links(
     session: &zenoh::Session,
     redial: Redial,
@@ -327,7 +327,7 @@ fn watch_links(
         }
         let Some(both) = both else { return };
         lock(&ends).gain(&session, both);
-        // What comes first may be lost, too, and the system would repeat it later and later.
+        // The first bytes may be lost as well, and the system would repeat them later and later.
         made.push(Change::New(both));
         if redial == Redial::Found {
             made.push(Change::Made { session, from: both.0, to: link.dst().clone() });

@@ -47,14 +47,15 @@ pub(super) fn set_as_measured(ends: Ends) -> bool {
     patience.is_some_and(|patience| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
-/// Ends a link, at both sides: who waits for more reads an end.
+/// Ends a link, at both sides: a waiting reader gets an end of file.
 pub(super) fn cut(ends: Ends) {
     if let Some(Err(error)) = find(ends).map(|socket| socket.shutdown(Shutdown::Both)) {
         tracing::debug!(%error, "a link was not cut");
     }
 }
 
-/// Gives each link to a place that has no limit yet so long: it is being made, and nobody has said that it stands.
+/// Sets this limit on each link to an address that has none yet: the link is being made, and has not been reported as
+/// up.
 pub(super) fn set_towards(place: SocketAddr, patience: Duration) {
     for (socket, (_, remote)) in sockets() {
         if remote == plain(place) && tcp_user_timeout(&socket).is_ok_and(|limit| limit == 0) {

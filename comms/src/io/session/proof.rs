@@ -1,4 +1,4 @@
-//! Who has said a message: sessions of a team sign what they say, and check what they hear.
+//! The authors of messages: sessions of a team sign their messages, and check those they receive.
 //!
 //! A tunnel shows who is at its other end, but zenoh does not say over which link a message has come, and a member may pass on
 //! what others say. So each message to nodes, and each of their answers, has a [`Proof`] beside it, over its key and its bytes. An
@@ -10,12 +10,13 @@ use std::fmt;
 use std::sync::Arc;
 use zenoh::bytes::ZBytes;
 
-/// A digest of what is signed.
+/// A digest of the signed bytes.
 pub type Digest = [u8; 32];
 
 /// Signs for this process, and checks signatures of others. It is asked from many tasks at once, and must not wait.
 pub trait Authenticator: fmt::Debug + Send + Sync {
-    /// Signs a digest; nothing if this process speaks for no node. `shows` adds the credential, for who may not know the key.
+    /// Signs a digest; none if this process does not speak for a node. `shows` adds the credential, for receivers that
+    /// may not know the key.
     fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof>;
 
     /// Returns who has signed a digest.
@@ -25,7 +26,7 @@ pub trait Authenticator: fmt::Debug + Send + Sync {
     fn forged(&self, claimed: &str, why: &str);
 }
 
-/// Who has said a message.
+/// The author of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Author {
     /// This session is in no team, and believes everybody.
@@ -51,7 +52,7 @@ impl Author {
     }
 }
 
-/// Returns the digest of what is put on a key.
+/// Returns the digest of a message on a key.
 pub(crate) fn put(key: &str, payload: &[u8]) -> Digest {
     digest("dca put 1", &[key.as_bytes(), payload])
 }
@@ -66,7 +67,7 @@ pub(crate) fn answer(question: &Digest, payload: &[u8]) -> Digest {
     digest("dca answer 1", &[question, payload])
 }
 
-/// Returns the digest of what one node says to another by way of a third.
+/// Returns the digest of a message from one node to another by way of a third.
 pub fn relayed(from: &str, to: &str, what: &[u8]) -> Digest {
     digest("dca relay 1", &[from.as_bytes(), to.as_bytes(), what])
 }

@@ -14,11 +14,11 @@ use zenoh::config::Locator;
 
 /// How long a place has to answer: a round trip of 3 s, and a machine that is busy.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// How often it is asked anew meanwhile: a question that was lost is repeated by the system later and later.
+/// How often the question is repeated: a lost question is repeated by the system later and later.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 
-/// Returns the first place that answers, and how long it took, or why none does, for a person. A socket of this machine is asked
-/// first: who is dialled from anywhere names it, too.
+/// Returns the first address that answers, and how long it took, or why none does, for a person. A socket of this
+/// machine is tried first: a peer that is dialled from anywhere also gives its socket.
 ///
 /// # Cancellation
 /// Safe.
@@ -41,7 +41,7 @@ pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), S
             biased;
             Some(answer) = asking.join_next() => match answer {
                 Ok(Ok(found)) => return Ok(found),
-                // What is refused is refused; what is silent is asked again.
+                // A refusal is final; a silent address is tried again.
                 Ok(Err(cause)) if asking.is_empty() => return Err(cause),
                 Ok(Err(cause)) => why = cause,
                 Err(error) => why = error.to_string(),

@@ -30,7 +30,7 @@ use zenoh::query::{Query, Queryable};
 pub(super) const REFUSED: &str = "dca/refused";
 /// Requests that have not been taken yet.
 const REQUESTS_MAX: usize = 256;
-/// Streams that one server keeps; for a new one, one that nobody asks for goes.
+/// The streams that one server keeps; a new one replaces one without a reader.
 const STREAMS_MAX: usize = 256;
 /// How long a stream is kept whose caller asks for nothing: it may be a person before a pager.
 const IDLE_MAX: Duration = Duration::from_secs(600);
@@ -47,7 +47,7 @@ pub struct Server {
     _queryables: [Queryable<()>; 2],
 }
 
-/// One call. Whoever asked for one answer has it with the first; a stream is complete only with [`Request::finish`], and
+/// One call. A caller of one answer has it with the first; a stream is complete only with [`Request::finish`], and
 /// broken if the request is dropped before.
 #[derive(Debug)]
 pub struct Request {
@@ -57,7 +57,7 @@ pub struct Request {
     caller: Caller,
 }
 
-/// A question, by which its answer names it, and who has signed it.
+/// A question, which its answer refers to, and its signer.
 #[derive(Debug)]
 struct Asked {
     authenticator: Option<Arc<dyn Authenticator>>,
@@ -90,7 +90,7 @@ struct Stream {
     state: Mutex<State>,
     /// Something has come from either side.
     changed: Notify,
-    /// There is room for answers, or nobody takes them any more.
+    /// There is room for answers, or no reader any more.
     taken: Notify,
 }
 
@@ -115,7 +115,7 @@ struct State {
 enum Turn {
     /// Send this, with a proof.
     Send(Query, Vec<u8>, Option<Vec<u8>>),
-    /// Wait for something to change; for so long, where nobody asks.
+    /// Wait for a change; for at most this long, if there is no pull.
     Wait(Option<Duration>),
     /// Nothing more.
     Over,
@@ -305,7 +305,7 @@ impl Stream {
         self.changed.notify_one();
     }
 
-    /// Adds an answer; returns whether somebody takes it, or none if there is no room for it now.
+    /// Adds an answer; returns whether there is a reader, or none if there is no room for it now.
     fn give(&self, answer: &[u8]) -> Option<bool> {
         let mut state = self.lock();
         let is_taken = !state.is_left;
@@ -317,7 +317,7 @@ impl Stream {
         Some(is_taken)
     }
 
-    /// Sends what is asked for, until all is taken or nobody asks any more.
+    /// Sends the requested pieces, until all are taken or there is no reader any more.
     async fn send(&self) {
         loop {
             match self.turn() {
@@ -339,7 +339,7 @@ impl Stream {
     fn turn(&self) -> Turn {
         let mut state = self.lock();
         if state.is_left || state.is_dropped && !state.outgoing.is_ready() {
-            // A caller that asks for more learns from its query, which goes without an answer, that nobody is here.
+            // A caller that asks for more learns from its query, which gets no answer, that the server is gone.
             return Turn::Over;
         }
         let is_here = std::mem::take(&mut state.is_here);

@@ -1,9 +1,9 @@
 //! A stream of answers, as each of its ends keeps it; nothing here waits or sends.
 //!
-//! The caller asks for one piece after the other, each no larger than it says, and the server sends nothing that was not
-//! asked for. So a caller that takes nothing, a suspended one or one before a full pipe, holds up nobody: what is on the way
-//! to it fits into the buffers of its link. A piece has bytes of the answers as frames ([`crate::logic::frame`]), cut
-//! anywhere, and the last one says how the stream has ended.
+//! The caller asks for one piece after the other, with a limit for the size of each, and the server sends nothing
+//! without a request. So a caller that takes nothing, because it is suspended or waits for a full pipe, blocks no
+//! other: the bytes in transit to it fit into the buffers of its link. A piece has bytes of the answers as frames
+//! ([`crate::logic::frame`]), cut anywhere, and the last one tells how the stream has ended.
 
 use super::tally::Tally;
 use crate::logic::codec::{Enveloped, Kind};
@@ -52,11 +52,11 @@ pub(super) enum Pull {
         /// The stream.
         stream: StreamId,
     },
-    /// Asks in a team for one answer, which is no stream.
+    /// Asks in a team for a single answer, without a stream.
     One {
         /// A random number, so that no two questions are one.
         nonce: [u8; 16],
-        /// Who asks, if it is a node: over [`super::proof::question`].
+        /// The caller, if it is a node: over [`super::proof::question`].
         proof: Option<Proof>,
     },
 }
@@ -130,12 +130,12 @@ impl Outgoing {
         self.end(End::Whole(self.tally.mark().to_vec()));
     }
 
-    /// Ends the stream; what ended it first stays.
+    /// Ends the stream; the first end counts.
     pub(super) fn end(&mut self, end: End) {
         self.end.get_or_insert(end);
     }
 
-    /// Says that nobody gives more answers. Without a word before the caller gets none either.
+    /// Marks that no more answers are given. If the stream had not ended before, the caller does not get an end either.
     pub(super) fn abandon(&mut self) {
         if self.tally.count() > 0 {
             self.end(End::Broken("it went away in the middle".to_owned()));
@@ -180,7 +180,7 @@ impl Incoming {
     /// Returns the next answer that is here as a whole.
     ///
     /// # Errors
-    /// The server sends what is no stream.
+    /// The server sends bytes that are not a stream.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, FrameError> {
         let answer = self.frames.next_frame()?;
         if let Some(answer) = &answer {
@@ -203,7 +203,7 @@ impl Incoming {
     }
 }
 
-/// How long somebody has been silent while this program listened. While it was suspended it heard nothing of what was said.
+/// How long a peer has been silent while this program listened. While the program was suspended it heard nothing.
 #[derive(Debug)]
 pub(super) struct Silence {
     lasted: Duration,
@@ -216,8 +216,8 @@ impl Silence {
         Self { lasted: Duration::ZERO, until: now }
     }
 
-    /// Counts the time since the last look, or one step of it: a look that comes much later than it was to come shows that
-    /// nobody listened. Returns when to look again, or none when the silence has lasted for `max`.
+    /// Counts the time since the last look, or one step of it: a look that comes much later than planned shows that the
+    /// program was not running. Returns when to look again, or none when the silence has lasted for `max`.
     pub(super) fn look(&mut self, now: Time, max: Duration) -> Option<Time> {
         let step = max / SILENCE_STEPS;
         self.lasted += (now - self.until).min(2 * step);

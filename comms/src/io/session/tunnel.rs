@@ -1,9 +1,9 @@
 //! Tunnels between hosts of a team: TLS 1.3 with keys at both ends around the bytes of a zenoh link.
 //!
-//! Zenoh itself listens on a Unix socket only. A [`Tunnels`] listens on TCP in its place, lets nobody through who has not shown a
-//! credential that its [`Identity`] trusts, and carries what comes on to that socket. Whoever dials does the same from its side.
-//! So no byte of a stranger comes to zenoh, keys and revocations count from the moment they are known, and a link ends when its
-//! credential does.
+//! Zenoh itself listens only on a Unix socket. A [`Tunnels`] listens on TCP in its place, lets in only peers whose
+//! credential its [`Identity`] trusts, and relays their bytes to that socket. The dialling side does the same. So no
+//! byte of a stranger reaches zenoh, keys and revocations count from the moment they are known, and a link ends when
+//! its credential does.
 //!
 //! ```text
 //! zenoh ── Unix socket ── Tunnels ═══ TLS over TCP ═══ Tunnels ── Unix socket ── zenoh
@@ -46,12 +46,13 @@ const ENTERED_WITHIN: Duration = Duration::from_secs(10);
 const JUDGE_EVERY: Duration = Duration::from_secs(5);
 /// How many addresses of others are remembered.
 const MET_MAX: usize = 256;
-/// Why somebody is not let in who has gone before it was known who that is.
+/// The reason for refusing a peer that has gone before its identity was known.
 const HUNG_UP: &str = "it has hung up before it had said who it is";
 /// How many bytes a tunnel reads at once.
 const BUFFER_SIZE: usize = 32 << 10;
 
-/// Who this process is to other hosts, and whom it trusts. It is asked from many tasks at once, and must not wait.
+/// The identity of this process toward other hosts, and the peers it trusts. It is used by many tasks at once, and must
+/// not wait.
 pub trait Identity: fmt::Debug + Send + Sync {
     /// Returns the secret Ed25519 key by which it is known, and its public one.
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey);
@@ -59,14 +60,14 @@ pub trait Identity: fmt::Debug + Send + Sync {
     /// Returns what shows others that they may trust that key, at most 4,000 bytes.
     fn credential(&self) -> Vec<u8>;
 
-    /// Judges a key by its credential; returns the name of who has it.
+    /// Judges a key by its credential; returns the name of its owner.
     ///
     /// # Errors
     /// It is not trusted, and why, for a person.
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String>;
 
-    /// Returns what tells when somebody is to be judged again who has come and is not let in yet, but may be in a moment; nothing if
-    /// it is as [`Identity::judge`] says.
+    /// Returns a receiver that changes when a peer, which has come and may soon be let in, is to be judged again; none
+    /// if [`Identity::judge`] is final.
     fn awaits(&self, _key: &PublicKey, _credential: &[u8]) -> Option<watch::Receiver<()>> {
         None
     }
@@ -74,10 +75,10 @@ pub trait Identity: fmt::Debug + Send + Sync {
     /// Returns whom it has heard of as revoked.
     fn revocations(&self) -> Vec<u8>;
 
-    /// Hears of others who are revoked, from somebody who is trusted. Says whether anything of it is new.
+    /// Takes revocations from a trusted peer. Returns whether any of them is new.
     fn hear(&self, revocations: &[u8]) -> bool;
 
-    /// Hears that somebody was refused, and why.
+    /// Notes that a peer was refused, and why.
     fn refused(&self, from: SocketAddr, why: &str);
 }
 
@@ -101,7 +102,7 @@ pub(crate) struct Tunnels {
     locators: Vec<String>,
     made: AtomicU64,
     table: Mutex<Table>,
-    /// The addresses from which somebody who is trusted has come.
+    /// The addresses from which trusted peers have come.
     met: Mutex<BTreeSet<IpAddr>>,
     /// The tunnels that stand, each a task.
     tasks: Mutex<JoinSet<()>>,
@@ -198,13 +199,13 @@ impl Tunnels {
         old.map(|(session, _)| session.clone()).collect()
     }
 
-    /// Ends a tunnel; says whether there is one.
+    /// Ends a tunnel; returns whether there was one.
     pub(super) fn cut(&self, session: &str) -> bool {
         self.table().get(session).map(|standing| standing.end.notify_one()).is_some()
     }
 
-    /// Makes a tunnel to who listens at an address, which has to be `wanted` if that is said. Returns its session, its name, and the
-    /// path of a Unix socket that leads there, once.
+    /// Makes a tunnel to the listener at an address, which has to be `wanted` if that is given. Returns its session,
+    /// its name, and the path of a Unix socket that leads there, once.
     pub(super) async fn dial(
         self: &Arc<Self>,
         address: &str,
@@ -244,9 +245,9 @@ impl Tunnels {
         Ok((stream, peer, ends))
     }
 
-    /// Takes somebody in who has connected.
+    /// Lets in a peer that has connected, or refuses it.
     async fn admit(self: Arc<Self>, stream: TcpStream, from: SocketAddr) {
-        // Who only looks whether somebody is here says nothing, and is nothing to speak of.
+        // A peer that only probes the port sends nothing, and is not worth a message.
         let mut first = [0];
         let said = tokio::time::timeout(HANDSHAKE_WITHIN, stream.peek(&mut first)).await;
         if !matches!(said, Ok(Ok(1))) {
@@ -266,7 +267,7 @@ impl Tunnels {
                     own.table().leave(&peer.session, number);
                 });
             }
-            // A member gives up that has waited for this process, which was suspended or had no time: that is no stranger.
+            // A member gives up waiting for this process, which was suspended or busy: it is not a stranger.
             Err(why) if why == HUNG_UP && self.met().contains(&from.ip()) => {
                 tracing::debug!(%from, "somebody has hung up, where a member has been before");
             }
@@ -304,7 +305,8 @@ impl Tunnels {
             end: Arc::clone(&end),
         };
         let number = self.table().enter(&peer.session, standing)?;
-        // Who was trusted a moment ago may be revoked by now, and whoever looked for its tunnel has not found this one.
+        // A peer that was trusted a moment ago may be revoked by now, and a search for its tunnel has not found this
+        // one.
         if let Err(why) = self.identity.judge(&peer.key, &peer.credential) {
             self.table().leave(&peer.session, number);
             self.identity.refused(ends.1, &why);
@@ -341,7 +343,7 @@ impl Tunnels {
         let number = self.made.fetch_add(1, Ordering::Relaxed);
         let session = self.session.get(..8).unwrap_or(&self.session);
         let path = self.entrance.parent().unwrap_or(Path::new("/")).join(format!("{session}.{number}"));
-        // What a process that was killed has left.
+        // The socket of a process that was killed.
         drop(std::fs::remove_file(&path));
         path
     }

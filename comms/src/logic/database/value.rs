@@ -29,7 +29,7 @@ pub enum Value {
     Float(f64),
     /// A text, UTF-8.
     Text(String),
-    /// Bytes without a type of their own.
+    /// Bytes without a type.
     Bytes(Vec<u8>),
     /// Values in order.
     List(Vec<Self>),

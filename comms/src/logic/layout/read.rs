@@ -90,7 +90,8 @@ impl<'a> Reader<'a> {
         self.bytes(length)
     }
 
-    /// Takes the number of elements of a list, unless its type says it. There are never more than bytes: an element has one at least.
+    /// Takes the number of elements of a list, unless its type fixes it. There are never more than bytes: an element
+    /// has at least one.
     pub fn count(&mut self, count: Option<usize>) -> Option<usize> {
         let count = count.map_or_else(|| self.length(), Some)?;
         (count <= self.rest.len()).then_some(count)

@@ -65,7 +65,7 @@ impl Part for &Tree {
     }
 }
 
-/// Makes trees; a list says whether it is an array only to `serde`.
+/// Makes trees; only `serde` knows whether a list is an array.
 struct Trees;
 
 impl Build for Trees {

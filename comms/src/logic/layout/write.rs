@@ -19,14 +19,14 @@ pub trait Part: Sized {
     /// The value is not a record with such a field.
     fn field(&self, field: &Field) -> Result<Self, Self::Error>;
 
-    /// Returns the elements of a list; exactly `count` of them where the layout says how many.
+    /// Returns the elements of a list; exactly `count` of them if the layout fixes their number.
     ///
     /// # Errors
-    /// The value is not a list, or not of so many elements.
+    /// The value is not a list, or does not have `count` elements.
     fn elements(&self, of: &Layout, count: Option<usize>) -> Result<Vec<Self>, Self::Error>;
 }
 
-/// Writes a value behind the bytes that are there.
+/// Appends a value to the bytes.
 ///
 /// # Errors
 /// The value is not of this layout; some of it may have been written.

@@ -1,4 +1,4 @@
-//! The header of a message: what queues and routers look at. They never look at the data.
+//! The header of a message, which queues and routers look at. They never look at the data.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -26,7 +26,7 @@ pub struct Header {
     pub marker: u64,
 }
 
-/// The identifier of a message: who sent it, and which of its messages it is.
+/// The identifier of a message: its sender, and its number among the sender's messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct MessageId {
     /// One life of one sender: a random number, drawn when it starts.

@@ -49,7 +49,7 @@ pub enum LockInput {
 /// An effect of a lock.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LockEffect {
-    /// Write this number to the disk, then say [`LockInput::Persisted`]: no number from it on was granted.
+    /// Write this number to the disk, then give [`LockInput::Persisted`]: no number from it on was granted.
     Persist(u64),
     /// Answer a client. It may have asked long ago.
     Answer {
@@ -120,7 +120,7 @@ struct Waiter {
 }
 
 impl ResourceLock {
-    /// Returns a lock whose server starts now. No number from `first` on was ever granted; 1 for a lock that is new.
+    /// Returns a lock whose server starts now. No number from `first` on was ever granted; 1 for a new lock.
     pub fn new(settings: LockSettings, first: u64, now: Time) -> Self {
         let first = first.max(1);
         Self {

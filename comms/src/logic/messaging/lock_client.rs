@@ -19,7 +19,7 @@ const PACE: Duration = Duration::from_millis(5);
 pub enum ClientInput {
     /// The program wants the lock, with this priority. Wanted already, only the priority changes.
     Want(u8),
-    /// The program does not want it any more.
+    /// The program does not want the lock any more.
     Drop,
     /// The answer to a call.
     Answer {
@@ -35,7 +35,7 @@ pub enum ClientInput {
 /// An effect of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ClientEffect {
-    /// Call the server, then say [`ClientInput::Answer`].
+    /// Call the server, then give [`ClientInput::Answer`].
     Call {
         /// The number of the call.
         call: u64,
@@ -49,7 +49,7 @@ pub enum ClientEffect {
         /// The fencing number that goes with each command.
         fence: u64,
     },
-    /// The lock is not held any more, or will not be had.
+    /// The lock is lost, or cannot be had.
     Lost(Denied),
 }
 
@@ -85,7 +85,7 @@ enum State {
     },
 }
 
-/// How often a release is said; after that the lease does it.
+/// How often a release is sent; after that the lease ends the grant.
 const RELEASES_MAX: u8 = 4;
 
 impl LockClient {

@@ -204,7 +204,7 @@ impl MessageQueue {
         Some(message)
     }
 
-    /// Drops the messages that are not to be taken any more.
+    /// Keeps only the messages for which `keep` returns true.
     pub fn retain(&mut self, mut keep: impl FnMut(&Message) -> bool) {
         let before = self.waiting.len();
         self.waiting.retain(|_, message| keep(message));

@@ -25,7 +25,7 @@ const KEY_SIZE_MAX: usize = NAME_SIZE_MAX + 17;
 pub const DELIVER_WITHIN: Duration = Duration::from_millis(500);
 /// How often a subscriber renews its subscription.
 pub const RENEW_EVERY: Duration = Duration::from_secs(1);
-/// For how long a subscriber of which nothing is heard stays in the register, unless a router says otherwise.
+/// How long a silent subscriber stays in the register, unless a router sets another time.
 pub const GONE_AFTER: Duration = Duration::from_secs(5);
 /// The pause after a queue was full or could not be reached; it doubles up to [`PAUSE_MAX`].
 const PAUSE_MIN: Duration = Duration::from_millis(5);
@@ -91,7 +91,7 @@ pub enum DeliveryEnd {
 pub enum RouterEffect {
     /// Answer the program that has asked.
     Answer(RouterAnswer),
-    /// Put a message into a queue, then say [`RouterInput::Delivered`].
+    /// Put a message into a queue, then give [`RouterInput::Delivered`].
     Deliver {
         /// The queue.
         queue: String,
@@ -102,7 +102,7 @@ pub enum RouterEffect {
         /// For how long an answer is worth something.
         within: Duration,
     },
-    /// A subscriber was dropped from the register: tell the program.
+    /// A subscriber was dropped from the register: inform the program.
     Dropped {
         /// Its queue.
         queue: String,
@@ -281,7 +281,7 @@ impl Router {
         }
         if let Some(known) = self.register.get_mut(&queue) {
             known.filters = filters;
-            // It has just spoken, so it is there.
+            // It has just sent a message, so it is there.
             (known.heard, known.is_unreachable) = (now, false);
             (known.pause, known.resume) = (PAUSE_MIN, known.resume.min(now));
             return Ok(RouterAnswer::Subscribed { is_known: true, lost: known.lost });

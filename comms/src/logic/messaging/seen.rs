@@ -9,7 +9,7 @@ use crate::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// How many numbers of a sender are told apart.
+/// The size of the window over a sender's numbers.
 pub(super) const WINDOW: u64 = 1024;
 /// How many senders are remembered.
 pub(super) const SENDERS_MAX: usize = 1024;

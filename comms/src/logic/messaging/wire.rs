@@ -58,7 +58,7 @@ pub enum RouterRequest {
         /// The filters.
         filters: Vec<Filter>,
     },
-    /// Send nothing to this queue any more.
+    /// Stop sending to this queue.
     Unsubscribe {
         /// The name of the queue.
         queue: String,

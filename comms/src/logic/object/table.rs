@@ -72,7 +72,7 @@ impl<T> CallTable<T> {
         Some(if deadline <= now { Next::Expired(call) } else { Next::Run(call) })
     }
 
-    /// Takes a call out whose caller does not wait any more; none if it does not wait here.
+    /// Removes a cancelled call; none if it does not wait here.
     pub fn cancel(&mut self, id: &CallId) -> Option<T> {
         let place = self.waiting.iter().position(|waiting| waiting.id == *id)?;
         let waiting = self.waiting.remove(place)?;

@@ -25,7 +25,7 @@ impl Flow {
         Self { shape, ..Self::default() }
     }
 
-    /// Takes a value that is to be sent; says whether it passes.
+    /// Takes a value to be sent; returns whether it passes.
     pub fn offer(&mut self, bytes: &[u8], now: Time) -> bool {
         if self.shape.latch {
             self.last = Some(bytes.to_vec());
@@ -38,7 +38,7 @@ impl Flow {
         self.shape.latch
     }
 
-    /// Takes note of a value that is to be sent, on a wire that is not latched; says whether it passes.
+    /// Notes a value to be sent, on a wire that is not latched; returns whether it passes.
     pub fn pass(&mut self, now: Time) -> bool {
         let is_soon = |period| self.passed.is_some_and(|passed| now.since(passed) < period);
         let passes = self.open && !self.shape.period_min.is_some_and(is_soon);
@@ -71,7 +71,7 @@ impl Flow {
         last
     }
 
-    /// Closes the wire; returns how many values have passed since it was opened. Closed again it says the same.
+    /// Closes the wire; returns how many values have passed since it was opened. A second call returns the same.
     pub fn close(&mut self) -> u64 {
         self.open = false;
         self.sent

@@ -1,4 +1,4 @@
-//! The consumer's end of its wires: puts what arrives in the order of the switches.
+//! The consumer's end of its wires: puts arrivals in the order of the switches.
 
 use super::{Boundary, Expect, HOLD_WITHIN};
 use crate::logic::time::Time;
@@ -23,7 +23,7 @@ pub enum Arrival<T> {
 pub enum Passed<T> {
     /// A value.
     Value(T),
-    /// All of a switch that was expected has come, or is not waited for any more.
+    /// All values of an expected switch have come, or are no longer waited for.
     Taken(Taken),
 }
 
@@ -196,7 +196,7 @@ impl<T> Intake<T> {
         let is_aligned = self.expected.get(&generation).is_some_and(|expected| expected.what.open.len() > 1);
         let wire = self.wires.entry(number).or_default();
         if generation > 0 && wire.opened == Some(generation) {
-            // It was said before.
+            // It was already reported.
             return;
         }
         if wire.opened.is_none() || generation == 0 {
@@ -227,7 +227,7 @@ impl<T> Intake<T> {
         }
     }
 
-    /// Lets pass what waits for nothing any more, and says which switches are complete.
+    /// Passes the values that wait for nothing any more, and reports the complete switches.
     fn settle(&mut self, out: &mut Vec<Passed<T>>) {
         let is_complete = |expected: &Expect| self.missing(expected).next().is_none();
         let complete: BTreeSet<u64> = self
@@ -238,7 +238,7 @@ impl<T> Intake<T> {
             .collect();
         for generation in &complete {
             if let Some(expected) = self.expected.remove(generation) {
-                // First what came before the switch: it has passed. Then the word, then what came after it.
+                // The values before the switch have passed. Then follow the boundary, and the values after it.
                 out.push(Passed::Taken(self.taken(&expected.what)));
             }
         }

@@ -44,7 +44,7 @@ pub enum CallError {
     Forged {
         /// The host and the verb.
         key: String,
-        /// Who did, for a person.
+        /// The answering session, for a person.
         why: String,
     },
     /// The server's reason.

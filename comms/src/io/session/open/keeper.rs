@@ -35,7 +35,7 @@ const LIMIT_EVERY: Duration = Duration::from_millis(100);
 /// How often the keeper looks at a place that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// What it takes to dial.
+/// The parts needed for dialling.
 #[derive(Clone)]
 pub(super) struct Dialler {
     pub(super) runtime: Runtime,
@@ -62,9 +62,9 @@ impl Dialler {
 
 /// An event that the keeper acts on.
 pub(super) enum Change {
-    /// A TCP link was made, to somebody who may be dialled there again.
+    /// A TCP link was made, to a session that may be dialled there again.
     Made { session: String, from: SocketAddr, to: Locator },
-    /// A TCP link was made, and nobody has said yet how long it takes.
+    /// A TCP link was made, whose round trip is not known yet.
     New(patience::Ends),
     /// A link was lost, or is to be made.
     Wanted(String),
@@ -141,7 +141,8 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
             let mut links = lock(links);
             let place = links.kept.get(&session).cloned().filter(|_| !links.standing.contains(&session));
             if place.is_none() {
-                // With the same look: a link that is lost from here on is told to the keeper, who has to find nobody dialling.
+                // Under the same lock: if a link is lost from here on, the keeper is told, and must not find a dial in
+                // progress.
                 links.dialling.remove(&session);
             }
             place
@@ -157,8 +158,9 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     }
 }
 
-/// Tries to make a link: at the known places, and a moment later at those that were said on the network. While those take their
-/// time the known places are asked again, since a node may refuse until it has noticed a cut. If there is no link, the reason is kept.
+/// Tries to make a link: at the known addresses, and a moment later at the announced ones. During that time the known
+/// addresses are tried again, since a node may refuse until it has noticed a cut. If there is no link, the reason is
+/// kept.
 async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     let session = id.to_string();
     let stands = || lock(&dialler.links).standing.contains(&session);
@@ -288,14 +290,15 @@ fn through(path: &Path) -> Result<Locator, String> {
 /// Has zenoh make a link to a place that has answered after so long.
 async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) -> bool {
     let place: Option<SocketAddr> = way.address().as_str().parse().ok().filter(|_| way.protocol().as_str() == "tcp");
-    // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
+    // The dial runs to its end, even without a waiting caller: zenoh treats a cancelled dial as still in progress for
+    // ever, and dials the session no more.
     let runtime = dialler.runtime.clone();
     let mut making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[way]).await });
     loop {
         tokio::select! {
             made = &mut making => return made.unwrap_or(false),
-            // Zenoh says of a link when it stands. One that loses a packet before would wait for the system to send it again, later
-            // and later, and no other dial may begin meanwhile.
+            // Zenoh reports a link when it is up. If a packet is lost before, the link waits for the system to repeat
+            // it, later and later, and no other dial may begin in that time.
             () = tokio::time::sleep(LIMIT_EVERY) => {
                 place.iter().for_each(|place| patience::set_towards(*place, patience::of_new(answered)));
             }
@@ -303,7 +306,7 @@ async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) 
     }
 }
 
-/// Keeps a tunnel to a place, whoever is there.
+/// Keeps a tunnel to an address, with any session there.
 pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tunnels>) {
     let (name, mut there) = (place.to_string(), None::<String>);
     loop {

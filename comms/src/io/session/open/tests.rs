@@ -2,7 +2,7 @@ use super::super::config::unix_locator;
 use super::*;
 use std::sync::mpsc::sync_channel;
 
-/// A link may stand as soon as a session begins to listen and to dial; its loss is heard all the same.
+/// A link may be up as soon as a session begins to listen and to dial; its loss is still heard.
 #[test]
 fn the_loss_of_the_very_first_link_is_heard() {
     let path = std::env::temp_dir().join(format!("dca-open-{}.sock", std::process::id()));
@@ -72,7 +72,7 @@ fn relay(to: String) -> (String, std::sync::mpsc::SyncSender<()>) {
     (place, half_tx)
 }
 
-/// One side loses the session and begins anew while the other still believes in the old one, which it dialled itself.
+/// One side loses the session and starts again while the other still believes in the old one, which it dialled itself.
 #[test]
 fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     let (a, b) = (on_tcp(), on_tcp());
@@ -114,7 +114,7 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     b.close();
 }
 
-/// A link that is given up ends at both sides, whoever has dialled it, and is made anew.
+/// A link that is given up ends at both sides, whichever side has dialled it, and is made again.
 #[test]
 fn a_link_that_is_given_up_is_made_anew() {
     let (a, b, within) = (on_tcp(), on_tcp(), Duration::from_secs(20));
@@ -140,7 +140,7 @@ fn a_link_that_is_given_up_is_made_anew() {
     b.close();
 }
 
-/// A place that takes a connection and says nothing holds a dial up; the peer is dialled elsewhere all the same.
+/// An address that accepts a connection and sends nothing delays a dial; the peer is still dialled elsewhere.
 #[test]
 fn who_was_dialled_in_vain_is_dialled_again() {
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

@@ -12,7 +12,7 @@ impl Request {
         Self { key: key::without_session(query.key_expr().as_str()).to_owned(), payload, asked, caller }
     }
 
-    /// Returns who asks. A command line is nobody: what it wants is signed by a user, where it has to be.
+    /// Returns the author. A command line has none: its requests are signed by a user, if required.
     pub fn author(&self) -> Author {
         let Asked { authenticator, question, proof } = &self.asked;
         let Some(authenticator) = authenticator else { return Author::Anybody };
@@ -32,8 +32,8 @@ impl Request {
         &self.payload
     }
 
-    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns whether
-    /// somebody takes them.
+    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns
+    /// whether there is still a reader.
     ///
     /// # Cancellation
     /// The answer is lost.
@@ -56,7 +56,7 @@ impl Request {
         }
     }
 
-    /// Waits until nobody takes answers any more: the caller has said so, or has not asked for ten minutes.
+    /// Waits until the answers have no reader any more: the caller has cancelled, or has not asked for ten minutes.
     ///
     /// # Cancellation
     /// Safe.

@@ -1,6 +1,7 @@
-//! What both ends of a tunnel say before anything else: who they are, and then whom they know to be revoked.
+//! The first messages between the ends of a tunnel: their identities, and then the revocations they know.
 //!
-//! Who has dialled says first who it is. Who listens shows nothing before that is trusted: a stranger learns a key, and no name.
+//! The dialling side identifies itself first. The listening side shows nothing before that is trusted: a stranger
+//! learns a key, and no name.
 
 use super::{HUNG_UP, Identity, PublicKey};
 use crate::io::stream::{self, StreamError};
@@ -10,7 +11,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Notify;
 
-/// How long somebody waits to be let in who may be in a moment.
+/// How long a peer waits that may soon be let in.
 const LET_IN_WITHIN: Duration = Duration::from_secs(2);
 
 /// This end of a connection, and the key of the other one.
@@ -22,7 +23,7 @@ pub(super) struct Side<'a> {
     pub(super) key: PublicKey,
 }
 
-/// Who is at the other end.
+/// The peer at the other end.
 #[derive(Debug)]
 pub(super) struct Peer {
     pub(super) session: String,
@@ -47,7 +48,7 @@ pub(super) async fn introduce(
     Ok(peer)
 }
 
-/// The part of who listens.
+/// The part of the listening side.
 pub(super) async fn examine(
     stream: &mut (impl AsyncRead + AsyncWrite + Unpin),
     side: Side<'_>,
@@ -66,8 +67,8 @@ impl Side<'_> {
         Introduction { session: self.session.to_owned(), credential: self.identity.credential() }
     }
 
-    /// Waits for a while until somebody may be let in. Both ends of a wire are told of each other at the same time, and one may dial
-    /// before the other has heard.
+    /// Waits for a while until a peer may be let in. Both ends of a wire are told of each other at the same time, and
+    /// one may dial before the other has heard.
     async fn wait_for(&self, introduction: &Introduction) {
         let let_in = async {
             while let Some(mut news) = self.identity.awaits(&self.key, &introduction.credential)

@@ -80,7 +80,7 @@ fn session(own: usize, trusted: &[usize]) -> (Opened, Arc<TrustsSome>, Receiver<
     (Opened::open(settings, Redial::Listed, Search::Off, Some(options)).unwrap(), identity, hears)
 }
 
-/// Waits until somebody is refused for that.
+/// Waits until a peer is refused for that reason.
 fn expect(refused: &Receiver<String>, why: &str) {
     while refused.recv_timeout(WITHIN).expect("somebody is refused") != why {}
 }
@@ -113,7 +113,7 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     assert!(reaches(&a, &b) && reaches(&b, &a));
     of_a.trusted.lock().unwrap().clear();
     a.judge_again();
-    // Both ends: the other one hears of it a moment later, and has nobody to dial before.
+    // Both ends: the other one hears of it a moment later, and has no peer to dial before.
     let began = now();
     while (a.is_linked() || b.is_linked()) && now() - began < WITHIN {
         std::thread::yield_now();
@@ -122,7 +122,7 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     assert!(b.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     of_a.trusted.lock().unwrap().insert(bytes(KEYS[1].1));
     assert!(reaches(&a, &b), "who is trusted again is linked again");
-    // A tunnel that is given up is made anew.
+    // A tunnel that is given up is made again.
     let (events_tx, events) = sync_channel(16);
     let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
     let info = b.session.info();
@@ -170,7 +170,7 @@ fn a_stranger_comes_to_nothing() {
     assert!(stranger.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     expect(&refused, "nobody knows it");
     assert!(!a.is_linked() && !stranger.is_linked());
-    // Nor does who speaks zenoh without TLS, or nothing that makes sense.
+    // Refused as well: a peer that speaks zenoh without TLS, or sends nonsense.
     let plain = Opened::open(Settings::data(), Redial::Listed, Search::Off, None).unwrap();
     assert!(plain.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     expect(&refused, "it speaks no TLS with a key of its own");
@@ -184,7 +184,8 @@ fn a_stranger_comes_to_nothing() {
     }
 }
 
-/// Who waits for a process that is suspended gives up. Where a member has been before, that is nothing to be written down.
+/// A peer that waits for a suspended process gives up. If a member has been at its address before, that is not
+/// recorded.
 #[test]
 fn a_member_that_gives_up_waiting_is_no_stranger() {
     let ((a, _, refused), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
@@ -197,7 +198,7 @@ fn a_member_that_gives_up_waiting_is_no_stranger() {
     b.dial(&a.id(), &[tcp(&a)], WITHIN).unwrap();
     assert!(reaches(&b, &a));
     gives_up();
-    // Whoever comes after it is refused for what it is.
+    // A later peer is refused for its own reason.
     let (stranger, _, _) = session(2, &[0]);
     assert!(stranger.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     assert_eq!(refused.recv_timeout(WITHIN).unwrap(), "nobody knows it");

@@ -20,9 +20,9 @@ use zeroize::Zeroizing;
 
 /// The protocol inside, so that no other use of the same keys fits.
 const PROTOCOL: &[u8] = b"dca-tunnel-1";
-/// What stands before a public key in its `SubjectPublicKeyInfo`. Source: RFC 8410, section 10.1.
+/// The bytes before a public key in its `SubjectPublicKeyInfo`. Source: RFC 8410, section 10.1.
 const PUBLIC_PREFIX: [u8; 12] = [0x30, 0x2a, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x03, 0x21, 0x00];
-/// What stands before a secret key in its PKCS #8 form. Source: RFC 8410, section 7.
+/// The bytes before a secret key in its PKCS #8 form. Source: RFC 8410, section 7.
 const SECRET_PREFIX: [u8; 16] =
     [0x30, 0x2e, 0x02, 0x01, 0x00, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x04, 0x22, 0x04, 0x20];
 
@@ -62,7 +62,7 @@ impl Tls {
     }
 }
 
-/// Returns the name that a client of TLS has to give; nobody looks at it.
+/// Returns the name that a client of TLS has to give; it is ignored.
 pub(super) fn server_name() -> ServerName<'static> {
     ServerName::try_from("dca.invalid").expect("it is a name")
 }
@@ -102,7 +102,7 @@ impl AnyKey {
 
 const NO_TLS_12: Error = Error::General(String::new());
 
-/// What a client and a server ask alike.
+/// The common requirements of a client and a server.
 macro_rules! both_roles {
     () => {
         fn verify_tls12_signature(

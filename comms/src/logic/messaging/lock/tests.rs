@@ -62,7 +62,7 @@ fn it_is_given_by_priority_and_taken_away_where_that_is_declared() {
     assert!(matches!(handle(&mut lock, at(2), acquire(3, 1, 6))[..], [(3, LockAnswer::Waiting { ahead: 0, .. })]));
     let too_many = LockAnswer::Denied { request: 1, why: Denied::TooManyWait };
     assert_eq!(handle(&mut lock, at(2), acquire(4, 1, 9)), [(4, too_many)]);
-    // The holder is told, and has 20 ms.
+    // The holder is informed, and has 20 ms.
     let renew = |request| LockInput::Request(LockRequest::Renew { client: 1, request });
     assert_eq!(handle(&mut lock, at(12), renew(1)), [(1, granted(1, 1, 10, true))]);
     assert_eq!((lock.admit(at(21), Some(1)), lock.deadline()), (Ok(()), Some(at(22))));

@@ -165,7 +165,7 @@ impl Net {
         now + Duration::from_millis(self.random.below(longest))
     }
 
-    /// Says yes once in so many times, and never once all is well.
+    /// Returns true once in `of` times, and never once all is well.
     fn chance(&mut self, of: u64) -> bool {
         !self.is_calm && self.random.below(of) == 0
     }

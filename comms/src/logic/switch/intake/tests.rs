@@ -18,7 +18,7 @@ fn closed(generation: u64, sent: u64) -> Arrival<u32> {
     Arrival::Boundary(Boundary::Closed { generation, sent })
 }
 
-/// Gives an intake what arrives on each wire, at one time each, and returns what passes.
+/// Gives an intake the arrivals of each wire, with their times, and returns the values that pass.
 fn check(expect: Option<Expect>, arrivals: &[(u64, u32, Arrival<u32>)], until: u64) -> Vec<Passed<u32>> {
     let (mut intake, mut out) = (Intake::default(), Vec::new());
     if let Some(expect) = expect {

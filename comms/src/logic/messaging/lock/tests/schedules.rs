@@ -13,7 +13,7 @@ use crate::logic::random::Random;
 use std::collections::BTreeSet;
 
 const CLIENTS: usize = 4;
-/// How many milliseconds things happen, and for how many more everything must come to rest.
+/// How many milliseconds disturbances last, and in how many more everything must settle.
 const STORMY: u64 = 1500;
 const CALM: u64 = 1500;
 
@@ -276,7 +276,7 @@ impl World {
     fn act(&mut self, ms: u64, client: usize) {
         let one = &mut self.clients[client];
         let (life, choice) = (one.life, self.random.below(40));
-        // It looked, was suspended, and goes on where it was.
+        // It was suspended after its look, and continues from there.
         if let Some(fence) = one.in_hand.take() {
             return self.order(ms, client, life, fence);
         }
