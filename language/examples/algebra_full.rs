@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Parts: `small` (1 to 3 leaves, all operators), `core` (4 leaves, the five operators of the paper), `all` (4 leaves,
-//! all operators, different members), `most` (4 leaves, all operators, any leaves), `random` (up to 12 leaves). Where
-//! nothing is said, leaves are constants and members that may occur twice.
+//! all operators, different members), `most` (4 leaves, all operators, any leaves), `random` (up to 12 leaves). By
+//! default, leaves are constants and members that may occur twice.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 #[path = "../tests/all/algebra/enumerate.rs"]

@@ -1,11 +1,11 @@
-//! How fast the language is, beside what this machine does without it: one command, one table.
+//! The speed of the language, compared with simple work on the same machine: one command, one table.
 //!
 //! ```text
 //! cargo run --release -p language --example figures
 //! ```
 //!
-//! Times are those of this thread on a processor, the best of some runs, since others may use the machine; what counts is
-//! the ratio.
+//! Times are processor times of this thread, the best of some runs, since others may use the machine; the ratio is what
+//! counts.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 #[path = "../tests/allocation/counter.rs"]
@@ -26,7 +26,7 @@ use std::time::Duration;
 const RUNS: usize = 5;
 /// Events of one run.
 const EVENTS: u64 = 20_000_000;
-/// Rounds of the loop whose memory is watched.
+/// Rounds of the loop whose memory is measured.
 const ROUNDS: u64 = 100_000_000;
 
 fn main() {

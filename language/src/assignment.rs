@@ -34,7 +34,7 @@ pub enum AssignmentError {
         name: String,
         /// The name of the root.
         root: String,
-        /// A clause that says what to do.
+        /// A clause with advice.
         hint: String,
     },
     /// The value cannot be written in a spec.

@@ -50,7 +50,7 @@ pub(crate) fn compile_with_model(
     (compiled, model, root)
 }
 
-/// The same, with what a verifier needs.
+/// The same, with the sites for a verifier.
 pub(crate) fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<Sites>) {
     let (compiled, model, root, properties) = compile_all(spec, interfaces, options);
     let sites = compiled.plan.as_ref().zip(root).map(|(plan, root)| sites::sites(&model, root, plan, properties));
@@ -87,13 +87,13 @@ fn compile_all(
     let plan = plan.filter(|_| !diagnostics.has_errors());
     let mut diagnostics = diagnostics.into_vec();
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
-    // What is wrong with a group is wrong with each of its readings.
+    // A mistake in a group occurs in each of its readings.
     diagnostics.dedup();
     omitted += limit(&mut diagnostics);
     (Compiled { plan, diagnostics, omitted }, model, root, properties)
 }
 
-/// Reads what all texts declare; returns their trees and how many diagnostics of damaged texts are left out.
+/// Reads the declarations of all texts; returns their trees and how many diagnostics of damaged texts are left out.
 fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -> (Vec<Tree>, usize) {
     let files = uses::Files::new(spec, interfaces);
     let origins = (0..).map(Origin::Interface);

@@ -141,7 +141,7 @@ pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
     applied(text, diagnostics.iter().filter_map(|diagnostic| diagnostic.fix.as_ref()).collect())
 }
 
-/// Returns the spec's text with a fix applied; as it is if the fix is not of this text.
+/// Returns the spec's text with a fix applied; unchanged if the fix belongs to another text.
 pub fn apply_fix(text: &str, fix: &Fix) -> String {
     applied(text, vec![fix])
 }

@@ -3,10 +3,10 @@
 use crate::source::Source;
 use crate::{Options, apply_fixes, compile};
 
-/// One fix may bring another to light, but not for ever.
+/// One fix may reveal another mistake, but not for ever.
 const ROUNDS_MAX: usize = 16;
 
-/// Returns the spec's text with every fix applied, and those that then appear, until nothing changes.
+/// Returns the spec's text with every fix applied, including fixes that appear on the way, until nothing changes.
 ///
 /// ```
 /// use language::{Options, Source, fix};

@@ -1,9 +1,9 @@
 //! Formats a spec: `dca fmt`. Every spec has one form.
 //!
-//! The formatter changes white space only (and writes `;;` for its older spelling `:;`). Tokens and comments stay, in
-//! their order, with two liberties: a comment before an operator moves behind it, where the line ends; and an empty line
-//! stands between two items. What fits stays on one line; what does not is broken at its loosest operator, and so is an
-//! operator that the author broke. Hence formatting twice is formatting once.
+//! The formatter changes only white space (and writes `;;` for its older spelling `:;`). Tokens and comments stay, in
+//! their order, with two exceptions: a comment before an operator moves behind it, where the line ends; and an empty
+//! line stands between two items. A text that fits stays on one line. A longer text is broken at its loosest operator,
+//! and so is an operator that the author broke. So a second run changes nothing.
 
 mod expression;
 mod piece;
@@ -20,7 +20,7 @@ pub(crate) const COLUMNS: usize = 100;
 /// Returns the text in its one form.
 ///
 /// # Errors
-/// Returns what is wrong with the text as a text: what cannot be read is not rewritten.
+/// Returns the mistakes in the text; an unreadable text is not rewritten.
 pub fn format(source: &Source) -> Result<String, Vec<Diagnostic>> {
     let Parse { root, mut diagnostics, .. } = parse(source, Origin::Spec);
     diagnostics.retain(|found| found.severity == Severity::Error);

@@ -16,7 +16,7 @@ const TEXTS_MAX: usize = 4 * SOURCE_MAX;
 pub enum Content {
     /// A file, with its text.
     File(String),
-    /// A folder, with the names of what is in it, in any order.
+    /// A folder, with the names of its entries, in any order.
     Folder(Vec<String>),
 }
 
@@ -24,8 +24,8 @@ pub enum Content {
 /// compiled with the spec as if they were interfaces. Of a folder all its `.dca` files are taken, in the order of their
 /// names, but not those in folders below.
 ///
-/// `read` is asked for each by its path: relative to the file that uses it, and without `..` where that can be. What it
-/// refuses is reported by the compiler, with the reason.
+/// `read` is called for each path: relative to the file that uses it, and without `..` where possible. If it refuses,
+/// the compiler reports the reason.
 ///
 /// ```
 /// use language::{Content, Options, Source, compile, gather};
@@ -56,8 +56,8 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> 
     files.parts
 }
 
-/// Returns a spec without its process groups and properties: the types, constants and files that another one may use. What is left
-/// stands where it stood.
+/// Returns a spec without its process groups and properties: the types, constants and files that another one may use.
+/// The rest keeps its position.
 pub fn without_groups(spec: &Source) -> Source {
     let mut text = spec.text.clone();
     for item in tree(spec).children() {
@@ -119,7 +119,7 @@ impl UsedFiles<'_> {
         }
     }
 
-    /// Adds a file, unless there is no room for it beside those that are there.
+    /// Adds a file, unless there is no more room for it.
     fn add_file(&mut self, name: String, text: String) {
         if self.length + text.len() > TEXTS_MAX {
             let why = format!("the files of a spec have at most {} MiB together", TEXTS_MAX >> 20);
@@ -138,13 +138,13 @@ fn tree(source: &Source) -> Node {
     Node::new(parse(source, Origin::Spec).root, Origin::Spec)
 }
 
-/// Whether a text is worth reading for what it uses: most use nothing, and an editor asks at each keystroke.
+/// Whether a text has to be read for its uses: most texts use nothing, and an editor asks at each keystroke.
 fn may_use(source: &Source) -> bool {
-    // A comment may stand before the path.
+    // There may be a comment before the path.
     source.text.split("use").skip(1).any(|rest| rest.trim_start().starts_with(['"', '/']))
 }
 
-/// The paths in the `use` items of a file, as they are written.
+/// The written paths in the `use` items of a file.
 pub(crate) fn uses(file: &Node) -> Vec<Name> {
     let items = file.children_of(Use);
     items.filter_map(|item| item.token(Text).map(|path| Name { text: path.content(), span: path.span() })).collect()

@@ -1,10 +1,10 @@
 //! Draws a spec: `dca graph`.
 //!
-//! Boxes are processes, boxes in boxes are groups, and ports sit on the borders: inputs on the left, outputs on the right.
-//! The band at the top of a box has the colour of its host. Arrows of one connection set have one colour and carry its
-//! label. To be seen at a glance: a service (double border), a port that nothing is connected to (hollow, red), a
-//! connection whose set is never open (dotted, crossed), a connection that is fetched (dashed), and what a process has alone
-//! while it runs (a plate on the lower border).
+//! Boxes are processes, boxes in boxes are groups, and ports sit on the borders: inputs on the left, outputs on the
+//! right. The band at the top of a box has the colour of its host. Arrows of one connection set have one colour and
+//! carry its label. Special marks show a service (double border), a port without a connection (hollow, red), a
+//! connection whose set is never open (dotted, crossed), a connection that is fetched (dashed), and the resources that
+//! a process holds while it runs (a plate on the lower border).
 //!
 //! The layout is layered from left to right, and a function of the spec alone: the same text gives the same picture, and
 //! a small change a small one.
@@ -31,7 +31,7 @@ pub struct Graph {
     hosts: Vec<String>,
 }
 
-/// Returns the picture of a spec, absent when there is an error, and everything there is to say.
+/// Returns the picture of a spec, absent when there is an error, and all diagnostics.
 ///
 /// ```
 /// use language::{Options, Source, graph};

@@ -1,9 +1,10 @@
 //! Answers the questions of an editor: diagnostics, definitions, references, completion, renames.
 //!
-//! Text and a place in, answers out: no protocol, no file, no state. An [`Analysis`] is one spec with the files it uses and
-//! the interfaces of its programs, compiled once; it answers any number of questions about that text and is thrown away
-//! at the next keystroke. Checking again from the start is fast enough for that (see *Measured* in the architecture), and
-//! leaves nothing to go stale. What only questions need, the index of names, is made at the first question.
+//! Text and a place in, answers out: no protocol, no file, no state. An [`Analysis`] is one spec with the files it uses
+//! and the interfaces of its programs, compiled once; it answers any number of questions about that text and is thrown
+//! away at the next keystroke. Checking again from the start is fast enough for that (see *Measured* in the
+//! architecture), and leaves nothing to go stale. The index of names, which only questions need, is made at the first
+//! question.
 //!
 //! ```
 //! use language::{Options, Source, ide::Analysis};
@@ -84,7 +85,7 @@ impl Analysis {
         }
     }
 
-    /// Returns everything there is to say, in the order of the text.
+    /// Returns all diagnostics, in the order of the text.
     pub fn diagnostics(&self) -> &[Diagnostic] {
         &self.diagnostics
     }
@@ -104,7 +105,7 @@ impl Analysis {
         &self.others
     }
 
-    /// Returns where the `verify` blocks of the spec stand.
+    /// Returns the places of the spec's `verify` blocks.
     pub fn blocks_to_prove(&self) -> Vec<Span> {
         let items: Vec<Node> = self.trees()[0].children().collect();
         let inside = |item: &Node| match item.kind() {

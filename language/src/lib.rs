@@ -1,10 +1,10 @@
-//! The `.dca` language: text to plan, and what a plan means. Pure: no clock, no file, no network.
+//! The `.dca` language: from text to plan, and the meaning of a plan. Pure: no clock, no file, no network.
 //!
-//! A spec says which processes run on which hosts, how their ports are connected, and in which order things happen.
-//! [`compile`] reads it, together with the interfaces that controller programs print of themselves, and returns a
-//! [`plan::Plan`] and everything there is to say about the text: each [`Diagnostic`] has a stable [`Code`], places, a
-//! reason, and a fix when one is likely. A plan is absent exactly when there is an error. [`render`] makes the text
-//! with carets that a person reads, [`apply_fixes`] the corrected spec.
+//! A spec defines which processes run on which hosts, how their ports are connected, and in which order they run.
+//! [`compile`] reads it, together with the interfaces that controller programs print, and returns a [`plan::Plan`] and
+//! all diagnostics of the text: each [`Diagnostic`] has a stable [`Code`], places, a reason, and a fix when one is
+//! likely. A plan is absent exactly when there is an error. [`render`] makes the text with carets that a person reads,
+//! [`apply_fixes`] the corrected spec.
 //!
 //! ```
 //! use language::{Options, Source, Style, apply_fixes, compile, render};
@@ -27,8 +27,8 @@
 //! assert!(apply_fixes(&spec.text, &compiled.diagnostics).contains("{ lamp, switch[on] }"));
 //! ```
 //!
-//! Way of a text: [`syntax`] makes a lossless tree of it, whatever it contains; `check` resolves names, types, ports and
-//! hosts, and lowers the result to a flat [`plan`]; [`algebra`] says what a plan does, event by event.
+//! Way of a text: [`syntax`] makes a lossless tree of it, whatever it contains; `check` resolves names, types, ports
+//! and hosts, and lowers the result to a flat [`plan`]; [`algebra`] defines the behaviour of a plan, event by event.
 
 pub mod algebra;
 mod assignment;
@@ -125,7 +125,7 @@ pub fn record_types(sources: &[Source]) -> Vec<RecordType> {
     check::record_types(sources)
 }
 
-/// Returns what each output of each module sends, as far as interfaces say it: by module, then by output.
+/// Returns the message of each output of each module, as far as interfaces declare it: by module, then by output.
 pub fn messages(
     interfaces: &[Source],
 ) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, Message>> {
@@ -139,16 +139,16 @@ pub fn port_types(
     check::port_types(interfaces)
 }
 
-/// Returns the procedures and states of each module, each with what it is called with and what it answers, `proc Drive(Speed) -> Place`:
-/// by module, then by name.
+/// Returns the procedures and states of each module, each with the types of its argument and result,
+/// `proc Drive(Speed) -> Place`: by module, then by name.
 pub fn exports(
     interfaces: &[Source],
 ) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
     check::exports(interfaces)
 }
 
-/// Compiles a spec for a verifier: besides what [`compile`] returns, where everything stands in the text, and what the spec
-/// wants to be proved. The sites are absent exactly when the plan is.
+/// Compiles a spec for a verifier. In addition to the result of [`compile`], returns the place of everything in the
+/// text, and the properties to be proved. The sites are absent exactly when the plan is.
 pub fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<sites::Sites>) {
     check::compile_with_sites(spec, interfaces, options)
 }

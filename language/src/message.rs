@@ -34,7 +34,7 @@ pub enum Layout {
     List {
         /// Of which.
         of: Box<Self>,
-        /// How many; any number, which is sent with them, if that is not said.
+        /// The number of elements; none for any number, which is then sent with them.
         count: Option<usize>,
     },
 }

@@ -64,7 +64,7 @@ pub struct Plan {
     pub wires: Vec<Wire>,
     /// The claims of the leaves on devices of their hosts.
     pub claims: Vec<Claim>,
-    /// What the home does with it after a reboot of its machine.
+    /// The home's action with it after a reboot of its machine.
     pub on_boot: OnBoot,
 }
 
@@ -113,7 +113,7 @@ pub struct Group {
     pub sets_always: Vec<u32>,
     /// The event actions; `Skip` for an empty section.
     pub expression: Expression,
-    /// What becomes of its programs when one of them dies.
+    /// The strategy for its programs when one of them dies.
     pub supervision: Supervision,
 }
 
@@ -183,14 +183,14 @@ pub struct Leaf {
     pub policy: Policy,
     /// The keys of the database that its ports are connected with.
     pub keys: Vec<KeyBinding>,
-    /// The process of another deployment that it stands for; then no program is started for it.
+    /// The process of another deployment that it refers to; then no program is started for it.
     pub external: Option<External>,
 }
 
 /// A port that is connected with keys of the database for as long as its process runs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct KeyBinding {
-    /// The port; [`DATABASE`] for what the program does without a port.
+    /// The port; [`DATABASE`] for the program's use without a port.
     pub port: String,
     /// A key, or a prefix that ends in `/`.
     pub keys: String,
@@ -198,7 +198,7 @@ pub struct KeyBinding {
     pub is_write: bool,
 }
 
-/// What stands for a program that uses the database without a port.
+/// Stands for a program that uses the database without a port.
 pub const DATABASE: &str = "database";
 /// The most keys and prefixes that one process is connected with.
 pub const KEYS_MAX: usize = 64;
@@ -215,7 +215,7 @@ pub enum LeafKind {
 /// A constant argument of a leaf.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Argument {
-    /// Its name; none if nothing says which parameters its module has.
+    /// Its name; none if the parameters of its module are unknown.
     pub name: Option<String>,
     /// Its value.
     pub value: Constant,
@@ -230,7 +230,7 @@ pub enum Constant {
     Number(f64),
     /// `true` or `false`.
     Truth(bool),
-    /// `secret("team/camera/password")`: what the database has sealed at this key, for its program alone.
+    /// `secret("team/camera/password")`: the secret that the database has at this key, for its program alone.
     Secret(String),
 }
 
@@ -262,7 +262,7 @@ pub struct Wire {
 /// How data moves on a wire; the default is as the ports themselves do it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Quality {
-    /// Whether the last value is kept for who is connected later.
+    /// Whether the last value is kept for consumers that connect later.
     pub retention: Retention,
     /// The most values that wait. The input decides if this is absent.
     pub queue: Option<u32>,
@@ -296,13 +296,13 @@ pub enum Transfer {
     Push,
     /// The consumer fetches the latest value before each calculation.
     Pull,
-    /// No data: the process at its beginning calls what the one at its end exports.
+    /// No data: the process at its beginning calls the export of the one at its end.
     Call,
 }
 
 /// An event-action expression with slots for names. Meaning: `algebra::step`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(remote = "Self")] // What it is as bytes is in `nested`.
+#[serde(remote = "Self")] // `nested` defines its bytes.
 pub enum Expression {
     /// `name[labels]`: runs a member with these connection sets open.
     Run {
@@ -340,7 +340,7 @@ pub enum Expression {
     Recurrent(Box<Self>, Box<Self>),
     /// `P else Q`; `P?` is `P else skip`.
     Otherwise(Box<Self>, Box<Self>),
-    /// `match { found => P, else => Q }`: goes on as the tag of the value that it starts with says.
+    /// `match { found => P, else => Q }`: the tag of its start value chooses the arm.
     Match(Vec<Arm>),
     /// `shield P`, `shield(10 s) P`: a stop waits until P has ended.
     Shield {
@@ -356,16 +356,17 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
-    /// `P ::[n] Q`: each time that P is done it starts anew, beside a Q with its value; `n` of Q at the same time at most.
+    /// `P ::[n] Q`: each time that P is done it is restarted, beside a Q with its value; at most `n` of Q run at the
+    /// same time.
     Asynchronous {
         /// The source.
         source: Box<Self>,
         /// Q, written out for each that may run at the same time.
         pool: Vec<Self>,
     },
-    /// `P finally Q`: Q once P has ended, in whatever way, also by a stop, which waits for Q.
+    /// `P finally Q`: Q once P has ended, in any way, even by a stop, which waits for Q.
     Finally(Box<Self>, Box<Self>),
-    /// `P as tag`: what P leaves gets a tag, for a `match`.
+    /// `P as tag`: the value of P gets a tag, for a `match`.
     Tagged {
         /// The tag.
         tag: String,

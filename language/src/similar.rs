@@ -9,7 +9,7 @@ const CASE: usize = 2;
 /// Longer names are compared by this many characters.
 const LENGTH_MAX: usize = 64;
 
-/// As many names are offered beside the nearest one.
+/// The number of names that are offered in addition to the nearest one.
 const OTHERS_MAX: usize = 2;
 
 /// The candidates that look like a name.
@@ -31,7 +31,7 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
 /// Returns the candidates that look most like `name`, if any is near enough.
 pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
     let name_length = length(name);
-    // A word that stands in the wrong place is not a misspelling of itself.
+    // A word in the wrong place is not a misspelling of itself.
     let similar = candidates.into_iter().filter(|candidate| *candidate != name).filter_map(|candidate| {
         let length = length(candidate);
         let (shorter, longer) = (length.min(name_length), length.max(name_length));
@@ -144,7 +144,7 @@ fn cost(one: char, other: char) -> usize {
     }
 }
 
-/// Returns a name with the look-alikes spelled out, for two names that a reader cannot tell apart: `l-b-1-1`.
+/// Returns a name with the look-alikes spelled out, for two names that a reader cannot distinguish: `l-b-1-1`.
 pub(crate) fn spell(name: &str) -> String {
     name.chars().map(String::from).collect::<Vec<_>>().join("-")
 }

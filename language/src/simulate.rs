@@ -110,7 +110,7 @@ pub struct Simulation<'a> {
     states_seen: BTreeMap<usize, String>,
     /// How each group has last ended, with its tag, while a story is played.
     last_ends: BTreeMap<usize, (Transition, Option<String>)>,
-    /// What a story has still to say something of, while one is played.
+    /// The story's open statements, while one is played.
     pending: Option<Pending>,
 }
 
@@ -182,17 +182,17 @@ impl<'a> Simulation<'a> {
         self.timers.keys().next().map(|&(due, _)| due)
     }
 
-    /// Returns what has happened since this was last asked.
+    /// Returns the events since the last call.
     pub fn take_happenings(&mut self) -> Vec<SimulationEvent> {
         std::mem::take(&mut self.log)
     }
 
-    /// Returns what ran when until now, as a picture (SVG).
+    /// Returns the activity over time until now, as a picture (SVG).
     pub fn chart(&self) -> String {
         self.timeline.svg(self.plan, self.now)
     }
 
-    /// Ends a leaf that runs. It is named by its path, or by as much of the end of it as names one alone.
+    /// Ends a running leaf. It is named by its path, or by a unique end of it.
     ///
     /// # Errors
     /// No running leaf has this name, or more than one has it.
@@ -292,7 +292,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Nothing will change any more but the number of events: this ends the run.
+    /// Nothing but the number of events will change any more: this ends the run.
     fn give_up(&mut self) {
         self.queue.clear();
         self.timers.clear();

@@ -1,5 +1,5 @@
-//! What a verifier needs besides the plan: where everything stands in the text, how long programs take, and the properties
-//! that the spec states.
+//! The information that a verifier needs besides the plan: the place of everything in the text, the durations of
+//! programs, and the properties that the spec states.
 
 use crate::source::Span;
 use std::time::Duration;
@@ -7,15 +7,15 @@ use std::time::Duration;
 /// The places, facts and properties of a spec, for its plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sites {
-    /// For each group of the plan, where it stands.
+    /// The places of each group of the plan.
     pub groups: Vec<GroupSites>,
-    /// For each leaf of the plan, what its interface says of it.
+    /// For each leaf of the plan, the facts from its interface.
     pub leaves: Vec<LeafFacts>,
     /// The properties of all `verify` blocks, in the order of the text, for each group that they are about.
     pub properties: Vec<Property>,
 }
 
-/// Where a group stands in the text.
+/// The place of a group in the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupSites {
     /// The name of its process, where that is defined.
@@ -28,7 +28,7 @@ pub struct GroupSites {
     pub sets: Vec<Span>,
 }
 
-/// What the interface of a leaf says.
+/// The facts from the interface of a leaf.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LeafFacts {
     /// The shortest and the longest time from its start to its end, `duration 1 s .. 15 s;`.
@@ -42,13 +42,13 @@ pub struct LeafFacts {
 /// One sentence of a `verify` block about one group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Property {
-    /// Where it stands.
+    /// Its place.
     pub span: Span,
     /// Its text on one line.
     pub text: String,
     /// The group that it is about: an index into `Plan::groups`.
     pub group: u32,
-    /// What it says.
+    /// The sentence itself.
     pub sentence: Sentence,
 }
 
@@ -66,11 +66,11 @@ pub struct ProcessRef {
 pub struct Occurrence {
     /// The process.
     pub who: ProcessRef,
-    /// What happens to it.
+    /// The kind of event.
     pub kind: EventKind,
 }
 
-/// What happens to a process.
+/// The kinds of events of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EventKind {
     /// It is activated.
@@ -79,7 +79,7 @@ pub enum EventKind {
     Done(Option<String>),
     /// It fails.
     Aborted,
-    /// It has ended, in whatever way.
+    /// It has ended, in any way.
     Ended,
 }
 
@@ -93,12 +93,12 @@ impl EventKind {
     }
 }
 
-/// What a sentence asks for once something has happened.
+/// The consequence that a sentence requires after an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Consequence {
-    /// `p stopped`, `p stopped within 300 ms`: nothing of it runs any more, after that time at the latest.
+    /// `p stopped`, `p stopped within 300 ms`: nothing of it runs any more, at the latest after that time.
     Stopped(ProcessRef, Option<Duration>),
-    /// `never p`, `not p.done`: this does not happen any more.
+    /// `never p`, `not p.done`: this event does not happen any more.
     Never(Occurrence),
     /// `eventually p`, `eventually p.done`: this happens, at the latest when nothing else can.
     Eventually(Occurrence),
@@ -115,12 +115,12 @@ pub enum Fault {
     HostLoss(String),
 }
 
-/// What a property says.
+/// The statement of a property.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sentence {
     /// `never a with b`, and each two of `exclusive a, b, c`: they never run at the same time, also while they stop.
     NeverTogether(Vec<ProcessRef>),
-    /// `always a implies b`: b runs whenever a does.
+    /// `always a implies b`: b runs at all times at which a runs.
     Implies(ProcessRef, ProcessRef),
     /// `b only after a.done`
     OnlyAfter(ProcessRef, Occurrence),
@@ -130,7 +130,7 @@ pub enum Sentence {
     On(Fault, Consequence),
     /// `eventually p`: on every run without faults.
     Eventually(Occurrence),
-    /// `can finish`: the end can be reached from wherever it gets.
+    /// `can finish`: the end can be reached from every reachable state.
     CanFinish,
     /// `finishes within 90 s`
     FinishesWithin(Duration),
@@ -144,10 +144,10 @@ pub enum Sentence {
     Holds(Formula),
 }
 
-/// A formula of linear temporal logic over what happens, without a word for "next".
+/// A formula of linear temporal logic over events, without a word for "next".
 ///
-/// At each position of a run something has just happened: its events are true there, and what runs after it. A run that has come to
-/// its end goes on for ever with nothing that happens.
+/// At each position of a run an event has just happened: the atoms about this event are true there, and those about the
+/// processes that run after it. A run that has come to its end repeats its last position for ever without events.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Formula {
     /// `true`, `false`
@@ -170,7 +170,7 @@ pub enum Formula {
     Release(Box<Self>, Box<Self>),
 }
 
-/// What a formula says of one position of a run.
+/// A statement about one position of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Atom {
     /// `p`: it is active, also while it stops.

@@ -53,7 +53,7 @@ pub struct Position {
 pub enum Origin {
     /// The spec.
     Spec,
-    /// One of the interfaces, by its place in the list.
+    /// An interface, by its place in the list.
     Interface(u32),
 }
 

@@ -59,7 +59,7 @@ pub(crate) fn unit(symbol: &str, per: Option<&str>) -> Option<(f64, Dimension)> 
     Some((factor / divisor, dimension.per(below)))
 }
 
-/// Types of arguments that are quantities, each with an example; the unit of the example says what is measured.
+/// Types of arguments that are quantities, each with an example, whose unit shows the dimension.
 const TYPES: &[(&str, &str, &str, Option<&str>)] = &[
     ("Time", "5 s", "s", None),
     ("Length", "0.2 m", "m", None),
@@ -109,7 +109,7 @@ pub(crate) fn type_of(dimension: Dimension) -> Option<&'static str> {
     TYPES.iter().map(|(name, ..)| *name).find(|name| of_type(name).is_some_and(|(own, _)| own == dimension))
 }
 
-/// A text that is no quantity.
+/// The reason why a text is not a quantity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum NotRead {
     /// The text does not begin with a number.
@@ -141,7 +141,7 @@ pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
     TYPES.iter().map(|&(name, example, ..)| (name, example))
 }
 
-/// Types of values that are no quantities.
+/// Types of values that are not quantities.
 pub(crate) const PLAIN: [&str; 6] = ["Host", "Text", "Number", "Truth", RESOURCE, SECRET];
 
 /// The type of a parameter that a resource is handed to.

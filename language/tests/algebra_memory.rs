@@ -25,8 +25,8 @@ fn program(members: u32, expression: Expression) -> Program {
     })
 }
 
-/// Lets the first thing that runs end, `events` times: a member that is asked to stop confirms, one that was activated is
-/// done with `value`. Returns the number of allocations after the first hundred events, and the last state.
+/// Ends the first running member, `events` times: a member that is asked to stop confirms, an activated one is done
+/// with `value`. Returns the number of allocations after the first hundred events, and the last state.
 fn drive(program: &Program, value: &Value, events: u64) -> (u64, State) {
     let (mut state, mut commands, mut waiting) = (State::new(program), Vec::with_capacity(64), Vec::with_capacity(64));
     let mut before = 0;
@@ -93,7 +93,7 @@ fn scopes_cost_nothing_either() {
     let arm = |tag: Option<&str>, member| Arm { tag: tag.map(str::to_owned), body: run(member) };
     let matching = Expression::Match(vec![arm(Some("done"), 1), arm(None, 2)]);
     let first = Expression::Conditional(Box::new(run(0)), Box::new(matching));
-    // A tuple of values would need memory of its own.
+    // A tuple of values would need separate memory.
     let using = |of| {
         let using = Expression::Using { resources: vec!["r".to_owned()], of: Box::new(of) };
         Expression::Sequence(Box::new(using), Box::new(Expression::Skip))

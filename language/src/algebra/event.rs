@@ -58,7 +58,7 @@ impl Value {
         std::str::from_utf8(text).ok()
     }
 
-    /// Returns what stands behind the tag, which the bytes must begin with.
+    /// Returns the value behind the tag, which the bytes must begin with.
     pub(crate) fn without_tag(self) -> Self {
         let length = self.tag().map_or(0, |tag| tag.len() + 1);
         Self { from: self.from + length, ..self }

@@ -1,4 +1,4 @@
-//! Steps that are computed once: what an explorer calls instead of [`step`](super::step).
+//! Steps that are computed once: explorers call this instead of [`step`](super::step).
 //!
 //! A reaction is local: it looks at the leaf that an event is about and at the operators around it, as far as the outcome
 //! climbs. So most of the transitions of a large group are one of a few reactions, beside operands that do not matter.
@@ -15,20 +15,20 @@ use super::step::step_in;
 use std::cell::{OnceCell, RefCell};
 use std::ops::{Index, IndexMut};
 
-/// So many effects are kept of one event: of reactions that look at everything there are too many, and what is kept should fit
+/// The number of effects kept for one event. Reactions that look at everything have too many, and the memo should fit
 /// into a processor's cache (4096 of them were 1.6 times slower).
 const EFFECTS_MAX: u32 = 256;
 /// So many footprints has one event.
 const FOOTPRINTS_MAX: usize = 12;
-/// After so many steps more that were looked for in vain than found, an event is not looked for any more.
+/// After this many more misses than hits, an event is not looked up any more.
 const MISSED_MAX: u32 = 64;
 
-/// What a step does.
+/// The effect of a step.
 #[derive(Clone, Debug, Default)]
 pub struct Effect {
-    /// The items that change, and their words from then on.
+    /// The items that change, and their new words.
     pub writes: Vec<(u32, u64)>,
-    /// What the supervisor orders.
+    /// The orders of the supervisor.
     pub commands: Vec<Command>,
     /// How the group has ended, if it has.
     pub outcome: Option<Outcome>,
@@ -53,13 +53,13 @@ pub struct Steps<'p> {
     scratch: Scratch,
 }
 
-/// What is known of one event.
+/// The known effects of one event.
 #[derive(Clone, Debug, Default)]
 struct Root {
     footprints: Vec<usize>,
     /// How many effects are kept.
     count: u32,
-    /// How many steps were looked for in vain, less those that were found.
+    /// How many lookups were in vain, less the successful ones.
     missed: u32,
 }
 
@@ -104,7 +104,7 @@ impl<'p> Steps<'p> {
         }
     }
 
-    /// Returns what an event does in a state. All numbers of activations are 1.
+    /// Returns the effect of an event in a state. All numbers of activations are 1.
     pub fn step(&mut self, words: &Words, event: Event) -> &Effect {
         let root = self.root(&event);
         let known = &self.roots[root];
@@ -124,14 +124,14 @@ impl<'p> Steps<'p> {
         }
     }
 
-    /// Returns the nodes that end when an event comes, also those that are started anew in the same step.
+    /// Returns the nodes that end at an event, including those that are restarted in the same step.
     pub fn ended(&mut self, words: &Words, event: Event) -> Vec<usize> {
         let mut ended = Vec::new();
         self.unkept = self.compute(words, event, Some(&mut ended));
         ended
     }
 
-    /// What is kept under the words of one of some footprints.
+    /// The effect kept under the words of one of some footprints.
     fn find(&self, footprints: &[usize], words: &Words) -> Option<usize> {
         footprints.iter().find_map(|&footprint| {
             let items = &self.footprints[footprint];
@@ -149,7 +149,7 @@ impl<'p> Steps<'p> {
         })
     }
 
-    /// The number of what the last step has looked at, as a footprint of an event.
+    /// The number of the last step's reads, as a footprint of an event.
     fn footprint(&mut self, root: usize) -> Option<usize> {
         let (own, looked_at) = (&mut self.roots[root].footprints, &self.scratch.looked_at);
         if let Some(known) = own.iter().find(|&&known| self.footprints[known] == *looked_at) {
@@ -189,7 +189,7 @@ impl<'p> Steps<'p> {
         self.table[slot] = small(index + 1);
     }
 
-    /// The number of what is known of an event.
+    /// The number of an event's root.
     fn root(&mut self, event: &Event) -> usize {
         let of_member = |kind: usize, member: u32| 2 + 4 * member as usize + kind;
         let plain = match event {
@@ -213,7 +213,7 @@ impl<'p> Steps<'p> {
         self.roots.len() - 1
     }
 
-    /// Lets `step` run, and sees what it looks at.
+    /// Runs `step`, and records its reads.
     fn compute(&mut self, words: &Words, event: Event, ended: Option<&mut Vec<usize>>) -> Effect {
         let Self { program, packing, scratch, unkept, .. } = self;
         let (nodes, start) = (scratch.cells.len(), packing.usings_start());

@@ -49,7 +49,7 @@ pub struct Words {
     charts: usize,
 }
 
-/// What an outcome is, as far as it is kept.
+/// The kept part of an outcome.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Held {
     Nothing,
@@ -59,7 +59,7 @@ enum Held {
     Stopped,
 }
 
-/// What half a byte says.
+/// The meaning of each half byte.
 const CODES: [(Phase, Held); 16] = [
     (Phase::Idle, Held::Nothing),
     (Phase::Running, Held::Nothing),
@@ -79,7 +79,7 @@ const CODES: [(Phase, Held); 16] = [
     (Phase::Second, Held::Stopped),
 ];
 
-/// The code of a phase and what is held in it; 16 for what never is.
+/// The code of a phase and its held outcome; 16 for an impossible pair.
 const CODE_OF: [[u8; 5]; 7] = {
     let (mut table, mut code) = ([[16; 5]; 7], 0);
     while code < 16 {
@@ -106,7 +106,7 @@ impl Words {
         self.words[item as usize]
     }
 
-    /// Changes the word of an item; returns what it was.
+    /// Changes the word of an item; returns the previous word.
     pub fn set(&mut self, item: u32, word: u64) -> u64 {
         std::mem::replace(&mut self.words[item as usize], word)
     }
@@ -116,7 +116,7 @@ impl Words {
         self.words[..self.nodes].get(node).is_some_and(|&word| phase(word).is_active())
     }
 
-    /// Returns whether a node is a `using` that waits for what it takes.
+    /// Returns whether a node is a `using` that waits for its resources.
     pub fn is_node_waiting(&self, node: usize) -> bool {
         self.words[..self.nodes].get(node).is_some_and(|&word| phase(word) == Phase::Waiting)
     }
@@ -131,7 +131,7 @@ impl Words {
         })
     }
 
-    /// Returns what a member does; a slot that the group has not is idle.
+    /// Returns the activity of a member; idle for a slot that the group does not have.
     pub fn activity(&self, member: u32) -> Activity {
         match self.seats().get(member as usize) {
             None | Some(0) => Activity::Idle,
@@ -291,7 +291,7 @@ impl Packing {
         self.counting.iter().for_each(|&node| count(program, all, node));
     }
 
-    /// Where the items of `using` begin: its queue and who holds the resources.
+    /// The first item of `using`: its queue and the holders of the resources.
     pub(super) fn usings_start(&self) -> usize {
         self.nodes + self.members
     }
@@ -319,7 +319,7 @@ impl Packing {
         charts.words(plain)
     }
 
-    /// The queue of a state, and who holds what.
+    /// The queue of a state, and the holders of resources.
     pub(super) fn queue(&self, words: &Words) -> (Vec<usize>, Vec<Option<usize>>) {
         let (queue, holders) = words.words[self.usings_start()..self.chart_start()].split_at(self.places);
         let queue = queue.iter().filter_map(|&number| number_to_node(number));
@@ -350,7 +350,7 @@ impl Packing {
         Cell { phase, open: count(OPEN), done: count(DONE), outcome }
     }
 
-    /// What stands behind a tag is not kept, the tag is: a `match` may look at it later.
+    /// The value behind a tag is not kept, but the tag is: a `match` may look at it later.
     fn number(&self, value: &Value) -> usize {
         let is_same_tag = |other: &Value| other.tag() == value.tag();
         match value.tag() {

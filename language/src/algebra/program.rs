@@ -1,7 +1,7 @@
 //! An event-action expression as an array of nodes.
 //!
 //! # Representation
-//! The nodes stand in textual order, a node before its operands, so a subtree is a contiguous run of the array:
+//! The nodes are in textual order, a node before its operands, so a subtree is a contiguous run of the array:
 //!
 //! ```text
 //!   a ;; (b # c)      0 Recurrent ─┬─ 1 a
@@ -25,7 +25,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The compiled expression of one group. It never changes; what happens is kept in a `State`.
+/// The compiled expression of one group. It never changes; the run is kept in a `State`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Program {
     pub(super) nodes: Vec<Node>,
@@ -39,7 +39,7 @@ pub struct Program {
     pub(super) endless: Vec<bool>,
     /// For each timer, its `Wait` or `Shield` node.
     pub(super) timers: Vec<usize>,
-    /// The names of what `using` takes, each once.
+    /// The names of the resources of all `using`, each once.
     resources: Vec<String>,
     /// The resources of all `Using` nodes, one node after the other: indices into `resources`.
     pub(super) taken: Vec<usize>,
@@ -142,7 +142,7 @@ pub(super) enum Kind {
     },
     /// `using`
     Using {
-        /// Where what it takes is in [`Program::taken`].
+        /// The place of its resources in [`Program::taken`].
         taken: Range<usize>,
     },
     /// `::`
@@ -217,7 +217,7 @@ impl Program {
         small(self.timers.len())
     }
 
-    /// Returns the names of what `using` takes, in the order of their first appearance.
+    /// Returns the names of the resources of all `using`, in the order of their first appearance.
     pub fn resources(&self) -> &[String] {
         &self.resources
     }
@@ -322,7 +322,7 @@ impl Program {
         self.nodes[node].service || !self.nodes[operand].service
     }
 
-    /// Returns what a `Using` node takes: indices of [`Self::resources`].
+    /// Returns the resources of a `Using` node: indices of [`Self::resources`].
     pub(super) fn taken(&self, node: usize) -> &[usize] {
         if let Kind::Using { taken } = &self.nodes[node].kind { &self.taken[taken.clone()] } else { &[] }
     }

@@ -1,4 +1,4 @@
-//! A step as it is recorded, to be compared later with what [`step`](super::step) says.
+//! A recorded step, to be compared later with the result of [`step`](super::step).
 
 use super::event::{Command, Event, Outcome, Value};
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The most bytes of a value that are recorded.
 const VALUE_MAX: usize = 1024;
 
-/// One step of a supervisor: what has happened to its group, and what it did about it.
+/// One step of a supervisor: the event of its group, and its reaction.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct StepRecord {
     /// The event.

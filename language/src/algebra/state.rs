@@ -23,11 +23,11 @@
 //!
 //! Invariants, between two events:
 //! - an active node (`Running`, `Second`, `Stopping`, `Draining`) other than the root has an active parent;
-//! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed, but for what is
-//!   below a `shield` or a `finally` that is `Second` or a `::`;
+//! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed, except below
+//!   a `shield` or a `finally` that is `Second` or a `::`;
 //! - `open` is the number of operands that the operator still waits for, and is greater than 0 in `Draining`;
 //! - a seat names a node exactly while that `Run` node is `Running` or `Stopping`;
-//! - a `using` is in the queue exactly while it is `Waiting`, and the holder of what it takes while it is otherwise active.
+//! - a `using` is in the queue exactly while it is `Waiting`, and holds its resources while it is otherwise active.
 
 use super::event::{Activation, Outcome};
 use super::phase::Phase;
@@ -37,7 +37,8 @@ use serde::{Deserialize, Serialize};
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
 ///
-/// Where cells and seats are kept is a parameter, so that an explorer can see what [`step`](super::step) looks at.
+/// The storage of cells and seats is a parameter, so that an explorer can see which of them [`step`](super::step)
+/// reads.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State<C = Vec<Cell>, S = Vec<MemberState>> {
     pub(super) cells: C,
@@ -108,7 +109,7 @@ impl State {
         !self.cells[0].phase.is_active()
     }
 
-    /// Returns what a member does; a slot that the group has not is idle.
+    /// Returns the activity of a member; idle for a slot that the group does not have.
     pub fn activity(&self, member: u32) -> Activity {
         match self.seats.get(member as usize).and_then(|seat| seat.node) {
             None => Activity::Idle,
@@ -143,7 +144,7 @@ impl State {
         (0..).zip(&self.seats).filter(|(_, seat)| seat.node.is_some()).map(|(member, _)| member)
     }
 
-    /// Returns the names of what each waiting `using` takes, the first to come first.
+    /// Returns the resource names of each waiting `using`, the earliest first.
     pub fn waiting<'a>(&'a self, program: &'a Program) -> impl Iterator<Item = impl Iterator<Item = &'a str>> {
         self.queue.iter().map(|&node| program.taken(node).iter().map(|&index| program.resources()[index].as_str()))
     }

@@ -48,11 +48,12 @@
 //! stop       forgets what has not started, drains what runs; a shield lets it wait
 //! ```
 //!
-//! Seven points are settled here beyond the study they come from:
+//! Seven points are settled here in addition to the study:
 //! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`;
-//!   a drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So
-//!   a group that is asked to stop never says `Stopped` when one of the leaves it waited for did not confirm. Once such
-//!   an abort is the outcome of an operand it is an abort like any other: `else` may tolerate it, a join may drop it.
+//!   a drain takes the first of these among its operands as its own outcome, and a later stop does not erase it. So a
+//!   group that is asked to stop never reports `Stopped` when one of the leaves it waited for did not confirm. Once
+//!   such an abort is the outcome of an operand it counts like any other abort: `else` may tolerate it, a join may drop
+//!   it.
 //! - **`stop(P else Q)` forgets `Q` for good**, even when stopping `P` ends in such an abort.
 //! - **A `;;` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it enters
 //!   each of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a
@@ -64,7 +65,7 @@
 //! - **What `finally` runs is not stopped.** A stop that comes before or while it runs waits for it, as for a `shield`; what
 //!   may take too long gets a limit of its own, `P finally (Q within 5 s)`.
 //! - **One reaction grants at most as many times as there are `using`s**, so that loops which hand something to each
-//!   other in no time cannot hang a node; what is left waits for the next event. No spec that was checked gets there.
+//!   other in no time cannot hang a node; further grants wait for the next event. No spec that was checked gets there.
 
 mod carry;
 mod chart;
@@ -84,7 +85,8 @@ use crate::automaton;
 pub use carry::{Carried, Misfit, carry};
 use std::ops::IndexMut;
 
-/// Takes one event, appends what to do about it to `commands` in order, and returns how the group ended if it did.
+/// Takes one event, appends the supervisor's reactions to `commands` in order, and returns the outcome of the group if
+/// it ended.
 ///
 /// `state` must have been made for `program`. After an outcome the same state can be started again; the numbers of
 /// activations go on. Harmless: an event with a number that is not current (dropped), `Start` of a group that runs
@@ -99,7 +101,8 @@ pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut V
     step_in(program, state, event, (commands, None))
 }
 
-/// [`step`], wherever the state is kept. Tells one who wants to know which operands end on the way, also those that start anew.
+/// [`step`], for any storage of the state. Tells an observer which operands end on the way, including those that
+/// restart.
 pub(super) fn step_in<C: Cells, S: Seats>(
     program: &Program,
     state: &mut State<C, S>,

@@ -48,8 +48,8 @@ impl Tree {
 }
 
 impl ItemCollector<'_> {
-    /// Adds the constants of a tree: they are known everywhere, whatever the order of the text. Of one whose text has
-    /// damage the name is known.
+    /// Adds the constants of a tree: they are known everywhere, in any order of the text. If the text of a constant is
+    /// damaged, only its name is known.
     pub(super) fn constants(&mut self, tree: &Tree) {
         for item in tree.root.children_of(SyntaxKind::ConstItem) {
             let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
@@ -75,7 +75,7 @@ impl ItemCollector<'_> {
         for item in tree.root.children().filter(|item| !tree.is_part || !templates.contains(item)) {
             let damage = within(&tree.damage, item.span());
             if item.kind() == SyntaxKind::TypeItem {
-                // What is not known whole is not checked.
+                // A type that is only partly known is not checked.
                 let named = if damage.is_empty() { self.named_type(&item, tree.is_part) } else { None };
                 if let Some(named) = named {
                     self.add_type(named);
@@ -95,7 +95,7 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// Reads values in which a name is that of a constant, or stands for itself.
+    /// Returns a reader of values, in which a name is that of a constant, or stands for itself.
     fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], consts: &self.spec.consts, indices: &[] };
         Reader { scope, diagnostics: self.diagnostics }

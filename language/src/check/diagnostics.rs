@@ -23,7 +23,7 @@ pub(super) struct Diagnostics {
     replicated: usize,
 }
 
-/// The diagnostics of a text that is read several times, as that of an array: each is kept once.
+/// The diagnostics of a text that is read several times, such as an array's: each is kept once.
 #[derive(Debug)]
 pub(super) struct Rounds {
     /// How many diagnostics there were when the round began.
@@ -41,7 +41,7 @@ impl Diagnostics {
         self.found.len()
     }
 
-    /// The first one that came after there were `count`.
+    /// The first finding after the first `count`.
     pub(super) fn first_since(&mut self, count: usize) -> Option<&mut Diagnostic> {
         self.found.get_mut(count)
     }
@@ -56,21 +56,21 @@ impl Diagnostics {
         rounds.start = self.found.len();
     }
 
-    /// Ends a round, and begins the next: what an earlier one has found, too, is dropped.
+    /// Ends a round, and begins the next: findings that an earlier round already had are dropped.
     pub(super) fn end_round(&mut self, rounds: &mut Rounds) {
         let new = self.found.split_off(rounds.start);
         self.found.extend(new.into_iter().filter(|found| rounds.known.insert(key(found))));
         rounds.start = self.found.len();
     }
 
-    /// Keeps of what came since there were `count` what is wanted.
+    /// Keeps those of the findings after the first `count` for which `is_kept` holds.
     pub(super) fn retain_since(&mut self, count: usize, is_kept: impl FnMut(&Diagnostic) -> bool) {
         let mut new = self.found.split_off(count);
         new.retain(is_kept);
         self.found.append(&mut new);
     }
 
-    /// Whether so many names may be looked at in search of one that is similar.
+    /// Whether this many names may be compared in search of a similar one.
     pub(super) fn may_compare(&mut self, names: usize) -> bool {
         self.compared = self.compared.saturating_add(names);
         self.compared <= EFFORT_MAX
@@ -98,7 +98,7 @@ impl Diagnostics {
         is_within
     }
 
-    /// Makes errors of what has such a code.
+    /// Makes errors of the findings with such a code.
     pub(super) fn deny(&mut self, is_denied: fn(Code) -> bool) {
         let denied = self.found.iter_mut().filter(|found| is_denied(found.code));
         denied.for_each(|found| found.severity = Severity::Error);
@@ -113,7 +113,7 @@ impl Diagnostics {
     }
 }
 
-/// Returns the key that two diagnostics share if they say the same: the primary span, the code and the message.
+/// Returns the key that equal diagnostics share: the primary span, the code and the message.
 pub(super) fn key(diagnostic: &Diagnostic) -> (Span, Code, String) {
     (diagnostic.primary.span, diagnostic.code, diagnostic.message.clone())
 }

@@ -39,7 +39,7 @@ pub(super) struct Group<'a> {
     pub(super) resource_places: BTreeMap<&'a str, usize>,
     /// Resources that are not declared, and were reported.
     pub(super) unknown: BTreeSet<String>,
-    /// The place in the innermost pool around: the index of what stands there without one.
+    /// The place in the innermost pool around: the default index of names there.
     pub(super) pool: Option<usize>,
     pub(super) damage: Damage,
     /// The slots that are run, in the order of the text.
@@ -127,7 +127,7 @@ pub(super) fn actions(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     Some(Expr { span: node.span(), kind: ExprKind::Sequence(std::iter::once(first).chain(rest).collect()) })
 }
 
-/// Reads one event action. What has no operator is damaged, which is reported already.
+/// Reads one event action. A part without an operator is damaged, which is reported already.
 pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let broken = Expr { span, kind: ExprKind::Broken };
@@ -170,7 +170,7 @@ fn parenthesised(node: &Node, group: &mut Group<'_>) -> Expr {
 /// `operand op operand op ...`
 fn joined(node: &Node, group: &mut Group<'_>, make: Make) -> Expr {
     let span = node.span();
-    // In damaged text nobody knows what belongs together.
+    // In damaged text it is unknown which parts belong together.
     if !group.damage.actions {
         group.diagnostics().extend(side_by_side(node));
     }
@@ -220,7 +220,7 @@ fn parts(node: &Node, group: &mut Group<'_>) -> Vec<Expr> {
     operands.map(|part| expression(&part, group)).collect()
 }
 
-/// `a : b ;; c : d` is `a : (b ;; (c : d))`, and so for `::`, whose second operand is written out for each place.
+/// `a : b ;; c : d` is `a : (b ;; (c : d))`; the same for `::`, whose second operand is repeated for each place.
 fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     let operators = node.tokens().map(|token| token.kind());
     let operators: Vec<SyntaxKind> = operators.filter(|kind| [Colon, Recur, DoubleColon].contains(kind)).collect();
@@ -365,7 +365,7 @@ fn run(node: &Node, group: &mut Group<'_>) -> Expr {
     Expr { span, kind: ExprKind::Run(slot, sets) }
 }
 
-/// The sets that are open while the process runs: those that are named, and the owner's set without a label.
+/// The sets that are open while the process runs: the named ones, and the owner's set without a label.
 fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -> Vec<usize> {
     let sets = group.sets;
     let Some(owned) = group.owned.get(&slot).cloned() else {

@@ -1,4 +1,4 @@
-//! Checks event actions: what runs at the same time, what ends, and what never starts.
+//! Checks event actions: members that run at the same time, that end, and that never start.
 
 mod dead;
 mod ends;
@@ -66,7 +66,7 @@ fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> 
     diagnostic.reason(name.span, "this is one instance").help("declare a second instance, or run it once")
 }
 
-/// The group that an expression runs, when it is just that; what is handed to it is taken around.
+/// The group that an expression runs, if it is nothing else; `using` around it for its resources is skipped.
 fn group_of<'a>(spec: &'a Spec, process: &Process, expr: &Expr) -> Option<&'a Process> {
     let inner = if let ExprKind::Using(_, inner) = &expr.kind { inner } else { expr };
     let ExprKind::Run(slot, _) = &inner.kind else { return None };

@@ -59,7 +59,7 @@ pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
     diagnostic.help(format!("write `{0}[0]` for one, `all i in 0..{count} ({0}[i])` for all", name.text))
 }
 
-/// Reports a name that is nearly that of an array; returns whether it is.
+/// Reports a name that is similar to that of an array; returns whether it is.
 pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
     let arrays = names.arrays.keys().map(String::as_str);
     let Some(near) = names.diagnostics.near(&name.text, arrays) else { return false };

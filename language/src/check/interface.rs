@@ -13,8 +13,8 @@ use crate::unit;
 use ros::logic::library;
 use std::collections::BTreeMap;
 
-/// Returns the parameters of each module that the texts declare, as its program gets them. A module is left out if that
-/// cannot be said, as of one with a list of any length.
+/// Returns the parameters of each module that the texts declare, in the form for its program. A module is left out if
+/// this is impossible, for example with a list of any length.
 pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<Parameter>>> {
     let spec = read(interfaces);
     let of_module = |params: &[Param]| parameters_of(&spec, params);
@@ -24,14 +24,14 @@ pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<P
         .collect()
 }
 
-/// Returns parameters as a program gets them; none if that cannot be said.
+/// Returns parameters in the form for a program; none if this is impossible.
 pub(super) fn parameters_of(spec: &Spec, params: &[Param]) -> Option<Vec<Parameter>> {
     let mut all = Vec::new();
     params.iter().try_for_each(|param| add(spec, param, param.name.text.clone(), &mut all))?;
     Some(all)
 }
 
-/// Returns what each output of each module sends, as far as the texts say it.
+/// Returns the message of each output of each module, as far as the texts declare it.
 pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, Message>> {
     let spec = read(interfaces);
     let modules = spec.modules.iter().map(|module| {
@@ -43,7 +43,7 @@ pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Strin
     modules.collect()
 }
 
-/// Returns the type of each port of each module, as it is written: by module, then by port.
+/// Returns the written type of each port of each module: by module, then by port.
 pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
     let of_module = |module: Module| {
         let typed = |port: Port| Some((port.name.text, port.kind?.text));
@@ -133,7 +133,7 @@ fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
     }
 }
 
-/// Reads texts that consist of modules and types; what is wrong with them is of no interest here.
+/// Reads texts that consist of modules and types; their mistakes do not matter here.
 fn read(interfaces: &[Source]) -> Spec {
     let (mut spec, mut diagnostics) = (Spec::default(), Diagnostics::default());
     for (origin, source) in (0..).map(Origin::Interface).zip(interfaces) {

@@ -24,7 +24,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The most operators and operands of one group's event actions, written out.
 pub(super) const EXPRESSION_MAX: u64 = 100_000;
 
-/// Makes the plan of a spec without errors; what only shows here is reported.
+/// Makes the plan of a spec without errors; reports the mistakes that only show here.
 pub(super) fn lower(
     spec: &Spec,
     root: usize,

@@ -78,7 +78,7 @@ impl<'a> Names<'a> {
         if let Some(slot) = self.find(&name.text) {
             return Some(slot);
         }
-        // Among instances that cannot be read may be the one that is meant.
+        // The intended instance may be among those that cannot be read.
         if self.is_damaged {
             return None;
         }
@@ -107,7 +107,7 @@ impl<'a> Names<'a> {
         [(Code::W0201, by_type), (Code::W0202, folded), (Code::W0203, self.abbreviated(name))]
     }
 
-    /// The instances whose name begins as this one does, or the other way round.
+    /// The instances whose name begins with this one, or that this one begins with.
     fn abbreviated(&self, name: &str) -> Vec<usize> {
         let name = name.to_lowercase();
         let ends = name.char_indices().map(|(at, _)| at).skip(ABBREVIATION_MIN);
@@ -179,7 +179,7 @@ impl<'a> Names<'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// The instance that was probably meant, with those whose names look like it: by its name, else by its type.
+    /// The probably intended instance, with those whose names look like it: by its name, else by its type.
     fn suggestion(&mut self, name: &str) -> Option<(usize, Option<Near<'a>>)> {
         let names = self.instances.iter().map(|instance| instance.name.text.as_str());
         if let Some(near) = self.diagnostics.near(name, names) {

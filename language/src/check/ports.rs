@@ -21,7 +21,7 @@ enum Found<'a> {
     Port(&'a Port),
     /// Its module has no interface, or a part of the text is damaged.
     Unknown,
-    /// No such port; these are there.
+    /// No such port; the known ones.
     Missing { owner: &'a Name, known: Vec<&'a Name> },
 }
 

@@ -25,7 +25,7 @@ pub(crate) enum Values {
 }
 
 impl Range {
-    /// Reads what stands behind `in`.
+    /// Reads the text after `in`.
     pub(super) fn read(node: &Node, reader: &mut Reader<'_>) -> Option<Self> {
         let values: Vec<Value> = node.children_of(SyntaxKind::Constant).map(|node| reader.value(&node)).collect();
         if values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
@@ -119,7 +119,7 @@ fn number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Says that a value is not among those that a parameter takes.
+/// Returns a finding if a value is not among those that a parameter takes.
 pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span) -> Diagnostic {
     let value = Value { span, kind: ValueKind::Constant(value.clone()), dimension: None };
     let unit = param.kind.as_ref().and_then(|kind| unit::symbol(&kind.text));

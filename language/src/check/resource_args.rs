@@ -46,7 +46,7 @@ pub(super) fn given<'a>(
     args.filter_map(move |arg| place(arg, resources, params))
 }
 
-/// Where each resource is among those of its group.
+/// The place of each resource in its group.
 pub(super) type Places<'a> = BTreeMap<&'a str, usize>;
 
 /// Returns the places of resources.
@@ -64,7 +64,7 @@ fn place(arg: &Arg, resources: &Places<'_>, params: &[Param]) -> Option<usize> {
     resources.get(name.as_str()).copied()
 }
 
-/// Has each group take what it hands to a member while that member runs.
+/// Makes each group take the resources that it hands to a member, while that member runs.
 pub(super) fn take(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     diagnostics.extend(misplaced(spec));
     let mut all: Vec<Vec<Vec<Held>>> = Vec::new();
@@ -162,7 +162,7 @@ impl ResourceArgs<'_> {
     }
 }
 
-/// Resources where nobody would grant them: programs, fields, defaults.
+/// Resources in places where they would never be granted: programs, fields, defaults.
 fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     let names = |param: &Param| param.kind.as_ref().is_some_and(|kind| kind.name() == Some(RESOURCE));

@@ -1,4 +1,4 @@
-//! Reads the sentences of `verify` blocks, word by word, and finds what their names mean in a plan.
+//! Reads the sentences of `verify` blocks, word by word, and resolves their names in a plan.
 
 mod formula;
 mod names;
@@ -21,7 +21,7 @@ use words::{Kind, Words};
 pub(crate) use names::{EVENTS, STATES};
 pub(crate) use words::{Word, is_word, words_of};
 
-/// The forms of sentences, for a reader whose sentence is none.
+/// The forms of sentences, for the author of a text that has none of them.
 const FORMS: [&str; 13] = [
     "never a with b",
     "always a implies b",
@@ -66,7 +66,7 @@ pub(super) fn read(trees: &[Tree], spec: &Spec, diagnostics: &mut Diagnostics) -
     all
 }
 
-/// Returns what the sentences say about the groups of a plan; those that cannot be read are reported, once each.
+/// Returns the sentences about the groups of a plan; those that cannot be read are reported, once each.
 pub(super) fn resolve(stated: &[Stated], plan: &Plan, diagnostics: &mut Diagnostics) -> Vec<Property> {
     let mut properties = Vec::new();
     for one in stated {
@@ -89,11 +89,11 @@ pub(super) fn resolve(stated: &[Stated], plan: &Plan, diagnostics: &mut Diagnost
 
 type Read<T> = Result<T, Box<Diagnostic>>;
 
-/// What a sentence is that has none of the forms.
+/// The finding for a sentence that has none of the forms.
 fn unreadable(words: &Words) -> Box<Diagnostic> {
     let message = format!("expected {}, found {}", words.wanted(), words.here());
     let found = Diagnostic::new(Code::E0801, words.place(), message);
-    // What is wanted stands between backquotes, as in "`only after` or `at most`".
+    // The expected words stand between backquotes, as in "`only after` or `at most`".
     let wanted = words.wanted().split('`').skip(1).step_by(2).flat_map(str::split_whitespace);
     if let Some(near) = words.next_name().and_then(|name| similar::near(name, wanted)) {
         return Box::new(found.rename(words.place(), &near));
@@ -104,10 +104,10 @@ fn unreadable(words: &Words) -> Box<Diagnostic> {
     }))
 }
 
-/// What a sentence begins with, if not with a process.
+/// The first words of sentences that do not begin with a process.
 const BEGINNINGS: [&str; 11] =
     ["never", "always", "after", "on", "eventually", "exclusive", "assume", "holds", "can", "finishes", "stops"];
-/// Those of two words, the second as it is asked for.
+/// The beginnings of two words, with the second in the form of a message.
 const PAIRS: [(&str, &str); 3] = [("can", "`finish`"), ("finishes", "`within`"), ("stops", "`within`")];
 
 fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
@@ -242,5 +242,5 @@ fn consequence(words: &mut Words, names: &Names<'_>) -> Read<Consequence> {
     Ok(Consequence::Stopped(who, limit))
 }
 
-/// Where a name stands.
+/// The place of a name.
 type Place = (String, Span);

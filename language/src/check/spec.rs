@@ -39,10 +39,10 @@ pub(crate) type Consts = BTreeMap<String, Const>;
 #[derive(Clone, Debug)]
 pub(crate) struct Const {
     pub(crate) name: Name,
-    /// One value, or those of a list.
+    /// One value, or the elements of a list.
     pub(crate) values: Vec<Value>,
     pub(crate) is_list: bool,
-    /// Whether it is a parameter of a group: its value is that of the argument.
+    /// Whether it is a parameter of a group: its value is the argument's.
     pub(crate) is_param: bool,
 }
 
@@ -53,7 +53,7 @@ impl Const {
     }
 }
 
-/// The meanings of a name that stands for a value.
+/// The meanings of a name in the place of a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scope<'a> {
     /// The parameters of the enclosing process.
@@ -80,18 +80,18 @@ pub(crate) struct Process {
     pub(crate) keys: Vec<KeyConnection>,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
-    /// What becomes of its programs when one of them dies; nothing where it does not say.
+    /// The strategy for its programs when one of them dies; none if it is not given.
     pub(crate) supervision: Option<Supervision>,
-    /// How long its programs stay away that say nothing themselves.
+    /// How long its programs without their own back-off stay away.
     pub(crate) backoff: Option<Backoff>,
-    /// What a reboot does, and where that is said.
+    /// The effect of a reboot, and the place of the statement.
     pub(crate) on_boot: Option<(OnBoot, Span)>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,
     /// Whether no fault-free run of it ends; known after `flow`.
     pub(crate) is_service: bool,
-    /// The parameters that decide its shape and have no value: nobody instantiates it, and they have no default.
+    /// Its shape parameters without a value: the group is never instantiated, and they have no default.
     pub(crate) open: Vec<Name>,
 }
 
@@ -112,13 +112,13 @@ pub(crate) struct Damage {
 pub(crate) struct Param {
     pub(crate) name: Name,
     pub(crate) kind: Option<Kind>,
-    /// The range of its values; for a list, that of the elements.
+    /// The range of its values; for a list, of its elements.
     pub(crate) range: Option<Range>,
     /// Names no parameter.
     pub(crate) default: Option<Value>,
 }
 
-/// The policies of an instance, and where they stand.
+/// The policies of an instance, and their places.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Policies {
     pub(crate) policy: Policy,
@@ -128,7 +128,7 @@ pub(crate) struct Policies {
     pub(crate) restart: Option<Span>,
     /// The word `overlap` behind `replace`.
     pub(crate) overlap: Option<Span>,
-    /// The statement that says how long it stays away.
+    /// The statement of its back-off.
     pub(crate) backoff: Option<Span>,
     /// The deployment that it belongs to, where that is another one.
     pub(crate) runs_in: Option<RunsIn>,
@@ -141,7 +141,7 @@ pub(crate) struct RunsIn {
     /// The absolute path of the process there; without it, that of the same name in `main`.
     pub(crate) path: Option<String>,
     pub(crate) span: Span,
-    /// Whether it has other policies, too.
+    /// Whether it has no other policies.
     pub(crate) is_alone: bool,
 }
 
@@ -187,7 +187,7 @@ pub(crate) struct Value {
 }
 
 impl Value {
-    /// How many fields and elements it has, with those of the records in it.
+    /// How many fields and elements it has, including those of the records in it.
     pub(crate) fn fields(&self) -> usize {
         match &self.kind {
             ValueKind::Record(fields) => fields.iter().map(|(_, value)| 1 + value.fields()).sum(),
@@ -258,13 +258,13 @@ pub(crate) struct Module {
     pub(crate) name: Name,
     /// The text of its doc comments.
     pub(crate) doc: String,
-    /// Where it says that it wants a host.
+    /// The place of its host parameter.
     pub(crate) host: Option<Span>,
-    /// The parameters after the host; nothing when the interface does not say.
+    /// The parameters after the host; none when the interface does not list them.
     pub(crate) params: Option<Vec<Param>>,
     pub(crate) ports: Vec<Port>,
     pub(crate) is_service: bool,
-    /// Whether it says that it can end.
+    /// Whether it declares a normal end.
     pub(crate) has_end: bool,
     /// Whether it keeps state from one calculation to the next that a program which is started again does not have.
     pub(crate) remembers: bool,
@@ -276,7 +276,7 @@ pub(crate) struct Module {
     pub(crate) environment: Environment,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
-    /// The shortest and the longest time from its start to its end, when it says so.
+    /// The shortest and the longest time from its start to its end, if declared.
     pub(crate) takes: Option<(Duration, Duration)>,
     pub(crate) claims: Vec<Claim>,
     /// Whether its text could not be read whole, so that a missing port proves nothing.
@@ -302,11 +302,11 @@ pub(crate) struct Outcome {
 pub(crate) struct Port {
     pub(crate) name: Name,
     pub(crate) direction: Direction,
-    /// The type of its values; of a procedure or state, of what it answers.
+    /// The type of its values; for a procedure or state, the type of its result.
     pub(crate) kind: Option<Kind>,
     /// Whether the module works without it being connected.
     pub(crate) is_optional: bool,
-    /// What it is called with, where it is no port of data.
+    /// The type of its argument, if it is not a port of data.
     pub(crate) call: Option<Call>,
 }
 

@@ -32,7 +32,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         for instance in process.instances.iter().filter(|_| !process.damage.instances) {
             let Some(call) = Call::of(spec, instance) else { continue };
             let before = diagnostics.count();
-            // The instances of an array have one text: what is wrong with one of them is said once.
+            // The instances of an array have one text: a mistake in one of them is reported once.
             let known = text.take().filter(|(span, _)| *span == call.span);
             let mut rounds = known.map_or_else(|| diagnostics.rounds(), |(_, rounds)| rounds);
             diagnostics.begin_round(&mut rounds);
@@ -93,7 +93,7 @@ fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics)
     }
 }
 
-/// A program that is started again has forgotten what its type remembers.
+/// A restarted program has lost the memory of its type.
 fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let span = instance.policies.restart?;
     if !module.remembers || instance.policies.policy.restart == Restart::Temporary {
@@ -126,7 +126,7 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     Some(no_overlap(span, &instance.name.text, &why))
 }
 
-/// Reports an instance whose program cannot run beside the next one.
+/// Reports an instance whose program cannot run at the same time as the next one.
 pub(super) fn no_overlap(span: Span, name: &str, why: &str) -> Diagnostic {
     let message = format!("two programs of `{name}` cannot overlap: {why}");
     let found = Diagnostic::new(Code::E0115, span, message);
@@ -271,7 +271,7 @@ fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.names {
         return;
     }
-    // What another deployment runs is called, whether this one watches it or not.
+    // The name of a process that another deployment runs, whether this one watches it or not.
     let idle = process.instances.iter().filter(|instance| !instance.is_run && instance.policies.runs_in.is_none());
     for instance in idle {
         let message = format!("`{}` is never run", instance.name.text);
@@ -323,7 +323,7 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> 
     }
 }
 
-/// A root that nobody gives what decides its shape.
+/// The finding for a root without a value for a shape parameter.
 fn open(process: &Process) -> Option<Diagnostic> {
     let (first, name) = (process.open.first()?, &process.name.text);
     let names = listed(process.open.iter().map(|param| param.text.as_str()));

@@ -17,14 +17,14 @@ const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 /// The longest key of the database, in bytes.
 const KEY_SIZE_MAX: usize = 512;
 
-/// Reads values, and whatever consists of them, where names mean what is in a scope.
+/// Reads values, and texts that consist of them, with the names of a scope.
 pub(super) struct Reader<'a> {
     pub(super) scope: Scope<'a>,
     pub(super) diagnostics: &'a mut Diagnostics,
 }
 
 impl Reader<'_> {
-    /// Reads a constant node; a name may be a parameter or a named constant, else it stands for itself.
+    /// Reads a constant node; a name may be a parameter or a named constant, else it is a value itself.
     pub(super) fn value(&mut self, node: &Node) -> Value {
         let span = node.span();
         if let Some(text) = node.token(Text) {

@@ -15,21 +15,21 @@ macro_rules! codes {
             /// Every code.
             pub const ALL: &'static [Self] = &[$(Self::$name,)*];
 
-            /// Returns the code as it is printed: `E0201`.
+            /// Returns the code in its printed form: `E0201`.
             pub fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$name => stringify!($name),)*
                 }
             }
 
-            /// Returns what it is about, in a few words.
+            /// Returns its title, in a few words.
             pub fn title(self) -> &'static str {
                 match self {
                     $(Self::$name => $title,)*
                 }
             }
 
-            /// Returns what it means and what to do, in a paragraph.
+            /// Returns its meaning and advice, in a paragraph.
             pub fn explanation(self) -> &'static str {
                 match self {
                     $(Self::$name => $explanation,)*

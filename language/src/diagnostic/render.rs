@@ -26,8 +26,8 @@ pub enum Style {
     Colour,
 }
 
-/// Returns the diagnostics as a person reads them: message, source lines with carets, help. Of more than 100 the errors
-/// come first, and how many are not shown stands at the end.
+/// Returns the diagnostics for a person: message, source lines with carets, help. Of more than 100 the errors come
+/// first, and the number of hidden ones is at the end.
 pub fn render(diagnostics: &[Diagnostic], spec: &Source, interfaces: &[Source], style: Style) -> String {
     let renderer = match style {
         Style::Plain => Renderer::plain(),
@@ -131,7 +131,7 @@ fn is_long(mark: &Mark<'_>, lines: &Lines<'_>) -> bool {
     [mark.range.start, mark.range.end].iter().any(|&end| lines.around(&(end..end)).len() > LINE_MAX)
 }
 
-/// One label with its lines, or with what stands next to it if these are long.
+/// One label with its lines, or with the text around it if these are long.
 fn clipped<'a>(mut mark: Mark<'a>, lines: &Lines<'a>) -> View<'a> {
     let mut window = lines.around(&mark.range);
     if window.len() > WINDOW_MAX || is_long(&mark, lines) {
@@ -164,7 +164,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// The bytes of a span, cut to what the text has: a caller may hand in another text than the one that was checked.
+/// The bytes of a span, cut to the length of the text: a caller may pass another text than the one that was checked.
 fn range(span: Span, lines: &Lines<'_>) -> Range<usize> {
     let text = &lines.source().text;
     let mut start = lines.boundary(span.start as usize);

@@ -11,12 +11,12 @@ const HANGING_MAX: usize = 3;
 const OPERATOR: usize = 5;
 const FINALLY: usize = 8;
 
-/// Whether a node has operands of its own.
+/// Whether a node has operands.
 pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
-/// Whether its operands are equals, each of which may have lines of its own.
+/// Whether its operands are equals, which may each be on separate lines.
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
     let Some(operator) = kind.operator() else { return false };
     match operator {
@@ -92,7 +92,7 @@ impl Printer<'_> {
         hangs.then(|| last.clone())
     }
 
-    /// Each operand in lines of its own, the operator at the end.
+    /// Each operand on separate lines, the operator at the end.
     fn operands(&mut self, node: &SyntaxNode, reserve: usize) {
         let is_nested = node.parent().is_some_and(|parent| is_operator(parent.kind()));
         let last = node.children().last();
@@ -126,7 +126,7 @@ impl Printer<'_> {
         self.token();
     }
 
-    /// `match {` and each arm in a line of its own.
+    /// `match {` and each arm on a separate line.
     fn arms(&mut self, node: &SyntaxNode) {
         for part in node.children_with_tokens() {
             match part {

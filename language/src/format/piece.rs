@@ -11,7 +11,7 @@ use crate::syntax::{Dca, SyntaxNode};
 use rowan::Language;
 use std::ops::Range;
 
-/// A token that means something, with what stands before it.
+/// A token with a meaning, and the white space and comments before it.
 #[derive(Debug)]
 pub(super) struct Piece<'t> {
     pub(super) kind: SyntaxKind,
@@ -24,7 +24,7 @@ pub(super) struct Piece<'t> {
     pub(super) comments: Vec<Comment>,
     /// Whether the source has a line break anywhere between the token before and this one.
     pub(super) is_broken: bool,
-    /// Whether an empty line stands directly before it.
+    /// Whether there is an empty line directly before it.
     pub(super) is_spaced: bool,
 }
 
@@ -34,12 +34,12 @@ pub(super) struct Comment {
     pub(super) text: String,
     /// Whether it begins its line.
     pub(super) is_own_line: bool,
-    /// Whether an empty line stands directly before it.
+    /// Whether there is an empty line directly before it.
     pub(super) is_spaced: bool,
 }
 
 impl Comment {
-    /// Whether what follows has to start a new line.
+    /// Whether the next token has to start a new line.
     pub(super) fn ends_line(&self) -> bool {
         self.text.starts_with("//")
     }
@@ -50,12 +50,12 @@ impl Comment {
 }
 
 impl Piece<'_> {
-    /// Whether its comments cannot stand within one line.
+    /// Whether its comments do not fit within one line.
     pub(super) fn forces_lines(&self) -> bool {
         self.comments.iter().any(Comment::forces_lines)
     }
 
-    /// Whether it, an operator, has a line break before or after it. What closes something is no operand.
+    /// Whether it is an operator with a line break before or after it. A closing token is not an operand.
     fn is_broken_beside(&self, next: Option<&Self>) -> bool {
         let next = next.filter(|next| ![RightParen, RightBrace, SyntaxKind::End].contains(&next.kind));
         let breaks = |piece: &Self| piece.is_broken || piece.forces_lines();
@@ -68,7 +68,7 @@ impl Piece<'_> {
     }
 }
 
-/// Returns the tokens of a tree in order; the last one is empty and carries what stands at the end of the file.
+/// Returns the tokens of a tree in order; the last one is empty and carries the comments at the end of the file.
 pub(super) fn pieces<'t>(root: &SyntaxNode, text: &'t str) -> Vec<Piece<'t>> {
     let mut reader =
         Reader { text, offset: 0, pieces: Vec::new(), comments: Vec::new(), newlines: 0, is_broken: false };
@@ -158,7 +158,7 @@ impl Reader<'_> {
 pub(super) struct Sums {
     /// Columns in one line, up to the token and up to the comments before it.
     columns: Vec<(usize, usize)>,
-    /// Tokens whose comments cannot stand within one line.
+    /// Tokens whose comments do not fit within one line.
     comments: Vec<u32>,
     /// Tokens that start a line.
     lines: Vec<u32>,
@@ -214,7 +214,7 @@ impl Sums {
     }
 }
 
-/// Whether a blank stands between two tokens of one line.
+/// Whether there is a blank between two tokens of one line.
 pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     // An empty statement: two `;` that touch would be a `;;`.
     if [before, next].iter().all(|piece| [Semicolon, Recur].contains(&piece.kind)) {

@@ -22,11 +22,11 @@ pub(super) struct Printer<'t> {
     /// Characters since the last line break.
     column: usize,
     pub(super) indent: usize,
-    /// Whether what comes next starts a line.
+    /// Whether the next token starts a line.
     pub(super) starts_line: bool,
-    /// Whether an empty line may stand before that line.
+    /// Whether an empty line is allowed before that line.
     keeps_space: bool,
-    /// Whether an empty line has to stand before that line.
+    /// Whether an empty line is required before that line.
     needs_space: bool,
     /// Whether nothing has been written yet in the current block.
     is_block_start: bool,
@@ -61,7 +61,7 @@ impl<'t> Printer<'t> {
             self.needs_space = index > 0 && !(is_line && was_line);
             was_line = is_line;
             self.node(&item, 0);
-            // What stands between two items is a surplus `;`.
+            // Between two items there can only be a surplus `;`.
             let end = item.next_sibling().map_or(self.pieces.len() - 1, |next| self.range(&next).start);
             self.flat(&(self.cursor..end));
         }
@@ -92,7 +92,7 @@ impl<'t> Printer<'t> {
         from + low + rest[low..high].partition_point(|piece| piece.start < offset)
     }
 
-    /// Whether these tokens fit into the current line, with as many columns reserved for what follows.
+    /// Whether these tokens fit into the current line, with as many columns reserved for the following ones.
     pub(super) fn fits(&self, range: &Range<usize>, reserve: usize) -> bool {
         let column = if self.starts_line { self.indent * INDENT } else { self.column };
         column + self.sums.width(range) + reserve <= COLUMNS
@@ -103,7 +103,7 @@ impl<'t> Printer<'t> {
         self.sums.is_commented(range) || self.sums.is_broken_at_operator(range)
     }
 
-    /// Whether these tokens stand in one line.
+    /// Whether these tokens are in one line.
     pub(super) fn is_flat(&self, range: &Range<usize>, reserve: usize) -> bool {
         self.fits(range, reserve) && !self.is_forced(range)
     }
@@ -119,13 +119,13 @@ impl<'t> Printer<'t> {
 
     // ---- writing ----
 
-    /// Starts a new line for what comes next; an empty line of the source is kept.
+    /// Starts a new line; an empty line of the source is kept.
     pub(super) fn new_line(&mut self) {
         self.starts_line = true;
         self.keeps_space = true;
     }
 
-    /// Starts a new line for what comes next, directly below.
+    /// Starts a new line directly below.
     pub(super) fn next_line(&mut self) {
         self.starts_line = true;
         self.keeps_space = false;
@@ -221,14 +221,14 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// Writes tokens in one line, whatever their nodes.
+    /// Writes tokens in one line, across all nodes.
     pub(super) fn flat(&mut self, range: &Range<usize>) {
         while self.cursor < range.end {
             self.token();
         }
     }
 
-    /// `word head { part part }`, each part on lines of its own.
+    /// `word head { part part }`, each part on separate lines.
     fn block(&mut self, node: &SyntaxNode) {
         let mut is_open = false;
         for part in node.children_with_tokens() {
@@ -262,7 +262,7 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// The counterpart: comments before a closing bracket belong to what it closes.
+    /// The counterpart: comments before a closing bracket belong to the bracketed part.
     pub(super) fn close(&mut self) {
         let is_empty = self.is_empty_block();
         self.comments();

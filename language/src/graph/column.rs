@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// How often the order within columns is improved, in either direction.
 const SWEEPS: usize = 4;
 
-/// Larger groups are not sorted: nobody can read their picture, and it should not take minutes.
+/// Larger groups are not sorted: their picture is unreadable, and it should not take minutes.
 const SORTED_MAX: usize = 300;
 
 /// Arrows that start at one port in one set are drawn as one line that forks.
@@ -53,7 +53,7 @@ pub(super) fn columns(unit: &Unit) -> Columns {
         let column = before.map(|column| column + 1).max().unwrap_or(0);
         of.insert(member, column);
     }
-    // A source stands next to what it feeds.
+    // A source stands next to the consumers it feeds.
     for &member in order.iter().rev() {
         let has_before = inner.iter().any(|(_, to)| *to == member);
         let after = inner.iter().filter(|(from, _)| *from == member).map(|(_, to)| of[to]).min();
@@ -106,7 +106,7 @@ fn order(unit: &Unit) -> Vec<usize> {
             };
             inner.iter().filter(touches).count()
         };
-        // Without arrows into it, else the one that gives more than it takes, else the first.
+        // A member without arrows into it, else one that gives more than it takes, else the first.
         let best = left.iter().copied().min_by_key(|&member| {
             let ins = count(member, true);
             let balance = ins.saturating_sub(count(member, false));
@@ -127,7 +127,7 @@ fn passes(net: &Net, links: &[Link], of: &BTreeMap<usize, usize>, count: usize) 
 }
 
 impl Columns {
-    /// Orders each column by where its neighbours stand.
+    /// Orders each column by the places of its neighbours.
     fn sort(&mut self, unit: &Unit) {
         for sweep in 0..SWEEPS * 2 {
             let is_forward = sweep % 2 == 0;

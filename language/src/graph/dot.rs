@@ -24,7 +24,7 @@ fn escape(text: &str) -> String {
 
 fn line(out: &mut String, path: &[usize], text: std::fmt::Arguments<'_>) {
     out.push_str(&"    ".repeat(path.len() + 1));
-    // A string takes whatever is written to it.
+    // Writing to a string cannot fail.
     let written = out.write_fmt(text);
     debug_assert!(written.is_ok());
     out.push('\n');

@@ -17,7 +17,7 @@ pub(super) const GAP: i32 = 18;
 pub(super) const PASS_GAP: i32 = 6;
 /// From one port to the next.
 pub(super) const PORT_STEP: i32 = 16;
-/// Boxes that are connected to nothing stand in rows of about this width.
+/// Boxes without connections are placed in rows of about this width.
 const ROW: i32 = 640;
 /// The second line of a leaf: its type.
 const TYPE_LINE: i32 = 16;
@@ -41,7 +41,8 @@ pub(super) fn text_width(text: &str) -> i32 {
     i32::try_from(text.chars().count()).unwrap_or(1000).min(1000) * 7
 }
 
-/// The links whose labels are written, each with how far from its port: sets that share a port stand side by side.
+/// The links whose labels are written, each with its distance from the port: labels of sets that share a port stand
+/// side by side.
 pub(super) fn labels(unit: &Unit) -> Vec<(usize, i32)> {
     let mut seen = BTreeSet::new();
     let mut indents: BTreeMap<End, i32> = BTreeMap::new();
@@ -124,7 +125,7 @@ fn group(unit: &Unit, hosts: &[String]) -> Placed {
     for (place, port) in placed.ports.iter_mut().zip(&unit.ports) {
         place.0 = if port.direction == Direction::In { 0 } else { placed.width };
     }
-    // What leads to the right border ends on it, however wide the box has become.
+    // Lines to the right border end on it, however wide the box has become.
     for (line, link) in placed.lines.iter_mut().zip(&unit.links) {
         if let (None, Some(last)) = (link.to.unit, line.last_mut()) {
             last.0 = placed.width;
@@ -183,7 +184,7 @@ mod tests {
                 assert!(pair[0].0 == pair[1].0 || pair[0].1 == pair[1].1, "{path}: {link:?} is not straight: {line:?}");
             }
         }
-        // Two lines over each other are one line to the eye, unless they come from one port.
+        // Two overlapping lines look like one, unless they come from one port.
         let drawn: Vec<_> = unit.links.iter().zip(&placed.lines).collect();
         for (index, (link, line)) in drawn.iter().enumerate() {
             for (other, others) in drawn[..index].iter().filter(|(other, _)| other.from != link.from) {

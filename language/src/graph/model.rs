@@ -200,7 +200,7 @@ fn connect(unit: &mut Unit, process: &Process) {
     unit.links = links;
 }
 
-/// Notes what each member has alone while it runs; `held` is what the `using`s around take.
+/// Notes the resources that each member holds while it runs; `held` has those of the `using`s around it.
 fn take(unit: &mut Unit, process: &Process, expr: &Expr, held: &mut Vec<usize>) {
     let before = held.len();
     if let ExprKind::Using(taken, _) = &expr.kind {

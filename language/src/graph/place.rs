@@ -53,7 +53,7 @@ impl<'a> Heights<'a> {
         self.tops[column] = tops;
     }
 
-    /// Where an item would stand so that its arrows from or to another column run straight, on average.
+    /// The place of an item at which its arrows from or to another column would run straight, on average.
     fn wish(&self, item: Item, other: usize) -> Option<i32> {
         let mut wishes = Vec::new();
         for (index, net) in self.columns.nets.iter().enumerate() {

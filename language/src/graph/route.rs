@@ -1,5 +1,5 @@
-//! Arrows: straight pieces through the channels between columns. Each net has a lane of its own in a channel where it
-//! changes its height; what leads backwards goes below all boxes.
+//! Arrows: straight pieces through the channels between columns. Each net has its own lane in a channel where it
+//! changes its height; nets that lead backwards go below all boxes.
 
 use super::column::{Columns, Item};
 use super::layout::{PORT_STEP, Placed, TOP, label_width, labels};
@@ -32,7 +32,7 @@ pub(super) struct Routes {
 /// A change of height in a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Turn {
-    /// Of a net that goes on to the right.
+    /// Belongs to a net that continues to the right.
     Net(usize),
     /// Down to a lane below the boxes.
     Out(usize),
@@ -69,8 +69,8 @@ impl<'a> Router<'a> {
         router
     }
 
-    /// Nets that end at one port end side by side, in the order in which they come: what is drawn over each other is one
-    /// line to the eye.
+    /// Nets that end at one port end side by side, in the order in which they come: nets drawn over each other would
+    /// look like one line.
     fn fans(&self) -> BTreeMap<(End, usize), i32> {
         let mut ends: BTreeMap<End, BTreeSet<(bool, i32, usize)>> = BTreeMap::new();
         for (index, net) in self.columns.nets.iter().enumerate() {

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 const MARGIN: i32 = 16;
 /// The line with the hosts below the whole.
 const LEGEND: i32 = 26;
-/// Bands of hosts: a strong colour, and a light one for what is inside.
+/// Bands of hosts: a strong colour, and a light one for the boxes inside.
 const HOSTS: [(&str, &str); 6] = [
     ("#b9d3ee", "#f3f8fd"),
     ("#f6d5a8", "#fdf8f0"),
@@ -139,7 +139,7 @@ fn draw_plate(out: &mut String, plate: &str, (middle, bottom): (i32, i32)) {
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
-    // A string takes whatever is written to it.
+    // Writing to a string cannot fail.
     let written = out.write_fmt(text);
     debug_assert!(written.is_ok());
     out.push('\n');
@@ -158,7 +158,7 @@ const PLAIN: Face<'_> = Face { size: 12, is_bold: false, more: "" };
 const BOLD: Face<'_> = Face { size: 12, is_bold: true, more: "" };
 
 impl Face<'_> {
-    /// The columns that a text takes, whatever font it is shown in: a viewer stretches or squeezes its letters to that.
+    /// The columns that a text takes, in any font: a viewer stretches or squeezes its letters to that width.
     fn width(self, text: &str) -> i32 {
         font::width(text, self.size, self.is_bold).min(text_width(text) * self.size / 12).max(1)
     }
@@ -216,7 +216,7 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
         draw(out, inner, place, (x + place.x, y + place.y), hosts);
     }
     for (port, &(port_x, port_y)) in unit.ports.iter().zip(&placed.ports) {
-        // The arrows of a group's own ports go on inside: its names stand above them.
+        // The arrows of a group's own ports continue inside: its names are above them.
         let above = if unit.is_group { 5 } else { -4 };
         port_mark(out, port, (x + port_x, y + port_y), above);
     }
@@ -239,7 +239,7 @@ fn head(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
     }
 }
 
-/// An input points into the box, an output out of it; what is connected to nothing is hollow.
+/// An input points into the box, an output out of it; a port without a connection is hollow.
 fn port_mark(out: &mut String, port: &super::model::Port, (x, y): (i32, i32), above: i32) {
     let (fill, stroke) = if port.is_used { ("#222", "#222") } else { ("white", WRONG) };
     line(out, format_args!("<path d=\"M{} {} l9 5 l-9 5 z\" fill=\"{fill}\" stroke=\"{stroke}\"/>", x - 4, y - 5));

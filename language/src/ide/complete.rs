@@ -1,7 +1,7 @@
 //! Completes the word at the cursor.
 //!
-//! A letter that nobody writes is put at the cursor and the text is read again: so there is a word at the cursor in any
-//! case, and the parser, which survives any text, says what kind of word it is.
+//! A rare letter is inserted at the cursor and the text is read again: so there is always a word at the cursor, and the
+//! parser, which accepts any text, gives the kind of word.
 
 mod names;
 mod place;
@@ -49,9 +49,9 @@ pub struct Completion {
     pub kind: CompletionKind,
     /// The text to write.
     pub label: String,
-    /// In a few words, what it is; may be empty.
+    /// A short description; may be empty.
     pub detail: String,
-    /// Markdown: what there is to know of it; may be empty.
+    /// The documentation in Markdown; may be empty.
     pub documentation: String,
     /// The text to write instead of the label, with `$0` and `${1:name}` where something is to be filled in.
     pub snippet: Option<String>,
@@ -83,7 +83,7 @@ impl Analysis {
         let end = text[offset..].find(|c| !part(c)).map_or(text.len(), |length| offset + length);
         let marked = Source { text: format!("{}{MARK}{}", &text[..offset], &text[offset..]), ..self.spec.clone() };
         let marked = Self::new(marked, self.others.clone(), &self.options);
-        // What is typed of a number is no name.
+        // A partly typed number is not a name.
         let start = text[start..offset].find(|c: char| !c.is_ascii_digit()).map_or(offset, |digits| start + digits);
         (start..end, marked.candidates(offset))
     }
@@ -92,7 +92,7 @@ impl Analysis {
     fn candidates(&self, offset: usize) -> Vec<Completion> {
         let Some(token) = self.token_at(offset) else { return Vec::new() };
         let Some(at) = place::Cursor::new(&token) else { return Vec::new() };
-        // The string of a formula is full of names, too.
+        // The string of a formula also consists of names.
         let is_word = match at.parent.kind() {
             SyntaxKind::Sentence => [SyntaxKind::Ident, SyntaxKind::Text].contains(&token.kind()),
             _ => token.kind() == SyntaxKind::Ident,

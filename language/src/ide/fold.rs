@@ -6,7 +6,7 @@ use crate::syntax::SyntaxKind;
 use crate::syntax::ast::Node;
 
 impl Analysis {
-    /// Returns what can be folded, in the order of the text; a part of one line is among it too.
+    /// Returns the foldable spans, in the order of the text; a part of one line is included.
     pub fn folds(&self) -> Vec<Span> {
         let mut folds = Vec::new();
         let mut parts: Vec<Node> = self.trees()[0].children().collect();

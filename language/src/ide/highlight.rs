@@ -26,7 +26,7 @@ pub enum Class {
     Variable,
     /// A number, with its unit.
     Number,
-    /// A string, or a word that stands for itself, such as a host.
+    /// A string, or a literal word, such as a host.
     Text,
     /// An operator of event actions, or an arrow.
     Operator,
@@ -86,7 +86,7 @@ fn class(kind: Kind) -> Class {
     }
 }
 
-/// A word that is no known name.
+/// A word that is not a known name.
 fn word(token: &SyntaxToken) -> Option<Class> {
     let parent = token.parent()?;
     let before = token.siblings_with_tokens(rowan::Direction::Prev).skip(1).filter_map(rowan::NodeOrToken::into_token);
@@ -104,7 +104,7 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         SyntaxKind::Run if is_first && ["skip", "never"].contains(&token.text()) => Some(Class::Keyword),
         SyntaxKind::Index | SyntaxKind::Count => Some(Class::Variable),
         SyntaxKind::Claim if is_first => Some(Class::Parameter),
-        // What should be a name, and means nothing.
+        // A keyword in the place of a name.
         SyntaxKind::Arm if token.text() == "else" => Some(Class::Keyword),
         SyntaxKind::Resources if is_first && token.text() == "resource" => Some(Class::Keyword),
         SyntaxKind::Run

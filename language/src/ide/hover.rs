@@ -15,7 +15,7 @@ use crate::unit;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-/// At most so many names are listed.
+/// The most names that are listed.
 const NAMES_MAX: usize = 12;
 
 /// The description of a place.
@@ -28,7 +28,7 @@ pub struct Hover {
 }
 
 impl Analysis {
-    /// Returns what there is to know of the name, word, operator or unit at a byte offset of the spec.
+    /// Returns the information about the name, word, operator or unit at a byte offset of the spec.
     pub fn hover(&self, offset: usize) -> Option<Hover> {
         if let Some((span, symbol)) = self.index().place_at(offset) {
             return Some(Hover { span, text: self.describe(&self.index().symbols[symbol]) });
@@ -79,7 +79,7 @@ impl Analysis {
         )
     }
 
-    /// A tag, and whose it is.
+    /// A tag, and its process.
     fn outcome_text(&self, name: &str) -> String {
         let mut owners = Vec::new();
         let mut shown = name.to_owned();
@@ -93,7 +93,7 @@ impl Analysis {
         format!("{}\nAn outcome of {}.", code(&shown), list(owners.into_iter()))
     }
 
-    /// `name: Type = value` and what its type measures.
+    /// `name: Type = value` and the dimension of its type.
     fn param_text(&self, owner: Target, place: usize) -> String {
         let (params, name): (&[Param], &str) = match owner {
             Target::Process(process) => {
@@ -135,7 +135,7 @@ impl Analysis {
         text
     }
 
-    /// The name of an instance as it is written; of an array, that of the array.
+    /// The written name of an instance; for an element of an array, the name of the array.
     fn written(&self, instance: &Instance) -> &str {
         self.text(instance.name.span)
     }
@@ -152,7 +152,7 @@ impl Analysis {
         hosts.into_iter().filter_map(|host| plan.hosts.get(host as usize).cloned()).collect()
     }
 
-    /// A connection set, as it is written.
+    /// A connection set in its written form.
     fn set_text(&self, process: usize, set: &Set) -> String {
         let group = &self.model.processes[process];
         let name = |slot: usize| self.written(&group.instances[slot]);

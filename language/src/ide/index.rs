@@ -1,7 +1,7 @@
-//! The index of all names of a spec: the declaration of each, and every place where it stands.
+//! The index of all names of a spec: the declaration of each, and every place where it is used.
 //!
-//! Declarations come from what the checker has made of the text, references from a walk over the trees that asks it. So
-//! a name means here what it means when it runs, lenient names too.
+//! Declarations come from the checker's result, references from a walk over the trees that asks it. So a name, even a
+//! lenient one, means the same here as at run time.
 
 mod walk;
 
@@ -34,7 +34,8 @@ pub(super) enum Kind {
     Variable,
     /// A resource that `using` takes: the process and the resource in it.
     Resource(usize, usize),
-    /// A tag that some process can end with. One word is one outcome, whoever declares it: they meet in a `match`.
+    /// A tag that some process can end with. One word is one outcome, whichever process declares it: they meet in a
+    /// `match`.
     Outcome,
 }
 
@@ -73,7 +74,7 @@ struct Tables {
 }
 
 impl Index {
-    /// Makes the index; `text` returns what stands in a span.
+    /// Makes the index; `text` returns the text of a span.
     pub(super) fn new<'t>(model: &Spec, trees: &[Node], text: &dyn Fn(Span) -> &'t str) -> Self {
         let mut index = Self::default();
         let mut tables = Tables::default();
@@ -130,17 +131,17 @@ impl Index {
         self.places.get(&span).map(|&symbol| &self.symbols[symbol])
     }
 
-    /// All names and what they mean, in the order of the text.
+    /// All names and their meanings, in the order of the text.
     pub(super) fn all(&self) -> impl Iterator<Item = (Span, usize)> + '_ {
         self.places.iter().map(|(&span, &symbol)| (span, symbol))
     }
 
-    /// Where a symbol stands.
+    /// The places of a symbol.
     pub(super) fn places(&self, symbol: usize) -> impl Iterator<Item = Span> + '_ {
         self.all().filter(move |(_, other)| *other == symbol).map(|(span, _)| span)
     }
 
-    /// Adds a declaration, unless it is there: the instances of an array are declared in one place.
+    /// Adds a declaration, unless it exists: the instances of an array are declared in one place.
     fn add(&mut self, tables: &mut Tables, kind: Kind, name: &Name) -> usize {
         if let Some(&known) = tables.declared.get(&name.span) {
             return known;

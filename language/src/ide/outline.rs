@@ -44,7 +44,7 @@ pub struct Symbol {
 }
 
 impl Analysis {
-    /// Returns what the spec declares, in the order of the text.
+    /// Returns the declarations of the spec, in the order of the text.
     pub fn outline(&self) -> Vec<Symbol> {
         self.trees()[0].children().filter_map(|item| symbol(&item)).collect()
     }

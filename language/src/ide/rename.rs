@@ -1,7 +1,7 @@
 //! Renames a declaration and everything that means it.
 //!
-//! A rename is right when every name of the new text means what it meant before. That is what is checked, by reading the
-//! new text: so it does not matter by which rule of the language a name would have come to mean something else.
+//! A rename is right when every name of the new text means the same as before. This is checked by reading the new text,
+//! so it covers every rule of the language by which a name could change its meaning.
 
 use super::index::{Index, Kind};
 use super::{Analysis, Declaration};
@@ -15,7 +15,7 @@ const NAME_MAX: usize = 200;
 /// Why something cannot have another name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RenameError {
-    /// There is no name there that is declared anywhere.
+    /// There is no declared name at that place.
     #[error("there is nothing here that has a name of its own")]
     Nameless,
     /// The name is declared in the interface of a program.
@@ -58,7 +58,7 @@ pub enum RenameError {
 pub struct FileEdit {
     /// Name of the source.
     pub file: String,
-    /// First byte of what is replaced.
+    /// First byte of the replaced text.
     pub start: u32,
     /// One after its last byte.
     pub end: u32,
@@ -70,7 +70,7 @@ impl Analysis {
     /// Returns the place of the name at a byte offset of the spec, if it can have another one.
     ///
     /// # Errors
-    /// There is no name, or it is not for this text to change.
+    /// There is no name, or this text may not change it.
     pub fn prepare_rename(&self, offset: usize) -> Result<Span, RenameError> {
         let (span, symbol) = self.index().place_at(offset).ok_or(RenameError::Nameless)?;
         self.check_own(symbol)?;
@@ -146,11 +146,12 @@ impl Analysis {
     }
 }
 
-/// Returns the edits that give another name to what is declared there, in all of the texts, each once. The specs have to
-/// be all that may know of the name; those that do not are left alone.
+/// Returns the edits that rename a declaration in all of the texts, each once. The specs have to be all that may use
+/// the name; unrelated ones are left alone.
 ///
 /// # Errors
-/// A sentence for a person: the name is not theirs to change, is no name, is taken, or would change the meaning.
+/// A sentence for a person: the name belongs to another text, is not a valid name, is taken, or would change the
+/// meaning.
 pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Result<Vec<FileEdit>, RenameError> {
     if !is_name(to) {
         return Err(RenameError::Invalid { to: to.to_owned() });
@@ -172,7 +173,7 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
         }
         let own = spec.rename_edits(symbol, to);
         let renamed = spec.with(&own);
-        // What the index does not know of would be left as it was.
+        // Names outside the index would be left unchanged.
         let is_broken = spec.plan().is_some() && renamed.plan().is_none();
         if is_broken || !same_meaning(spec.index(), renamed.index(), &own) {
             return Err(RenameError::Meaning { to: to.to_owned(), file: spec.spec.name.clone() });
@@ -197,7 +198,7 @@ fn is_element(rest: &str) -> bool {
     rest.strip_prefix('_').is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// Whether each name means what it meant: the same places, moved by the edits, have the same declarations.
+/// Whether each name means the same as before: the same places, moved by the edits, have the same declarations.
 fn same_meaning(before: &Index, after: &Index, edits: &[(Span, String)]) -> bool {
     let moved: BTreeMap<Span, Span> = before.all().map(|(span, _)| (span, moved(span, edits))).collect();
     let old = before.all().map(|(span, symbol)| (moved[&span], moved[&before.symbols[symbol].declaration]));

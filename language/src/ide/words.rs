@@ -2,7 +2,7 @@
 //!
 //! A new word of the language needs one line here.
 
-/// Where a word stands.
+/// The place of a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Place {
     /// Between the items of a file.
@@ -29,7 +29,7 @@ pub(super) enum Place {
     Sentence,
     /// Inside such a sentence.
     InSentence,
-    /// Behind the name of a process in a sentence: what happens to it.
+    /// An event or state, after the name of a process in a sentence.
     Event,
     /// In a formula.
     Formula,
@@ -40,13 +40,13 @@ pub(super) enum Place {
 pub(super) struct Word {
     pub(super) place: Place,
     pub(super) text: &'static str,
-    /// The text to insert, with `$0` for the cursor and `${1:name}` for what is to be filled in.
+    /// The text to insert, with `$0` for the cursor and `${1:name}` for a part to be filled in.
     pub(super) snippet: &'static str,
     /// Its meaning, in a sentence or two.
     pub(super) meaning: &'static str,
 }
 
-/// Returns the word or operator that is written so, at the most likely place.
+/// Returns the word or operator with this spelling, at the most likely place.
 pub(super) fn find(text: &str, places: &[Place]) -> Option<&'static Word> {
     let text = if text == ":;" { ";;" } else { text };
     WORDS.iter().find(|word| word.text == text && places.contains(&word.place))
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn every_operator_is_explained() {
         for kind in SyntaxKind::OPERATORS {
-            // What is not in backquotes is no word.
+            // A description without backquotes is not a word.
             let Some(text) = kind.describe().strip_prefix('`').and_then(|text| text.strip_suffix('`')) else {
                 continue;
             };

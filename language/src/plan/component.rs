@@ -3,12 +3,12 @@
 use super::{Claim, ConnectionSet, Expression, Leaf, Member, MemberKind, Plan, Wire, difference};
 use std::collections::BTreeMap;
 
-/// Whether a group goes on when a program that was added to it has failed.
+/// Whether a group continues when a program that was added to it has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failing {
     /// It is a process of the group like any other.
     Counts,
-    /// The group goes on without it: `name?`.
+    /// The group continues without it: `name?`.
     IsIgnored,
 }
 
@@ -101,14 +101,14 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Returns the plan with what is wanted of the programs that stay on one host, and nothing else of it.
+    /// Returns the plan with the wanted programs of one host, and no other change.
     ///
     /// # Errors
     /// Every obstacle, as [`difference`] has it; or that nothing differs there.
     pub fn changed_on(&self, wanted: &Self, host: &str) -> Result<Self, Vec<String>> {
         let next = difference(self, wanted)?.plan;
         let still = next.live_leaves();
-        // One that overlaps with the one before has another number.
+        // A program that overlaps with the previous one has another number.
         let still = still.iter().filter_map(|number| next.leaves.get(*number as usize));
         let still: BTreeMap<&str, &Leaf> = still.map(|leaf| (leaf.path.as_str(), leaf)).collect();
         let is_there = |leaf: &Leaf| self.hosts.get(leaf.host as usize).is_some_and(|name| name == host);
@@ -150,7 +150,7 @@ impl Plan {
         if let MemberKind::Leaf(leaf) = member.kind { Some(leaf) } else { None }
     }
 
-    /// Returns the program that a leaf of a piece stands for, by its name in the group.
+    /// Returns the program that a leaf of a piece represents, by its name in the group.
     fn stands_for(&self, piece: &Self, leaf: u32, group: &str) -> Option<u32> {
         let name = piece.leaves.get(leaf as usize)?.path.rsplit('/').next()?;
         let (path, live) = (format!("{group}/{name}"), self.live_leaves());
@@ -171,7 +171,7 @@ impl Plan {
     }
 }
 
-/// Returns what is left of an expression without a member; an error where its place says what others do.
+/// Returns an expression without a member; an error if its place decides the behaviour of others.
 fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, ()> {
     let boxed = |p, q: fn(Box<Expression>, Box<Expression>) -> Expression, r| q(Box::new(p), Box::new(r));
     let all = |of: &[Expression]| -> Result<Vec<Expression>, ()> {
@@ -217,7 +217,8 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         Expression::Using { resources, of } => {
             without(of, member)?.map(|of| Expression::Using { resources: resources.clone(), of: Box::new(of) })
         }
-        // Here a value goes on, or it is counted: whoever wrote it has to say what it is without.
+        // At this place a value is passed on, or the operand is counted: the author has to decide what the expression
+        // is without it.
         Expression::Conditional(..)
         | Expression::Recurrent(..)
         | Expression::AnyOf { .. }

@@ -1,11 +1,12 @@
-//! The changes from a running plan to a new one, and the plan that the nodes go on with.
+//! The changes from a running plan to a new one, and the plan with which the nodes continue.
 //!
-//! A running supervisor holds the state of its event actions, and every message names leaves, groups and wires by number. So
-//! the next plan keeps the numbers of the one that runs, and the slots of members: what is new gets the next ones. A wire that no
-//! connection set has any more keeps its number and is never opened ([`Plan::live_wires`]); a process that is taken away
-//! keeps its number and its slot, whose name is empty ([`Plan::live_leaves`]). Comes the same process back, it gets them again.
-//! Whether the event actions of a group that runs can become others is for its supervisor to say
-//! ([`carry`](crate::algebra::carry)). What cannot change at all is an obstacle, told in a sentence.
+//! A running supervisor holds the state of its event actions, and every message names leaves, groups and wires by
+//! number. So the next plan keeps the numbers of the running one, and the slots of members; new ones get the next
+//! numbers. A wire that no connection set has any more keeps its number and is never opened ([`Plan::live_wires`]). A
+//! process that is taken away keeps its number and its slot, whose name is empty ([`Plan::live_leaves`]). If the same
+//! process returns, it gets the same numbers. The supervisor of a running group decides whether its event actions can
+//! change ([`carry`](crate::algebra::carry)). A change that is not possible at all is an obstacle, reported in a
+//! sentence.
 
 mod actions;
 mod leaf;
@@ -26,7 +27,7 @@ use std::fmt;
 /// How a running deployment gets from its plan to another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// The new plan, with the numbers of the one that runs.
+    /// The new plan, with the numbers of the running one.
     pub plan: Plan,
     /// The changes, programs first, in the order of the plan.
     pub changes: Vec<PlanChange>,
@@ -46,7 +47,7 @@ pub enum PlanChange {
         /// Whether the one before is ended first.
         replacement: Replacement,
     },
-    /// The policies for the program's death or stop change; the program goes on meanwhile.
+    /// The policies for the program's death or stop change; the program keeps running.
     Settle {
         /// Index into [`Plan::leaves`].
         leaf: u32,
@@ -55,7 +56,7 @@ pub enum PlanChange {
         /// The differences, as sentences for a person.
         why: Vec<String>,
     },
-    /// A program is added. The event actions of its group say when it runs.
+    /// A program is added. The event actions of its group define when it runs.
     Add {
         /// Index into [`Plan::leaves`] of the new plan.
         leaf: u32,
@@ -71,7 +72,7 @@ pub enum PlanChange {
         /// Absolute path of the instance.
         path: String,
     },
-    /// A group goes on with other event actions, or another supervision.
+    /// A group continues with other event actions, or another supervision.
     Act {
         /// Index into [`Plan::groups`].
         group: u32,
@@ -116,10 +117,10 @@ impl fmt::Display for PlanChange {
 /// Stands for the slot of a process that was taken away, and for its sets.
 const TAKEN_AWAY: u32 = u32::MAX;
 
-/// Compares the plan that runs with the one that is wanted.
+/// Compares the running plan with the wanted one.
 ///
 /// # Errors
-/// Every obstacle, as a sentence: what cannot change while it runs.
+/// Every obstacle, as a sentence: a change that is impossible during the run.
 pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<String>> {
     difference_with(running, wanted, &BTreeSet::new())
 }
@@ -208,7 +209,7 @@ fn wire_group(
     for set in &after.sets {
         let owner = set.owner.map(|owner| own.slot(owner));
         if owner == Some(TAKEN_AWAY) {
-            // Nothing names it any more. It only keeps the numbers of those behind it.
+            // It has no user any more, and only keeps the numbers of those behind it.
             own.sets.push(TAKEN_AWAY);
             continue;
         }
@@ -237,7 +238,7 @@ fn wire_group(
     }
 }
 
-/// Returns what differs of the event actions of a group that runs.
+/// Returns the differences in the event actions of a running group.
 fn change_of_group(running: &Plan, plan: &Plan, number: u32) -> Option<PlanChange> {
     let (before, after) = (running.groups.get(number as usize)?, plan.groups.get(number as usize)?);
     let mut why = Vec::new();
@@ -273,7 +274,8 @@ impl Plan {
         claims.map(|claim| (claim.device.as_str(), claim.is_write)).collect()
     }
 
-    /// Returns the wires that some connection set has: those of a plan that was changed while it ran may have gone.
+    /// Returns the wires that some connection set has: a plan that was changed during its run may also have removed
+    /// ones.
     pub fn live_wires(&self) -> BTreeSet<u32> {
         self.groups.iter().flat_map(|group| &group.sets).flat_map(|set| set.wires.iter().copied()).collect()
     }
@@ -285,7 +287,7 @@ struct Numbers {
     leaves: BTreeMap<u32, u32>,
     /// Leaves that are added, by the number that runs.
     added: BTreeSet<u32>,
-    /// Leaves whose programs overlap with the one before, which has the number behind it.
+    /// Leaves whose programs overlap with the previous one, with its number.
     overlapping: BTreeMap<u32, u32>,
     /// For each group that runs, its slots by the slots that are wanted.
     slots: BTreeMap<u32, Vec<u32>>,
@@ -305,7 +307,7 @@ fn key(wire: &Wire) -> Key {
 }
 
 struct Wires {
-    /// The wires that run; several sets may have wires of their own between the same ports.
+    /// The running wires; several sets may have separate wires between the same ports.
     known: BTreeMap<Key, Vec<u32>>,
     changes: Vec<PlanChange>,
 }

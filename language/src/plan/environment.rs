@@ -1,4 +1,4 @@
-//! The variables and the folder of a program, beside what every program has.
+//! The variables and the folder of a program, in addition to those of every program.
 
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,7 +27,7 @@ impl Environment {
         self.inherited.iter().any(|pattern| is_matched(name, pattern))
     }
 
-    /// Says what is wrong with it, if anything is: a plan comes from elsewhere.
+    /// Returns the mistake in it, if there is one: a plan may come from elsewhere.
     pub fn problem(&self) -> Option<String> {
         let names = self.variables.keys().map(|name| variable_problem(name));
         let values =
@@ -62,7 +62,7 @@ pub fn value_problem(value: &str) -> Option<String> {
     (value.len() > VARIABLE_SIZE_MAX).then(|| format!("has a value of more than {VARIABLE_SIZE_MAX} bytes"))
 }
 
-/// Says why a module cannot inherit what a pattern means.
+/// Returns the reason why a module cannot inherit the variables of a pattern.
 pub fn pattern_problem(pattern: &str) -> Option<String> {
     let begin = pattern.strip_suffix('*').unwrap_or(pattern);
     (!is_name(begin))

@@ -1,7 +1,7 @@
 //! Splits `exec "…"` into a program and its arguments. There is no shell in between.
 //!
-//! Blanks separate words. What stands between two `'`, or between two `"`, belongs to one word, blanks and all, and joins
-//! what touches it, as in a shell; nothing else has a meaning, neither `$` nor `*` nor `\`.
+//! Blanks separate words. Text between two `'`, or between two `"`, belongs to one word, blanks included, and joins the
+//! adjacent text, as in a shell. Nothing else has a meaning, neither `$` nor `*` nor `\`.
 
 use thiserror::Error;
 

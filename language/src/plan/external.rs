@@ -4,7 +4,7 @@ use super::Plan;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A process of another deployment, on the host of the leaf that stands for it.
+/// A process of another deployment, on the host of the leaf that refers to it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct External {
     /// The name of that deployment.
@@ -20,7 +20,7 @@ impl fmt::Display for External {
 }
 
 impl Plan {
-    /// Returns the process of another deployment that a leaf stands for, if it does.
+    /// Returns the process of another deployment that a leaf refers to, if it does.
     pub fn external(&self, leaf: u32) -> Option<&External> {
         self.leaves.get(leaf as usize)?.external.as_ref()
     }

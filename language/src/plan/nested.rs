@@ -1,7 +1,7 @@
 //! Encodes and decodes expressions and formulas.
 //!
-//! Reading one goes down as far as it is nested, and a stack has an end: bytes that are nested more deeply than an expression
-//! may be are refused on the way, not afterwards. So a peer's bytes cannot bring a node down.
+//! Reading an expression recurses with its nesting, and the stack is limited: bytes that are nested more deeply than an
+//! expression may be are refused during the read, not afterwards. So a peer's bytes cannot crash a node.
 
 use super::{DEPTH_MAX, Expression};
 use crate::automaton::Formula;
@@ -66,7 +66,7 @@ impl Serialize for Formula {
 mod tests {
     use super::*;
 
-    /// Returns the bytes of `skip` within so many shields.
+    /// Returns the bytes of `skip` within `count` shields.
     fn shields(count: usize) -> Vec<u8> {
         let shield = Expression::Shield { bound: None, of: Box::new(Expression::Skip) };
         let bytes = postcard::to_allocvec(&shield).unwrap();

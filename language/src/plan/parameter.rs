@@ -5,7 +5,7 @@ use crate::unit::{self, NotRead};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A parameter as a program gets it: a field of a record is one of its own, `grasp.force`.
+/// A parameter in the form for a program: a field of a record is a separate parameter, `grasp.force`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
     /// Its name.
@@ -17,7 +17,7 @@ pub struct Parameter {
 /// The values that a parameter takes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Accepts {
-    /// Its interface does not say.
+    /// Its interface does not declare it.
     Any,
     /// Any text.
     Text,
@@ -32,7 +32,7 @@ pub enum Accepts {
         /// The largest, if there is one.
         high: Option<f64>,
     },
-    /// One of these.
+    /// One of these values.
     OneOf(Vec<Constant>),
     /// A quantity, in SI units, both ends included.
     Quantity {
@@ -43,12 +43,12 @@ pub enum Accepts {
         /// The largest, if there is one.
         high: Option<f64>,
     },
-    /// What a spec names with `secret("KEY")`, and nothing else.
+    /// A secret, which a spec can only give with `secret("KEY")`.
     Secret,
 }
 
 impl Accepts {
-    /// Looks whether a value is one of them; it is spelt as a spec spells it, a text without quotes.
+    /// Checks whether a value is one of them; it is spelt as in a spec, a text without quotes.
     ///
     /// # Errors
     /// The expected value, such as `a number from 1 to 200`.
@@ -56,8 +56,8 @@ impl Accepts {
         self.read(text).map(drop)
     }
 
-    /// Returns a value as its program gets it: a quantity as a number in SI units, anything else as it is spelt. A number
-    /// without a unit is in SI units.
+    /// Returns a value in the form for its program: a quantity as a number in SI units, anything else as it is spelt. A
+    /// number without a unit is in SI units.
     ///
     /// # Errors
     /// The expected value, such as `a number from 1 to 200`.
@@ -142,7 +142,7 @@ fn with_article(name: &str) -> String {
     format!("{article} {name}")
 }
 
-/// As an interface says it: `Number in 1..200`, `Force in 1 N..200 N`.
+/// In the form of an interface: `Number in 1..200`, `Force in 1 N..200 N`.
 impl fmt::Display for Accepts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let end = |end: &Option<f64>| end.map(|end| end.to_string()).unwrap_or_default();

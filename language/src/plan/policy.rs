@@ -1,9 +1,9 @@
-//! The policies of a leaf: what its program may use of the host, and what happens when something around it is lost.
+//! The policies of a leaf: its program's limits on the host, and its reaction to losses around it.
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// The highest real-time priority of a program: what is above belongs to the host.
+/// The highest real-time priority of a program: higher ones belong to the host.
 pub const REALTIME_MAX: u8 = 49;
 /// The shortest pause of a back-off: a start takes as long.
 pub const BACKOFF_MIN: Duration = Duration::from_millis(10);
@@ -13,13 +13,13 @@ pub const BACKOFF_MAX: Duration = Duration::from_secs(3600);
 /// The policies of one leaf; the default is that of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Policy {
-    /// Whether its program is started again when it has ended although nobody asked it to.
+    /// Whether its program is restarted when it has ended without a request.
     pub restart: Restart,
     /// The longest time to stop after the loss of its agent. The node's grace applies if this is absent.
     pub agent_loss: Option<Duration>,
     /// The reaction while the hosts of its supervisors cannot be reached.
     pub link_loss: LinkLoss,
-    /// The limits of what the program may use.
+    /// The limits of the program's resources.
     pub usage: Usage,
     /// The longest time without a sign of life.
     pub watchdog: Watchdog,
@@ -38,7 +38,8 @@ pub enum Replacement {
     /// It is ended, and then the next one is started.
     #[default]
     BreakBeforeMake,
-    /// The next one is started beside it, takes its connections over between two values, and then it is ended.
+    /// The next program is started beside it, takes its connections over between two values, and then this one is
+    /// ended.
     Overlap,
 }
 
@@ -57,7 +58,7 @@ impl Backoff {
         BACKOFF_MIN <= self.first && self.first <= self.longest && self.longest <= BACKOFF_MAX
     }
 
-    /// Returns the pause after so many starts in a row, of which none has lasted: nothing after none.
+    /// Returns the pause after this number of short-lived starts in a row; none after none.
     pub fn pause(&self, in_a_row: u32) -> Duration {
         let Some(doublings) = in_a_row.checked_sub(1) else { return Duration::ZERO };
         let factor = 1_u32.checked_shl(doublings).unwrap_or(u32::MAX);
@@ -83,7 +84,7 @@ pub enum Restart {
     /// The program is never started again.
     #[default]
     Temporary,
-    /// After a failure: a signal, an exit code, or any end of a controller that was not told to go.
+    /// After a failure: a signal, an exit code, or any end of a controller without a request.
     Transient,
     /// Always, even when it has ended with exit code 0.
     Permanent,
@@ -95,15 +96,15 @@ pub enum LinkLoss {
     /// The program stops when they are lost, and leaves when its home is.
     #[default]
     Leave,
-    /// The program goes on.
+    /// The program continues.
     Keep,
-    /// The program stops by its own rules so long after one of them was missed.
+    /// The program stops by its own rules this long after it missed one of them.
     SafeStopAfter(Duration),
-    /// The program goes on with its activation, and begins no other.
+    /// The program continues its activation, and begins no other.
     Hold,
 }
 
-/// The limits of a program on its host. Without a limit the program has what its host gives.
+/// The limits of a program on its host. A missing limit means all that its host gives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Usage {
     /// Addressable memory, in bytes.

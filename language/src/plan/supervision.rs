@@ -1,4 +1,4 @@
-//! The supervision of a group: what becomes of its programs when one of them dies and is started again.
+//! The supervision of a group: the strategy for its programs when one of them dies and is restarted.
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -9,14 +9,14 @@ pub const RESTARTS_MAX: u32 = 1000;
 /// How a group supervises its programs; the default is that each is started again by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Supervision {
-    /// Which programs are started again with the one that has died.
+    /// The programs that are restarted together with the one that has died.
     pub strategy: Strategy,
     /// How often programs of the group are started again before the group aborts. Without it only the node's own bound for each
     /// program applies.
     pub intensity: Option<Intensity>,
 }
 
-/// Which programs of a group are started again when one of them dies and is.
+/// The strategies for a group whose program dies and is restarted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Strategy {
     /// That one.

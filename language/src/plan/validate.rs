@@ -30,7 +30,7 @@ pub enum PlanError {
         /// The index.
         index: u32,
     },
-    /// A name stands twice where it has to be unique, or is empty.
+    /// A name occurs twice where it has to be unique, or is empty.
     #[error("{what} `{name}` is empty or not unique")]
     Name {
         /// The kind of thing that carries the name.
@@ -81,7 +81,7 @@ pub enum PlanError {
         /// The first thing that is wrong with it.
         problem: String,
     },
-    /// A process of another deployment that is one of this, or none.
+    /// A process of another deployment that belongs to this one, or does not exist.
     #[error("`{path}` stands for no process of another deployment")]
     External {
         /// Path of the leaf.
@@ -109,7 +109,7 @@ pub enum PlanError {
     },
 }
 
-/// The longest name of a deployment, in bytes: that of a file.
+/// The longest name of a deployment, in bytes, as for a file.
 const DEPLOYMENT_MAX: usize = 255;
 /// The largest number of wires, ten for each leaf that there may be.
 const WIRES_MAX: usize = 10 * LEAVES_MAX;
@@ -186,7 +186,7 @@ impl Plan {
         unique("path", groups.map(|(_, group)| &group.path).chain(leaves.map(|(_, leaf)| &leaf.path)))
     }
 
-    /// No group and no leaf is reached twice from `main`. What is not reached at all was taken away.
+    /// No group and no leaf is reached twice from `main`. Those that are not reached at all were taken away.
     fn check_tree(&self) -> Result<(), PlanError> {
         let mut group_seen = vec![false; self.groups.len()];
         let mut leaf_seen = vec![false; self.leaves.len()];
@@ -267,7 +267,7 @@ impl Plan {
     }
 }
 
-/// Walks without recursion: the depth of what arrives is not known.
+/// Walks without recursion: the depth of a received plan is not known.
 fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
     let mut waiting = vec![(root, 1)];
     while let Some((expression, depth)) = waiting.pop() {

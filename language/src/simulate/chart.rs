@@ -7,14 +7,14 @@ use std::time::Duration;
 
 use super::Transition;
 
-/// A chart keeps no more bars than this; what comes later is not drawn.
+/// The most bars of a chart; later ones are not drawn.
 const BARS_MAX: usize = 10_000;
 /// The height of a line, and of a bar in it.
 const LINE: f64 = 24.0;
 const BAR: f64 = 14.0;
 /// The width of the time that is shown.
 const PLOT: f64 = 460.0;
-/// The room around the whole, and what a letter takes.
+/// The room around the chart, and the width of a letter.
 const MARGIN: f64 = 12.0;
 const LETTER: f64 = 6.6;
 /// The indentation of a name for each level of groups, in pixels.
@@ -36,7 +36,7 @@ pub(super) struct Timeline {
 
 #[derive(Clone, Debug)]
 struct Bar {
-    /// The path of the process, or of the group and what it waits for.
+    /// The path of the process, or of the group and the thing it waits for.
     line: String,
     from: Duration,
     end: Option<(Duration, Transition)>,
@@ -63,11 +63,11 @@ impl Timeline {
         }
     }
 
-    /// Returns the picture, as SVG, of what happened until `now`.
+    /// Returns the picture, as SVG, of the time until `now`.
     pub(super) fn svg(&self, plan: &Plan, now: Duration) -> String {
         let lines = self.lines(plan);
         let names = lines.iter().map(|line| line.indent + letters(&line.name)).fold(0.0, f64::max);
-        // What is short is drawn as if it took a second: something has to be seen.
+        // A short run is drawn as if it took a second, so that it stays visible.
         let seconds = now.as_secs_f64().max(1.0);
         let page = Page { left: MARGIN + names + 14.0, scale: PLOT / seconds, now };
         let reasons = self.bars.iter().filter_map(reason).map(letters).fold(40.0, f64::max);
@@ -93,7 +93,7 @@ impl Timeline {
         out + "</svg>\n"
     }
 
-    /// The lines: a group, what it waits for, then its members, each in the order in which they began.
+    /// The lines: a group, its waits, then its members, each in the order in which they began.
     fn lines(&self, plan: &Plan) -> Vec<Line> {
         let mut began: BTreeMap<&str, usize> = BTreeMap::new();
         for (index, bar) in self.bars.iter().enumerate() {
@@ -274,7 +274,7 @@ fn letters(text: &str) -> f64 {
 }
 
 fn draw(out: &mut String, shape: std::fmt::Arguments<'_>) {
-    // A string takes whatever is written to it.
+    // Writing to a string cannot fail.
     let written = out.write_fmt(shape);
     debug_assert!(written.is_ok());
     out.push('\n');

@@ -26,7 +26,7 @@ pub enum SimulationError {
         /// The name as it was given.
         name: String,
     },
-    /// The line is none of those that are understood.
+    /// The line is not understood.
     #[error(
         "expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `{line}`"
     )]
@@ -42,7 +42,7 @@ impl Simulation<'_> {
     /// pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
-    /// The line is no command, or it names no running process.
+    /// The line is not a command, or it names no running process.
     pub fn obey(&mut self, line: &str) -> Result<(), SimulationError> {
         let text = line.split("//").next().unwrap_or("").trim();
         let (first, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));

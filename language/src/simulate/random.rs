@@ -54,7 +54,7 @@ impl RandomRun {
             (Some((due, path, ending)), timer) if timer.is_none_or(|timer| due < timer) => {
                 simulation.pass(due.saturating_sub(simulation.now()));
                 self.due.remove(&path);
-                // It may have been stopped by what happened before.
+                // It may have been stopped by the previous event.
                 drop(simulation.end(&path, ending));
             }
             (_, Some(timer)) => simulation.pass(timer.saturating_sub(simulation.now())),

@@ -25,7 +25,7 @@ pub enum ReplayError {
     Impossible {
         /// The event.
         event: TraceEvent,
-        /// What is in its way.
+        /// The reason why it is not possible.
         why: &'static str,
     },
     /// A simulation has no hosts that are lost.
@@ -36,7 +36,7 @@ pub enum ReplayError {
     },
 }
 
-/// What a story has still to say something of.
+/// The story's open statements.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pending {
     /// The group that the story is about.
@@ -47,7 +47,7 @@ pub(super) struct Pending {
     pub(super) ordered: BTreeSet<usize>,
     /// The groups that stop because their programs have died too often: they will have failed.
     pub(super) escalating: BTreeSet<usize>,
-    /// The processes whose orders and reports travel between hosts.
+    /// The processes whose orders and reports take time between hosts.
     travels: BTreeSet<String>,
     /// The orders to start that are on their way, by path.
     sent: BTreeMap<String, (ActivationRef, Value)>,
@@ -56,7 +56,7 @@ pub(super) struct Pending {
     hung: BTreeSet<u32>,
     /// The leaves that have died and are started again.
     away: BTreeSet<u32>,
-    /// The leaves that cannot be started any more.
+    /// The leaves that can no longer be started.
     pub(super) given_up: BTreeSet<u32>,
 }
 
@@ -120,7 +120,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Whether the plan has what the event is about.
+    /// Whether the plan has the subject of the event.
     fn known(&self, event: &TraceEvent) -> Result<(), ReplayError> {
         let Some(path) = event.path() else { return Ok(()) };
         let is_known = self.leaf(path).is_some() || self.group(path).is_some();
@@ -222,7 +222,7 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// A leaf that was asked to stop has stopped, or nobody can say whether it has.
+    /// A leaf with an order to stop has stopped, or its stop is unconfirmed.
     fn answers(&mut self, leaf: u32, is_unconfirmed: bool) -> Result<(), &'static str> {
         let seat = self.pending().stopping.remove(&leaf).ok_or("it was not asked to stop")?;
         let ActivationRef { group, member, activation } = seat;
@@ -353,7 +353,7 @@ impl<'a> Simulation<'a> {
         let (seat, value) = self.pending().sent.remove(path).ok_or("no order to start it is on its way")?;
         self.note(path.to_owned(), Transition::Started);
         match self.plan.groups[seat.group].members[seat.member as usize].kind {
-            // One that was asked to stop meanwhile answers that.
+            // A leaf that was asked to stop in the meantime answers that order.
             MemberKind::Leaf(leaf) if self.pending().stopping.contains_key(&leaf) => {}
             MemberKind::Leaf(leaf) => {
                 self.leaves.insert(leaf, seat);

@@ -1,4 +1,4 @@
-//! What happens in a story that a verifier tells, one line of text each: `done main/arm found`, `elapsed main 1`, `lost c2`.
+//! The events in a story of a verifier, one line of text each: `done main/arm found`, `elapsed main 1`, `lost c2`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,7 +6,7 @@ use std::str::FromStr;
 /// Something that happens to a running plan. Processes are named by their paths, groups too.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TraceEvent {
-    /// This group is started, as the whole of what is looked at.
+    /// This group is started, as the whole of the story.
     Start(String),
     /// The whole is asked to stop.
     Stop,
@@ -34,7 +34,7 @@ pub enum TraceEvent {
     TooMany(String),
     /// A host is lost, with everything on it.
     Lost(String),
-    /// A host reaches no other, and goes on.
+    /// A host can reach no other, and continues.
     Cut(String),
     /// The node of a host notes that another is lost.
     Noted(String),
@@ -45,19 +45,19 @@ pub enum TraceEvent {
 /// A fault of a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ProgramFault {
-    /// It dies; its policy says whether it is started again.
+    /// It dies; its policy decides whether it is restarted.
     Crash,
     /// It dies, and has died too often to be started again.
     CrashTooOften,
     /// It dies, once more than its group bears.
     CrashTooMany,
-    /// It never ends by itself any more.
+    /// It hangs: it never ends by itself.
     Hang,
     /// Nobody can confirm that it has stopped.
     Unanswered,
 }
 
-/// The line is none of those that are understood.
+/// The line is not understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "expected what happens, such as `done main/arm`, `fails main/arm`, `elapsed main 1`, `stop` or `lost c2`, found `{line}`"
@@ -152,7 +152,7 @@ impl FromStr for TraceEvent {
     }
 }
 
-/// What happens to one process, group or host.
+/// An event of one process, group or host.
 fn of_one(word: &str, name: String) -> Option<TraceEvent> {
     Some(match word {
         "start" => TraceEvent::Start(name),

@@ -3,11 +3,11 @@
 use super::{Origin, Position, Source, Span};
 use std::ops::Range;
 
-/// Characters are counted in blocks of so many bytes.
+/// The block size for counting characters, in bytes.
 const BLOCK: usize = 1024;
 
-/// Where the lines of a text begin, and how many characters stand before each block of it: a place costs the same
-/// wherever it is, in a text of any length on any number of lines.
+/// The beginnings of a text's lines, and how many characters stand before each block: looking up a place costs the same
+/// anywhere, in a text of any length on any number of lines.
 #[derive(Clone, Debug)]
 pub struct Lines<'a> {
     source: &'a Source,
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The position as it is defined.
+    /// The position by its definition.
     fn counted(text: &str, offset: usize) -> Position {
         let before = &text[..offset];
         let start = before.rfind('\n').map_or(0, |newline| newline + 1);

@@ -1,8 +1,8 @@
-//! Every file of the corpus says what it always said.
+//! Every file of the corpus compiles to its expected result.
 //!
-//! `name.dca` is compiled alone and compared with `name.expected`; where there is a `name.interface`, it is compiled with
-//! these interfaces too and compared with `name.interface.expected`. Files that a spec uses are in `parts/`, folders beside.
-//! `UPDATE_EXPECT=1` writes the expected files anew.
+//! `name.dca` is compiled alone and compared with `name.expected`; if there is a `name.interface`, it is also compiled
+//! with these interfaces and compared with `name.interface.expected`. Files that a spec uses are in `parts/`, folders
+//! beside. `UPDATE_EXPECT=1` rewrites the expected files.
 
 use crate::disk;
 
@@ -85,7 +85,7 @@ fn every_code_occurs() {
     for found in compile(&long, &[], &Options::named("long")).diagnostics {
         missing.remove(&found.code);
     }
-    // What only `dca verify` says is tested there.
+    // Diagnostics of `dca verify` are tested there.
     missing.retain(|code| !("E0811"..="E0819").contains(&code.as_str()));
     assert_eq!(missing, BTreeSet::new());
 }
@@ -218,7 +218,7 @@ fn activity(chart: &StateChart, name: &dyn Fn(u32) -> String) -> String {
     text
 }
 
-/// The paper's own listings run as they are printed; what they leave open is said in warnings.
+/// The paper's listings run in their printed form; warnings report their gaps.
 #[test]
 fn the_papers_listings_are_accepted_and_fixed() {
     for name in ["paper_appendix_a", "paper_compliant_motion"] {

@@ -3,7 +3,7 @@
 use language::Content;
 use std::path::Path;
 
-/// Returns what a path names.
+/// Returns the content at a path.
 pub(crate) fn content(path: &Path) -> Result<Content, String> {
     if let Ok(text) = std::fs::read_to_string(path) {
         return Ok(Content::File(text));

@@ -1,4 +1,4 @@
-//! `dca fix` writes only what it knows: a fix leaves no other reading, and everything else is for a person to choose.
+//! `dca fix` applies only certain fixes: a fix leaves no other reading, and everything else is for a person to choose.
 //!
 //! More mistakes by hand: `DCA_FIX_CASES=100000 cargo test -p language --test all fixes::`
 

@@ -81,7 +81,7 @@ fn the_specs_are_formatted() {
     }
 }
 
-/// The texts that may stand between two tokens without a change of meaning.
+/// The texts that are allowed between two tokens without a change of meaning.
 const BETWEEN: &[&str] = &[
     " ",
     "  ",

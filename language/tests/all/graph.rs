@@ -1,4 +1,4 @@
-//! Pictures of small specs, to the letter; `UPDATE_EXPECT=1` writes them anew. Look at them after a change.
+//! Pictures of small specs, compared exactly; `UPDATE_EXPECT=1` rewrites them. Look at them after a change.
 
 use language::{Graph, Options, Source, graph};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
-//! The cost of a text grows with its length and no faster, whatever the text contains.
+//! The cost of a text grows at most linearly with its length, for any text.
 //!
-//! One long text is compared with four of a quarter of it: that costs as much if the work is linear, and a quarter of it if
-//! the work is quadratic. Time is what this thread had of a processor, so that a loaded machine changes nothing.
+//! One long text is compared with four of a quarter of it: these cost as much if the work is linear, and a quarter of
+//! it if the work is quadratic. Time is the processor time of this thread, so that a loaded machine changes nothing.
 
 use language::{Options, Source, Style, compile, format, render};
 
@@ -15,7 +15,7 @@ fn spent() -> f64 {
     nanoseconds * 1e-9
 }
 
-/// Reads a text as `dca check`, `dca fmt` and an editor do, and says all there is to say.
+/// Reads a text like `dca check`, `dca fmt` and an editor, and renders all diagnostics.
 fn work(text: &str) {
     let source = Source::new("long.dca", text);
     let compiled = compile(&source, &[], &Options::named("long"));
@@ -35,7 +35,7 @@ fn cost(text: &str, times: usize) -> f64 {
 fn check(what: &str, size: usize, text: &dyn Fn(usize) -> String) {
     let (small, large) = (text(size / 4), text(size));
     let ratio = || cost(&large, 1) / cost(&small, 4).max(0.004);
-    // What the machine does beside may make one try dearer, and none cheaper.
+    // Other work of the machine may make one try slower, and none faster.
     let mut ratios = Vec::new();
     while ratios.last().is_none_or(|ratio| *ratio >= RATIO_MAX) {
         assert!(ratios.len() < 3, "{what}: {ratios:.2?}");
@@ -103,7 +103,7 @@ fn many_mistakes() {
     });
 }
 
-/// A suggestion compares a name with all that are known: only so many are compared.
+/// A suggestion compares a name with known names: only a limited number is compared.
 #[test]
 fn similar_names() {
     check("unknown resources", 6000, &|size| {

@@ -1,4 +1,4 @@
-//! A hostile user: good specs with random mistakes in them, and what is too much of something.
+//! A hostile user: good specs with random mistakes in them, and texts that exceed a limit.
 //!
 //! Nothing panics, every place of every remark is in its text, and each fix that is offered removes its remark and brings no
 //! new error. More mistakes by hand: `DCA_HOSTILE_CASES=100000 cargo test -p language --test all hostile::mistakes`
@@ -50,7 +50,7 @@ fn misspelt(word: &str, random: &mut Random) -> String {
     letters.into_iter().collect()
 }
 
-/// Checks what is said of a text, and that each fix helps; returns how many fixes there were.
+/// Checks the diagnostics of a text, and that each fix helps; returns how many fixes there were.
 fn check_all(name: &str, text: &str, interfaces: &[Source]) -> usize {
     let before = check(name, text, interfaces);
     let fixes = before.diagnostics.iter().flat_map(|found| changes(found).map(move |fix| (found, fix)));
@@ -87,7 +87,7 @@ fn check_fix(name: &str, text: &str, interfaces: &[Source], before: &Compiled, (
     let tell = |text: &str, compiled: &Compiled| {
         render(&compiled.diagnostics, &Source::new("hostile.dca", text), interfaces, Style::Plain)
     };
-    // A choice is for a person, who may choose a name that does not fit.
+    // A choice is for a user, who may choose a wrong name.
     let is_choice = found.fix.as_ref() != Some(fix);
     let (mut fixed, mut at, mut fix) = (text.to_owned(), found.primary.span, fix.clone());
     for round in 0.. {
@@ -107,7 +107,7 @@ fn check_fix(name: &str, text: &str, interfaces: &[Source], before: &Compiled, (
         (at, fix) = (again.primary.span, next.clone());
     }
     let after = run(&fixed, interfaces);
-    // Where the syntax is mended, what was hidden comes to light; nothing else brings an error.
+    // Once the syntax is fixed, hidden errors appear; no other fix adds an error.
     let is_syntax = |it: &Diagnostic| it.code.as_str() < "E0006";
     let errors = |compiled: &Compiled, is_counted: &dyn Fn(&Diagnostic) -> bool| {
         compiled.diagnostics.iter().filter(|it| it.severity == Severity::Error && is_counted(it)).count()
@@ -157,7 +157,7 @@ fn mistakes_are_told_and_fixed() {
             let hook = std::panic::catch_unwind(|| check_all(&name, &text, interfaces));
             wrong += usize::from(hook.is_err());
         } else if is_random {
-            // It has mistakes of its own, and one of them may hide behind another.
+            // It has other mistakes, and one of them may hide behind another.
             check(&name, &text, interfaces);
         } else {
             fixes += check_all(&name, &text, interfaces);
@@ -167,7 +167,7 @@ fn mistakes_are_told_and_fixed() {
     assert_eq!(wrong, 0);
 }
 
-/// Text that is no text of this language.
+/// Bytes that are not a text of this language.
 #[test]
 fn bytes_are_told() {
     for seed in 0..2000 {
@@ -185,7 +185,7 @@ fn random_letter(random: &mut Random) -> char {
     char::from_u32(range.start + u32::try_from(offset).expect("a small offset")).unwrap_or('x')
 }
 
-/// The kinds of trivia and tokens are what the generator thinks.
+/// The lexer sees the trivia and tokens that the generator intends.
 #[test]
 fn the_generator_writes_tokens() {
     assert!(lex("process").iter().all(|token| token.kind == SyntaxKind::Ident));
@@ -259,7 +259,7 @@ fn words_of_the_language_are_good_names() {
              internal_event_actions{{ using({word}) a : match {{ {word} => skip }} }} }}
              module A(host: Host) {{ done({word}); }}"
         );
-        // `host` is the first argument of a module, whatever else it declares; the truth and the types are taken.
+        // `host` is the first argument of every module; truth values and the names of types are reserved.
         let texts =
             [("instance", instance), ("port", port), ("type", kind), ("parameter", param), ("outcome", outcome)];
         for (what, text) in texts {

@@ -1,6 +1,6 @@
 //! The tests of `language`, in one program.
 
-// What several of them read or draw.
+// Helpers for several of them.
 mod disk;
 mod good_files;
 mod random;

@@ -1,14 +1,14 @@
-//! The manual in `docs/` says nothing that is not so.
+//! The statements of the manual in `docs/` are true.
 //!
 //! Every block of its pages that is marked `dca` is checked, formatted and simulated; every drawing and every answer of
-//! `dca check` is made anew and compared; the chapter on diagnostics is written by this test. `UPDATE_EXPECT=1` writes
+//! `dca check` is made again and compared; the chapter on diagnostics is written by this test. `UPDATE_EXPECT=1` writes
 //! all of it into the pages:
 //!
 //! ```text
 //! UPDATE_EXPECT=1 cargo test -p language --test all manual::
 //! ```
 //!
-//! What a block is, its first line says:
+//! The first line of a block defines its kind:
 //! - ` ```dca ` a whole spec; with a name (` ```dca,touch.dca `) later blocks of the page can refer to it; with `refused`
 //!   it has errors;
 //! - ` ```dca,actions ` event actions alone, whose processes are made up: those in [`SERVICES`] never end;
@@ -33,7 +33,7 @@ const WORDS: [&str; 19] = [
     "skip", "never", "fail", "wait", "else", "within", "retry", "pause", "any", "of", "all", "race", "in", "match",
     "shield", "using", "i", "finally", "as",
 ];
-/// Remarks on what makes no sense: no spec of the manual deserves one.
+/// Remarks on meaningless code: no spec of the manual deserves one.
 const MISTAKES: [Code; 5] = [Code::W0311, Code::W0403, Code::W0405, Code::W0406, Code::W0407];
 /// Runs by chance of each spec.
 const SEEDS: u64 = 5;
@@ -208,7 +208,7 @@ fn check(spec: &Source) -> String {
     said
 }
 
-/// A good spec runs by chance, and whatever it does then, a stop ends it.
+/// A good spec runs by chance, and in any state a stop ends it.
 fn simulate(page: &str, spec: &Source) {
     let Some(plan) = compile(spec, &interfaces(), &Options::named("manual")).plan else { return };
     assert_eq!(plan.validate(), Ok(()), "{page}");
@@ -219,7 +219,7 @@ fn simulate(page: &str, spec: &Source) {
         while simulation.outcome().is_none() && steps.next().is_some() && chance.step(&mut simulation) {}
         if simulation.outcome().is_none() {
             simulation.stop();
-            // What is shielded ends by itself, or its time is over.
+            // Shielded members end by themselves, or their time is over.
             while simulation.outcome().is_none() && chance.step(&mut simulation) {}
         }
         assert!(simulation.outcome().is_some(), "{page}: {} cannot be stopped", spec.text);
@@ -283,7 +283,7 @@ fn places(page: &Path) -> BTreeSet<String> {
     headings.map(letters).collect()
 }
 
-/// The words of the grammar are those that the editors know.
+/// The grammar has the words that the editors know.
 #[test]
 fn the_grammar_has_the_words_that_editors_colour() {
     let colours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../editors/vscode/syntaxes/dca.tmLanguage.json");
@@ -348,7 +348,7 @@ fn every_section_of_a_group_is_listed() {
     assert_eq!(rows.collect::<BTreeSet<_>>(), sections);
 }
 
-/// The README and the list of examples say how many programs open the door.
+/// The README and the list of examples give the number of programs that open the door.
 #[test]
 fn the_programs_of_the_door_are_counted() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -51,7 +51,7 @@ pub(crate) fn spec(seed: u64) -> String {
     text
 }
 
-/// Writes what stands between two tokens: white space, comments, or nothing where that means the same.
+/// Writes the text between two tokens: white space, comments, or nothing if that means the same.
 fn between(random: &mut Random, (rarity, airy): (usize, usize), text: &mut String, (before, next): (&str, &str)) {
     let length = text.len();
     blank(random, airy, text);

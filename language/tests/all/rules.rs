@@ -1,7 +1,7 @@
-//! Every rule that the manual gives for an operator is what `step` does.
+//! `step` follows every rule that the manual gives for an operator.
 //!
-//! The rules are the items of the lists in `docs/src/operators.md`. Each needs a run in [`RULES`]: an expression, then events
-//! with what the supervisor does about them. The equations of the page, such as `P? = P else skip`, are read from it, and
+//! The rules are the items of the lists in `docs/src/operators.md`. Each needs a run in [`RULES`]: an expression, then
+//! events with the supervisor's reactions. The equations of the page, such as `P? = P else skip`, are read from it, and
 //! both sides are compared with every event in every state.
 
 use language::algebra::{Activity, Cause, Command, Event, Outcome, Program, State, Value, step};
@@ -13,7 +13,7 @@ mod table;
 
 use table::RULES;
 
-/// A group with what an expression of the page may name, and the expression.
+/// A group with the names that an expression of the page may use, and the expression.
 fn program(actions: &str) -> (Program, Vec<String>) {
     let text = format!(
         "const d = 5 s;
@@ -132,7 +132,7 @@ impl Run {
     }
 }
 
-/// `P(x+y)` with the value as it is shown.
+/// `P(x+y)` with the value in its printed form.
 fn expected(text: &str) -> Vec<String> {
     let parts = text.split(", ").filter(|part| !part.is_empty());
     let parts = parts.map(|part| match part.split_once('(') {
@@ -196,7 +196,7 @@ fn every_rule_of_the_manual_is_what_step_does() {
     assert!(rules.is_empty(), "rules of the manual without a run in tests/rules/table.rs: {rules:#?}");
 }
 
-/// The equations that stand in the text: two expressions of processes P, Q, R.
+/// The equations in the text: two expressions of processes P, Q, R.
 fn equations(page: &str) -> Vec<(String, String)> {
     let quoted = page.split("```").step_by(2).flat_map(|text| text.split('`').skip(1).step_by(2));
     let sides = quoted.filter(|quoted| !quoted.contains("=>")).filter_map(|quoted| quoted.split_once(" = "));
@@ -204,7 +204,7 @@ fn equations(page: &str) -> Vec<(String, String)> {
     sides.map(|(left, right)| (whole(left), whole(right))).collect()
 }
 
-/// Of which the page says that it holds for what is started with nothing.
+/// The page says that this law only holds for a start without a value.
 const STARTED_WITH_NOTHING: &str = "skip ; P";
 
 /// Compares both sides with every event in every state. Where operands change their places, values are empty and commands

@@ -2,7 +2,7 @@
 
 use language::plan::{DEADLINE, Plan};
 
-/// Returns a plan as text, without the places that its deadlines are told by, which move with the text.
+/// Returns a plan as text, without the places of its deadlines, which move with the text.
 pub(crate) fn shown(plan: &Plan) -> String {
     let text = format!("{plan:?}");
     let mut pieces = text.split(DEADLINE);

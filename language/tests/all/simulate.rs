@@ -16,7 +16,7 @@ fn files(folder: &str) -> Vec<PathBuf> {
     files
 }
 
-/// Runs a spec by chance; returns how it ended, if it is one that can be run and that has ended.
+/// Runs a spec by chance; returns its outcome, if it can be run and has ended.
 fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<Transition>> {
     let read =
         |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).expect("a spec is text"));
@@ -55,7 +55,7 @@ fn nothing_of_the_corpus_is_left_behind() {
     assert!(ended > 5, "{ended}");
 }
 
-/// Two groups on two hosts are handed one resource: whoever starts, the other waits until all of it has ended.
+/// Two groups on two hosts share one resource: whichever starts, the other waits until all of the first has ended.
 #[test]
 fn groups_that_share_a_resource_run_one_after_the_other() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/resource_handed.dca");
@@ -68,7 +68,7 @@ fn groups_that_share_a_resource_run_one_after_the_other() {
         let mut order = Vec::new();
         while simulation.outcome().is_none() && chance.step(&mut simulation) {
             let running = simulation.running();
-            // A leaf of whatever group: `main/left/look`, `main/right/one/move`.
+            // A leaf of any group: `main/left/look`, `main/right/one/move`.
             let groups: std::collections::BTreeSet<&str> =
                 running.iter().filter_map(|path| path.rsplit_once('/')).map(|(group, _)| group).collect();
             assert!(groups.len() < 2, "seed {seed}: {running:?}");

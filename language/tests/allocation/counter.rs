@@ -1,4 +1,4 @@
-//! An allocator that counts what each thread asks for, for whoever says that something costs no memory.
+//! An allocator that counts the allocations of each thread, for code that promises to need no memory.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -27,7 +27,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Returns how many allocations this thread has made so far.
+/// Returns how many allocations this thread has made up to now.
 pub(crate) fn allocations() -> u64 {
     ALLOCATIONS.get()
 }

@@ -1,7 +1,7 @@
 //! Carries the state of a group over to other event actions, while it runs.
 //!
-//! What has not started may be anything else afterwards. What runs has to stand in the new expression where it stands now, with
-//! three ways to give way around `,`, `#` and `&`:
+//! Operands that have not started may change completely. Running members need the same place in the new expression,
+//! with three exceptions around `,`, `#` and `&`:
 //!
 //! ```text
 //!   a , b        →  a , b , c     c starts, with the empty value; so does it where `a` alone becomes `a , c`
@@ -32,9 +32,9 @@ pub struct Carried {
     pub state: State,
     /// The new numbers of the timers that run on, by the old ones.
     pub timers: BTreeMap<u32, u32>,
-    /// What ends, with the old numbers of timers; it comes first.
+    /// The commands that end members, with the old numbers of timers; they come first.
     pub ended: Vec<Command>,
-    /// What begins, with the new numbers of timers.
+    /// The commands that begin members, with the new numbers of timers.
     pub begun: Vec<Command>,
     /// How the group has ended by that, if it has.
     pub outcome: Option<Outcome>,
@@ -53,7 +53,7 @@ pub struct Misfit {
 /// members that are taken away.
 ///
 /// # Errors
-/// What runs and has no place in the next program.
+/// The running members without a place in the next program.
 pub fn carry(old: (&Program, &State), next: &Program, gone: &BTreeSet<u32>) -> Result<Carried, Misfit> {
     let (program, state) = old;
     let mut carrying = Carrying { program, state, next, gone, left: COMPARISONS_MAX, draft: Draft::new(state, next) };
@@ -65,7 +65,7 @@ pub fn carry(old: (&Program, &State), next: &Program, gone: &BTreeSet<u32>) -> R
     Ok(carrying.finish())
 }
 
-/// What is known of the next state.
+/// The draft of the next state.
 struct Draft {
     cells: Vec<Cell>,
     seats: Vec<MemberState>,
@@ -76,7 +76,7 @@ struct Draft {
     begun: Vec<Command>,
     /// New operands that start, each with the operator that it belongs to.
     starts: Vec<(usize, usize)>,
-    /// New operators whose operands are counted anew.
+    /// New operators whose operands have to be counted again.
     counted: BTreeSet<usize>,
 }
 
@@ -235,7 +235,7 @@ impl Carrying<'_> {
         old.operands(o).zip(new.operands(n)).try_for_each(|(o, n)| self.place(o, n, calm))
     }
 
-    /// Only one arm of a `match` runs; it is the one of its tag in the new one, too.
+    /// Only one arm of a `match` runs; in the new program it is also the arm of its tag.
     fn place_arm(&mut self, o: usize, n: usize, calm: bool) -> Result<(), Misfit> {
         self.put(o, n);
         let (old, new) = (self.program, self.next);
@@ -287,7 +287,7 @@ impl Carrying<'_> {
         self.draft.begun.extend(only(new, old).into_iter().map(|set| Command::Connect { set }));
     }
 
-    /// Makes the state, and starts what is new.
+    /// Makes the state, and starts the new operands.
     fn finish(self) -> Carried {
         let Self { state: old, next, mut draft, .. } = self;
         let mut holders = vec![None; next.resources().len()];
@@ -317,7 +317,7 @@ impl Carrying<'_> {
 }
 
 impl Reaction<'_, Vec<Cell>, Vec<MemberState>> {
-    /// Starts new operands, and ends the operators that wait for nothing any more.
+    /// Starts new operands, and ends the operators that no longer wait for anything.
     fn begin_anew(&mut self, starts: &[(usize, usize)], counted: &BTreeSet<usize>) -> Option<Outcome> {
         for &(parent, operand) in starts {
             if self.cell(parent).phase == Phase::Running
@@ -348,7 +348,7 @@ impl Reaction<'_, Vec<Cell>, Vec<MemberState>> {
 }
 
 impl State {
-    /// Returns the idle state of a program that takes the place of this one's: the numbers of activations go on.
+    /// Returns the idle state of a program that replaces this one's: the numbers of activations continue.
     pub fn idle_for(&self, next: &Program) -> Self {
         let mut state = Self::new(next);
         for (seat, before) in state.seats.iter_mut().zip(&self.seats) {

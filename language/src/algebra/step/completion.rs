@@ -3,7 +3,7 @@
 use super::{Cell, Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
 
-/// Why a `;;` whose round takes no time is aborted.
+/// The reason why a `;;` whose round takes no time is aborted.
 pub(super) const INSTANT: &str = "a round of `;;` took no time";
 
 impl<C: Cells, S: Seats> Reaction<'_, C, S> {
@@ -120,7 +120,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.drain(node, outcome)
     }
 
-    /// ANY: `any k of` ends when `k` are done or cannot be any more.
+    /// ANY: `any k of` ends when `k` are done or cannot be done any more.
     pub(super) fn any(&mut self, node: usize, count: u32) -> Option<Outcome> {
         let cell = self.cell(node);
         if cell.done >= count {
@@ -146,7 +146,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     }
 }
 
-/// Returns what the second operand of `else` gets to read: the member's own report, or our words for what went wrong.
+/// Returns the input of the second operand of `else`: the member's own report, or a text for the cause.
 fn report(cause: Cause) -> Value {
     match cause {
         Cause::Reported(report) => report,

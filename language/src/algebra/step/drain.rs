@@ -17,7 +17,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.drain_open(node, open, outcome)
     }
 
-    /// DRAIN of so many operands that are still active.
+    /// DRAIN of `open` operands that are still active.
     pub(super) fn drain_open(&mut self, node: usize, open: u32, outcome: Outcome) -> Option<Outcome> {
         self.clear(node);
         if open == 0 {
@@ -77,7 +77,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         }
     }
 
-    /// stop(never) = killed, and so for what a slot holds.
+    /// stop(never) = killed, and the same for a value in a slot.
     pub(super) fn kill(&mut self, node: usize) -> Option<Outcome> {
         self.clear(node);
         Some(Outcome::Stopped)
@@ -124,14 +124,14 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         None
     }
 
-    /// stop of a `::` that lets its pool come to an end: the pool is stopped too.
+    /// stop of a `::` that lets its pool come to an end: the pool is stopped as well.
     fn stop_pool(&mut self, node: usize) -> Option<Outcome> {
         let decided = self.cell(node).outcome.take();
         self.drain(node, decided.filter(is_unconfirmed).unwrap_or(Outcome::Stopped))
     }
 }
 
-/// Keeps the first unconfirmed stop as what has been decided.
+/// Keeps the first unconfirmed stop as the decided outcome.
 pub(super) fn prefer_unconfirmed(decided: &mut Outcome, outcome: Outcome) {
     if is_unconfirmed(&outcome) && !is_unconfirmed(decided) {
         *decided = outcome;

@@ -41,7 +41,8 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         }
     }
 
-    /// [e-stopped]; whatever a stopping member says confirms its stop. An active one has stopped unasked: it failed.
+    /// [e-stopped]; any report of a stopping member confirms its stop. An active member has stopped without an order:
+    /// it failed.
     pub(super) fn e_stopped(&mut self, node: usize) -> Outcome {
         self.e_abort(node, Value::EMPTY)
     }

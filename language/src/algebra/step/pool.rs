@@ -30,7 +30,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         }
     }
 
-    /// The source has left a value: a place of the pool gets it and the source starts anew, or both wait for a place.
+    /// The source has left a value: a place of the pool gets it and the source is restarted, or both wait for a place.
     /// [rec-instant]: a pool that is not full after as many rounds as it has places will never be.
     fn spawn(&mut self, node: usize, mut value: Value) -> Option<Outcome> {
         let source = self.program.first(node);
@@ -52,7 +52,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.wind_down(node, aborted(Cause::Failed(INSTANT.into())))
     }
 
-    /// Something has failed: the source is stopped, and what it has set off comes to its end.
+    /// Something has failed: the source is stopped, and the members that it has started come to their end.
     fn wind_down(&mut self, node: usize, mut outcome: Outcome) -> Option<Outcome> {
         if let Some(ended) = self.stop(self.program.first(node)) {
             prefer_unconfirmed(&mut outcome, ended);

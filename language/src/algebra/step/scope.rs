@@ -12,7 +12,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.pass(node, outcome)
     }
 
-    /// SHIELD: who asked for a stop in the meantime hears that it has stopped, however it has ended.
+    /// SHIELD: after a stop in the meantime, the operator around it hears that it has stopped, however it has ended.
     pub(super) fn shield(&mut self, node: usize, outcome: Outcome) -> Outcome {
         let is_held_up = self.cell(node).phase == Phase::Second;
         if is_held_up && let Kind::Shield { bound: Some(Bound { timer, .. }) } = self.program.nodes[node].kind {
@@ -23,7 +23,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         if is_held_up && !is_unconfirmed(&outcome) { Outcome::Stopped } else { outcome }
     }
 
-    /// stop(shield(C)) = shieldK(C), and that stays as it is.
+    /// stop(shield(C)) = shieldK(C), which does not change any more.
     pub(super) fn stop_shield(&mut self, node: usize, bound: Option<Bound>) -> Option<Outcome> {
         if self.cell(node).phase == Phase::Running {
             self.enter(node, Phase::Second);
@@ -45,7 +45,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.hold(node, value)
     }
 
-    /// Whether a `using` can have all it wants, before what waits behind the first `ahead` of the queue.
+    /// Whether a `using` can have all its resources, before those behind the first `ahead` of the queue.
     fn is_free(&self, node: usize, ahead: usize) -> bool {
         let taken = self.program.taken(node);
         let is_wanted =
@@ -61,7 +61,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         Some(self.using(node, outcome))
     }
 
-    /// USING: what was taken is free again.
+    /// USING: the resources are free again.
     pub(super) fn using(&mut self, node: usize, outcome: Outcome) -> Outcome {
         for &index in self.program.taken(node) {
             self.state.holders[index] = None;

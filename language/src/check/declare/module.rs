@@ -12,7 +12,7 @@ use crate::syntax::SyntaxKind::{self, Constant, Params, Text};
 use crate::syntax::ast::Node;
 use std::time::Duration;
 
-/// How long a module may take to stop, unless its interface says otherwise.
+/// How long a module may take to stop, unless its interface sets another time.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(2);
 
 /// Reads a `module` block; `places` are where its text is damaged.
@@ -131,7 +131,7 @@ fn add_port(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     };
     let is_answer = matches!(role, Some(CallRole::Procedure | CallRole::State));
     let direction = if word.text == "in" || is_answer { Direction::In } else { Direction::Out };
-    // What is exported is there for whoever calls it.
+    // An export may be used by any caller, or by none.
     let is_optional = is_answer || names.any(|word| word.text == "optional");
     let argument = item.child(SyntaxKind::Called).and_then(|called| super::kind(&called, reader));
     let kind = super::kind(item, reader);

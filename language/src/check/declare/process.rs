@@ -152,7 +152,7 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
     damage
 }
 
-/// Every section but the connections stands at most once.
+/// Every section except the connections occurs at most once.
 fn check_sections(node: &Node, diagnostics: &mut Diagnostics) {
     let sections = [
         SyntaxKind::Host,
@@ -264,7 +264,7 @@ impl Instances {
                 reader.diagnostics.push(twice("instance", &name.text, name.span, first));
                 break;
             }
-            // What is wrong with one of them is wrong with most, and is said once.
+            // A mistake in one of them is usually in most, and is reported once.
             let indices = [("i".to_owned(), index)];
             let scope = Scope { indices: &indices, ..reader.scope };
             let mut reader = Reader { scope, diagnostics: reader.diagnostics };
@@ -322,7 +322,7 @@ fn endpoint(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<
 #[derive(Default)]
 struct Sets {
     all: Vec<Set>,
-    /// Where each set stands, by owner and label.
+    /// The place of each set, by owner and label.
     known: BTreeMap<(Option<usize>, Option<String>), Span>,
     /// Whether all of them could be read.
     are_whole: bool,
@@ -387,7 +387,7 @@ fn connections(section: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> V
             true => Transfer::Pull,
             false => Transfer::Push,
         };
-        // `robot[i], Out -> map, In` stands for one connection of each robot.
+        // `robot[i], Out -> map, In` means one connection of each robot.
         let variable = index::unbound(&ends, names, bindings);
         let count = variable.as_ref().map_or(1, |(_, count)| *count);
         let mut rounds = names.diagnostics.rounds();

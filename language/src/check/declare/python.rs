@@ -43,7 +43,7 @@ pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>)
     let says_nothing = module.ports.is_empty() && !has_params && !module.is_service && !module.has_end;
     let is_controller = module.kind == LeafKind::Controller;
     module.is_asked = is_controller && says_nothing;
-    // Until its program has said which ports it has, a missing one proves nothing.
+    // Until its program has listed its ports, a missing one proves nothing.
     module.is_damaged |= module.is_asked;
     let name = if is_controller { format!(" {}", module.name.text) } else { String::new() };
     module.exec = Some(format!("{interpreter} {script}{name}"));
@@ -61,7 +61,7 @@ fn word(text: &str) -> Option<String> {
 }
 
 impl Module {
-    /// Takes the interface that its program says; what the spec says of the program stays.
+    /// Takes the interface that its program prints; the spec's statements about the program stay.
     pub(super) fn take_interface(&mut self, told: Self) {
         let Self { params, host, ports, is_service, has_end, remembers, outcomes, stop_within, is_damaged, .. } = told;
         (self.params, self.host, self.ports, self.outcomes) = (params, host, ports, outcomes);
@@ -101,7 +101,7 @@ mod tests {
         let leaf = &plan.expect("it compiles").leaves[0];
         assert_eq!(leaf.exec.as_deref(), Some("'my robot/.venv/bin/python' 'keep.py' Keep"));
         assert_eq!((leaf.stop_within.as_millis(), found), (300, vec![]));
-        // Its node, which does not ask it, knows what `dca param set` may set.
+        // Its node does not ask the program, so this lists the parameters that `dca param set` may set.
         let parameters = leaf.parameters.iter().flatten().map(|one| format!("{}: {}", one.name, one.accepts));
         assert_eq!(parameters.collect::<Vec<_>>(), ["reach: Length in 0.1 m..2 m"]);
         // The interface of the program is checked.

@@ -1,7 +1,8 @@
 //! Parameters that decide the shape of a group: how many instances an array has, how long something may take.
 //!
-//! Such a group is read once for each choice of values that it is instantiated with, as if these parameters were constants;
-//! the rest of the checker sees groups without any. What a group passes on to such a parameter decides its own shape, too.
+//! Such a group is read once for each choice of values that it is instantiated with, as if these parameters were
+//! constants. The rest of the checker sees only groups without shape parameters. A parameter that a group passes on to
+//! a shape parameter is one as well.
 
 use super::{ItemCollector, params, process};
 use crate::check::diagnostics::{Diagnostics, Rounds};
@@ -38,7 +39,7 @@ impl Templates {
         let mut all: BTreeMap<String, Template> = BTreeMap::new();
         for (node, damage) in items.into_iter().filter(|(node, _)| node.kind() == SyntaxKind::Process) {
             let Some(name) = node.title() else { continue };
-            // What is wrong with them is reported when the group is read.
+            // Mistakes in them are reported when the group is read.
             let mut silent = Diagnostics::default();
             let scope = Scope { params: &[], consts, indices: &[] };
             let mut reader = Reader { scope, diagnostics: &mut silent };
@@ -60,7 +61,8 @@ impl Templates {
         template.is_some_and(|template| template.node.span() == item.span())
     }
 
-    /// Reads each of them with the values that it is instantiated with; one that nobody instantiates with its defaults.
+    /// Reads each of them with the values that it is instantiated with; a group that is never instantiated is read with
+    /// its defaults.
     pub(in crate::check) fn expand(&self, declare: &mut ItemCollector<'_>) {
         let mut reading = Specializer {
             declare,
@@ -88,7 +90,7 @@ impl Templates {
 /// A parameter of a group, by the names of both.
 type Place = (String, String);
 
-/// Finds the parameters that are handed on to one that decides a shape: they decide one themselves.
+/// Finds the parameters that are passed on to a shape parameter: they are shape parameters as well.
 fn spread(all: &mut BTreeMap<String, Template>) {
     let mut sources: BTreeMap<Place, Vec<Place>> = BTreeMap::new();
     for (name, template) in &*all {
@@ -110,7 +112,7 @@ fn spread(all: &mut BTreeMap<String, Template>) {
     }
 }
 
-/// The names that stand where the shape of a group is decided.
+/// The names in places that decide the shape of a group.
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
     let durations =
@@ -142,7 +144,7 @@ impl Template {
         self.default(name).unwrap_or_else(broken)
     }
 
-    /// The own parameters that instances get as arguments, each with the parameter that it is there.
+    /// The own parameters that instances get as arguments, each with the parameter that it becomes there.
     fn handed_on(&self, all: &BTreeMap<String, Self>) -> Vec<(String, Place)> {
         let own: BTreeSet<&str> = self.params.iter().map(|param| param.name.text.as_str()).collect();
         let mut found = Vec::new();
@@ -165,7 +167,7 @@ impl Template {
         found
     }
 
-    /// The values that an instance gives; what it does not give and has no default is reported with the arguments.
+    /// The values that an instance gives; a missing value without a default is reported with the arguments.
     fn values(&self, instance: &Instance, outer: (&[Param], Option<&ShapeArgs>)) -> ShapeArgs {
         let positional: Vec<&Value> =
             instance.args.iter().filter(|arg| arg.name.is_none()).map(|arg| &arg.value).collect();
@@ -186,7 +188,7 @@ impl Template {
     }
 }
 
-/// Whether a number has the type of the parameter; any other type is no matter of shape.
+/// Whether a number has the type of the parameter; other types cannot be shape parameters.
 fn is_fit(param: &Param, value: &Value) -> bool {
     let number = match &value.kind {
         ValueKind::Constant(Constant::Number(_)) => Some(value.dimension),
@@ -216,7 +218,7 @@ struct Specializer<'a, 'b> {
 }
 
 impl Specializer<'_, '_> {
-    /// Looks at the instances of all processes, also of those that are read on the way.
+    /// Looks at the instances of all processes, including those read on the way.
     fn instances(&mut self, templates: &Templates) {
         while self.looked_at < self.declare.spec.processes.len() {
             let index = self.looked_at;
@@ -274,7 +276,7 @@ impl Specializer<'_, '_> {
         let mut hidden = Vec::new();
         for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
             let value = values[&param.name.text].clone();
-            // A value of another type than that of the parameter is reported with the arguments.
+            // A value of another type than the parameter's is reported with the arguments.
             let kind = if is_fit(param, &value) { value.kind } else { ValueKind::Broken };
             let values = vec![Value { kind, ..value }];
             let named = Const { name: param.name.clone(), values, is_list: false, is_param: true };

@@ -112,8 +112,8 @@ fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
     None
 }
 
-/// The instance that `name[index][labels]` runs, and the labels. What is in brackets is an index when it is a number, or
-/// when the name is that of an array and no label has been read.
+/// The instance that `name[index][labels]` runs, and the labels. The brackets hold an index if they hold a number, or
+/// if the name is that of an array and no label has been read.
 pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(Name, Vec<Name>)> {
     let brackets: Vec<Node> = node.children_of(Labels).collect();
     let is_array = group.names.arrays.contains_key(&name.text);

@@ -22,7 +22,7 @@ pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let (mut taken, mut known) = (Vec::new(), BTreeSet::new());
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().collect::<Vec<_>>()) {
         let Some(&index) = group.resource_places.get(name.text.as_str()) else {
-            // One cause is one report; and what is declared in damaged text is not known.
+            // One cause is reported once, and declarations in damaged text are unknown.
             if !group.damage.header && group.unknown.insert(name.text.clone()) {
                 report_unknown(&name, group);
             }

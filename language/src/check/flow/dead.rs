@@ -6,7 +6,7 @@ use crate::check::spec::{Expr, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
 use std::time::Duration;
 
-/// Reports what in an expression never starts because of what stands before it, and limits that are too short.
+/// Reports the parts of an expression that never start because of the parts before them, and limits that are too short.
 pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostics) {
     if let ExprKind::Otherwise(parts) = &expr.kind {
         let cannot_fail = parts.iter().position(|part| !members.ends_of(part).aborted);
@@ -40,7 +40,7 @@ fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
     diagnostic.reason(part.span, "cannot fail")
 }
 
-/// Whether it has ended when it has started, whatever happens.
+/// Whether it always ends as soon as it has started.
 fn is_over_at_once(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Skip | ExprKind::Fail(_) => true,

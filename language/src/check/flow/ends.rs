@@ -1,5 +1,5 @@
-//! How an expression can end when any process may fail at any time: what a service check, which looks at runs without
-//! faults only, cannot say.
+//! The possible ends of an expression when any process may fail at any time. The service check, which only looks at
+//! runs without faults, cannot tell them.
 
 use super::service;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
@@ -17,7 +17,7 @@ pub(super) struct Ends {
 impl Ends {
     /// The ends of a process that ends: any program can fail, and so can the host of a group.
     const TASK: Self = Self { done: Some(Duration::ZERO), aborted: true };
-    /// The ends of a module that never ends: its normal end is a failure, too.
+    /// The ends of a module that never ends: its normal end also counts as a failure.
     const SERVICE: Self = Self { done: None, aborted: true };
     /// `skip`
     const SKIP: Self = Self { done: Some(Duration::ZERO), aborted: false };
@@ -62,7 +62,7 @@ fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<Ends>>) -> Ends {
 }
 
 impl Members {
-    /// The same, but a group that is a service is never done, whatever failures it tolerates.
+    /// The same, but a group that is a service is never done, even if it tolerates failures.
     pub(super) fn without_tolerance(&self) -> Self {
         let ends = self.ends.iter().zip(&self.services);
         let ends = ends.map(|(ends, is_service)| if *is_service { Ends::SERVICE } else { *ends });
@@ -116,7 +116,7 @@ impl Members {
     }
 }
 
-/// One after the other, as long as they are done.
+/// In sequence, as long as each of them is done.
 fn in_turn(parts: &[Ends]) -> Ends {
     let done = parts.iter().map(|part| part.done).try_fold(Duration::ZERO, |sum, done| Some(sum.saturating_add(done?)));
     let reached = parts.iter().take_while(|part| part.done.is_some()).count();

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 struct Ends {
     /// The tags, each with where it is declared.
     tags: BTreeMap<String, Span>,
-    /// Whether it can be done without a tag, and by whom.
+    /// Whether it can be done without a tag, and the place of the process.
     untagged: Option<Span>,
     /// Whether something without a known interface decides.
     is_open: bool,
@@ -37,14 +37,14 @@ impl Ends {
     }
 }
 
-/// Checks every `match` against what it is started with.
+/// Checks every `match` against the outcomes it is started with.
 pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let has_match = |process: &&Process| process.actions.as_ref().is_some_and(contains_match);
     let mut known = vec![None; spec.processes.len()];
     for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(has_match) {
         let Some(actions) = &process.actions else { continue };
         let mut walk = Walk { spec, process, known: &mut known, chain: None, diagnostics };
-        // What the group itself is started with is the business of the group around it.
+        // The start value of the group itself belongs to the group around it.
         walk.visit(actions, &Ends::open());
     }
 }
@@ -87,7 +87,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
         ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),
         ExprKind::AnyOf(1, parts) => Ends::any(parts.iter().map(rest)),
-        // The value of one task that is waited for is its own; those of several are put together.
+        // The value of one task that is waited for is passed on; those of several are combined.
         ExprKind::Concurrent(parts) => {
             let mut some = parts.iter().map(rest).filter(|ends| ends.is_open || !ends.tags.is_empty());
             match (some.next(), some.next()) {
@@ -121,7 +121,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// `start` is what the expression is started with.
+    /// `start` has the outcomes that the expression may be started with.
     fn visit(&mut self, expr: &Expr, start: &Ends) {
         let nothing = Ends::untagged(expr.span.at_start());
         match &expr.kind {

@@ -1,4 +1,4 @@
-//! `using`: what waits for itself, and what may wait for each other.
+//! `using`: processes that wait for themselves, and processes that may wait for each other.
 //!
 //! Some `using`s inside of others wait for each other when they form a circle: each wants what the next one has. They only
 //! do so for ever if all of them can run at the same time, so each pair runs side by side and has nothing in common.
@@ -61,7 +61,7 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Diagnos
     }
 }
 
-/// Something that is taken, and whether what runs with it ends by itself.
+/// A taken resource, and whether the operand that holds it ends by itself.
 struct Acquisition<'a> {
     resources: &'a [usize],
     is_service: bool,
@@ -69,7 +69,7 @@ struct Acquisition<'a> {
     path: Path,
 }
 
-/// Reports who waits for a resource that a service beside it never gives back.
+/// Reports processes that wait for a resource that a service beside them never gives back.
 pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Diagnostics) {
     let mut all = Vec::new();
     taken(actions, members, &mut Vec::new(), &mut all);
@@ -107,7 +107,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Makes a circle of that length out of its beginning, of which the first part stands first in the text.
+    /// Makes a circle of that length out of its beginning, starting with the part that is first in the text.
     fn close(&mut self, circle: &mut Vec<usize>, length: usize) -> bool {
         let (Some(&first), Some(&last)) = (circle.first(), circle.last()) else { return false };
         let wants = self.nested[last].wants;

@@ -69,7 +69,8 @@ pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
     process.instances.iter().map(|instance| is_service(instance.target)).collect()
 }
 
-/// Reports what never starts or never ends because of a service, and what may never end for want of one.
+/// Reports the members that never start or never end because of a service, and those that may never end for lack of
+/// one.
 pub(super) struct Order<'a> {
     spec: &'a Spec,
     process: &'a Process,
@@ -160,7 +161,7 @@ impl<'a> Order<'a> {
         self.diagnostics.push(found);
     }
 
-    /// `next` stands behind `part`, which is done only after a fault, or never.
+    /// `next` follows `part`, which is done only after a fault, or never.
     fn never_started(&self, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
         if !self.is_service(part) {
             let message = "this never starts: what stands before it is never done";
@@ -201,7 +202,7 @@ impl<'a> Order<'a> {
     }
 }
 
-/// Whether nothing says if the leaf ends.
+/// Whether it is unknown if the leaf ends.
 fn is_open(spec: &Spec, target: Target) -> bool {
     match target {
         Target::Module(module) => !spec.modules[module].is_service && !spec.modules[module].has_end,

@@ -1,4 +1,5 @@
-//! Values that get lost on the way: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without what `look` has found.
+//! Values that get lost on the way: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without the
+//! value that `look` has found.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
@@ -105,7 +106,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
     }
 }
 
-/// The part of a step that is started with one of these outcomes and leaves nothing of its value.
+/// The part of a step that is started with one of these outcomes and drops its value.
 fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
     if valued.is_empty() {
         return None;

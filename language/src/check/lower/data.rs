@@ -8,12 +8,12 @@ use crate::unit::Dimension;
 /// A value without names of parameters.
 #[derive(Clone, Debug)]
 pub(super) enum Data {
-    /// With what it measures, if it was written with a unit.
+    /// With its dimension, if it was written with a unit.
     Plain(Constant, Option<Dimension>),
     Record(Vec<(String, Self)>),
 }
 
-/// The value of an argument in a group whose parameters have these values.
+/// The value of an argument in a group with these parameter values.
 pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
     match &value.kind {
         ValueKind::Constant(constant) => Some(Data::Plain(constant.clone(), value.dimension)),

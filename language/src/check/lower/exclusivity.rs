@@ -1,8 +1,8 @@
 //! Which processes may run at the same time, seen from the event actions alone. Finds two writers of one input and two
 //! owners of one device, and the senders and receivers of an input that never run together although they should.
 //!
-//! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down: what is
-//! in one of them may run together with what is in the other.
+//! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down:
+//! members of one group may run together with members of the other.
 
 use super::tree::Tree;
 use super::wires::leaf_port;
@@ -13,7 +13,7 @@ use crate::plan::{MemberKind, Retention, Transfer};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of so many users of one thing each is compared with each.
+/// Up to this many users of one thing, each is compared with each.
 const USERS_MAX: usize = 200;
 
 /// A place in the event actions of a group where an instance is run.
@@ -169,7 +169,7 @@ impl<'a> Exclusivity<'a> {
         chain
     }
 
-    /// The same activity as it is seen from a group around its own.
+    /// The same activity, seen from a group around its own.
     fn lift(&'a self, mut activity: Activity<'a>, until: usize) -> Activity<'a> {
         while activity.group != until {
             let Some((outer, slot)) = self.around[activity.group] else { break };
@@ -178,7 +178,8 @@ impl<'a> Exclusivity<'a> {
         activity
     }
 
-    /// Returns where both run at the same time, if they can; nowhere when one of them lasts as long as its group.
+    /// Returns the place where both run at the same time, if they can; none when one of them lasts as long as its
+    /// group.
     fn meeting(&'a self, one: &Activity<'a>, other: &Activity<'a>) -> Option<Vec<Span>> {
         let (outer, inner) = (self.chain(one.group), self.chain(other.group));
         let common = std::iter::zip(&outer, &inner).take_while(|(a, b)| a == b).last().map(|(&group, _)| group)?;
@@ -234,7 +235,7 @@ impl<'a> Exclusivity<'a> {
         self.meeting(&self.of_set(one.group, one.set), &self.of_set(other.group, other.set))
     }
 
-    /// Reports inputs of which no sender ever runs beside the receiver, so that nothing ever arrives.
+    /// Reports inputs of which no sender ever runs together with the receiver, so that nothing ever arrives.
     fn check_meetings(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Diagnostics) {
         let mut reported = BTreeSet::new();
         for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {

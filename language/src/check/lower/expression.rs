@@ -63,7 +63,7 @@ pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Exp
     }
 }
 
-/// The most operands that are joined one by one, as they are read: `P ; (Q ; R)`.
+/// The most operands that are joined one by one, in the order of reading: `P ; (Q ; R)`.
 pub(super) const CHAIN_MAX: usize = 8;
 
 /// The pause before a try of `retry`: none before the first.

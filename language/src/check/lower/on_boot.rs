@@ -1,10 +1,10 @@
-//! What a reboot does: said in the process where a deployment begins, and not without a word where something moves.
+//! The statement `on_boot`: it stands in the process where a deployment begins, and is required if something moves.
 
 use crate::check::spec::Spec;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Claim, OnBoot};
 
-/// Reports what is said in another process, and what moves by itself once the power is back.
+/// Reports `on_boot` in another process, and devices that move by themselves once the power is back.
 pub(super) fn check(spec: &Spec, root: usize, claims: &[Claim]) -> Vec<Diagnostic> {
     let others = spec.processes.iter().enumerate().filter(|(at, _)| *at != root);
     let found = others.filter_map(|(_, process)| {

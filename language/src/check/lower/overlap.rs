@@ -1,4 +1,5 @@
-//! What connects a process whose programs are to overlap: only its own supervisor can hand that over, and only what is pushed.
+//! The connections of a process whose programs are to overlap: only its own supervisor can hand them over, and only
+//! pushed ones.
 
 use super::tree::Tree;
 use crate::check::diagnostics::Diagnostics;
@@ -7,7 +8,7 @@ use crate::check::types::no_overlap;
 use crate::plan::{Leaf, Replacement, Transfer, Wire};
 use std::collections::BTreeSet;
 
-/// Reports each instance with `replace overlap` whose connections another program cannot take over while it runs.
+/// Reports each instance with `replace overlap` whose connections another program cannot take over during the run.
 pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let mut told = BTreeSet::new();
     for (number, leaf) in (0_u32..).zip(&tree.leaves).filter(|(_, leaf)| is_meant(leaf)) {
@@ -15,7 +16,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut 
         let instance = &spec.processes[tree.process_of[group]].instances[slot];
         let Some(span) = instance.policies.overlap else { continue };
         let Some(why) = obstacle(tree, wires, (number, leaf), group) else { continue };
-        // One text may stand for several leaves.
+        // One text may describe several leaves.
         if told.insert(span) {
             diagnostics.push(no_overlap(span, &instance.name.text, &why));
         }

@@ -1,4 +1,4 @@
-//! Where each node of a lowered expression stands in the text. It goes the way of `expression::lower`, node by node.
+//! The place of each node of a lowered expression in the text. It follows `expression::lower`, node by node.
 
 use super::expression::{CHAIN_MAX, wait_first};
 use crate::check::spec::{Expr, ExprKind};

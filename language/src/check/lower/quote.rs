@@ -1,4 +1,4 @@
-//! Quotes the text of a spec for people who watch it run.
+//! Quotes the text of a spec for people who watch its run.
 
 use crate::plan::DEADLINE;
 use crate::source::{Origin, Source, Span};
@@ -19,7 +19,8 @@ impl<'a> Quotes<'a> {
         Self { spec: lines(spec), others: others.iter().map(lines).collect() }
     }
 
-    /// Returns why an expression has failed whose deadline has passed: its text, its line, and its file if it is another.
+    /// Returns the reason for the failure of an expression by its deadline: its text, its line, and its file if it is
+    /// another.
     pub(super) fn deadline(&self, span: Span) -> String {
         let (source, lines) = match span.origin {
             Origin::Spec => &self.spec,

@@ -20,7 +20,7 @@ const HOST_DEFAULT: &str = "local";
 /// How long a leaf without an interface may take to stop.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 
-/// All groups and leaves of a plan, with what they were made from.
+/// All groups and leaves of a plan, with their sources in the spec.
 pub(super) struct Tree {
     pub(super) hosts: Vec<String>,
     pub(super) groups: Vec<Group>,
@@ -191,7 +191,7 @@ impl Builder<'_> {
             }
             other @ (Data::Plain(..) | Data::Record(_)) => {
                 let is_new = match &other {
-                    // A name is told where it stands first.
+                    // A name is reported at its first place.
                     Data::Plain(Constant::Text(host), _) => self.refused_hosts.insert(host.clone()),
                     Data::Plain(..) | Data::Record(_) => true,
                 };
@@ -279,7 +279,7 @@ impl Builder<'_> {
         arguments
     }
 
-    /// Reports what is wrong with a text that is written once, but stands for several leaves.
+    /// Reports a mistake in a text that is written once, but stands for several leaves.
     pub(super) fn report_once(&mut self, diagnostic: Diagnostic) {
         if self.reported.insert(key(&diagnostic)) {
             self.diagnostics.push(diagnostic);
@@ -306,7 +306,7 @@ impl Builder<'_> {
     }
 }
 
-/// The values of a group's parameters; what is wrong with the arguments was reported before.
+/// The values of a group's parameters; mistakes in the arguments were reported before.
 fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Data> {
     let mut positional = args.iter().filter(|arg| arg.name.is_none());
     let values = process.params.iter().map(|param| {

@@ -5,7 +5,7 @@ use crate::check::spec::{Endpoint, Spec};
 use crate::plan::{ConnectionSet, KeyBinding, LeafPort, MemberKind, Quality, Transfer, Wire};
 use std::collections::BTreeMap;
 
-/// All wires, each once: a wire that stands in two sets is shared by them.
+/// All wires, each once: a wire in two sets is shared by them.
 #[derive(Default)]
 pub(super) struct Wires {
     pub(super) all: Vec<Wire>,

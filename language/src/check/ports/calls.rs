@@ -1,4 +1,4 @@
-//! Checks connections that carry calls: from what a process calls to what another one exports.
+//! Checks connections that carry calls: from a process that calls to another one's export.
 
 use crate::check::spec::{Call, CallRole, Connection, Direction, Kind, Port, Spec, TypeMatch};
 use crate::diagnostic::{Code, Diagnostic};
@@ -34,7 +34,7 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
     (!is_plain).then(|| error("a call has no `pull`, `latch`, `queue` or `rate`".to_owned()))
 }
 
-/// Compares what is called with, and what is answered.
+/// Compares the types of the argument and of the result.
 pub(super) fn check_types(
     spec: &Spec,
     connection: &Connection,

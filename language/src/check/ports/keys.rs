@@ -4,9 +4,9 @@ use crate::check::spec::{Direction, KeyConnection, Port};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DATABASE;
 
-/// What an input is sent of keys: what they hold, and what has become of what its process has put there.
+/// The types that an input can receive from keys: their values, and the results of the process's own puts.
 const HEARS: [&str; 2] = ["KeyNews", "KeyAnswer"];
-/// What an output sends to be put at a key.
+/// The types that an output can put at a key.
 const PUTS: [&str; 1] = ["KeyPut"];
 
 /// Returns whether the program itself is meant, which uses the database without a port.

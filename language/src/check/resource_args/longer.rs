@@ -17,8 +17,8 @@ struct Run {
     path: Path,
 }
 
-/// Reports each group type that keeps others waiting for longer than it uses what they wait for. `holds` is what each
-/// instance of each group is handed.
+/// Reports each group type that keeps a resource for longer than it uses it, while others wait. `holds` has the
+/// resources handed to each instance of each group.
 pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
     let (mut said, mut found) = (BTreeSet::new(), Vec::new());
     for (process, holds_here) in std::iter::zip(&spec.processes, holds) {
@@ -65,7 +65,7 @@ fn collect(expr: &Expr, holds: &[Vec<Held>], path: &mut Path, runs: &mut Vec<Run
     }
 }
 
-/// Whether a group uses what it is handed under this name for as long as it runs. One that could not be read whole may.
+/// Whether a group uses the resource of this name as long as it runs. A group that could not be read completely may.
 fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bool {
     let group = &spec.processes[process];
     let Some(resource) = group.resources.iter().position(|known| known.text == name) else { return true };
@@ -76,7 +76,7 @@ fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bo
 fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
     match &expr.kind {
         ExprKind::Using(taken, part) => taken.contains(&resource) || throughout(part, holds, resource),
-        // Whoever is handed it has it, too; whether for too long is said there.
+        // The member that gets it also has it; whether for too long is reported there.
         ExprKind::Run(slot, _) => {
             holds.get(*slot).is_some_and(|held| held.iter().any(|held| held.resource == resource))
         }

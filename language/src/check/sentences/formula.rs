@@ -1,7 +1,7 @@
 //! Reads the formula of `holds ltl "G (a -> F b.done)"`.
 //!
-//! `!`, `G` and `F` bind tightest, then `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), `<->`. There is no word for
-//! "next": how many steps lie between two events is not fixed.
+//! `!`, `G` and `F` bind tightest, then `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), `<->`. There is
+//! no word for "next": the number of steps between two events is not fixed.
 
 use super::names::Names;
 use super::words::Words;
@@ -9,11 +9,11 @@ use super::{Read, unreadable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::sites::Formula;
 
-/// What a formula is made of, for a reader whose formula is none.
+/// The parts of a formula, for the author of a text that is not a formula.
 pub(super) const FORMS: &str = "a formula is made of `p`, `p.running`, `p.stopping`, `p.started`, `p.done`, `p.aborted`, `p.ended`, \
     `true`, `false`, and of `!a`, `G a` (always), `F a` (at some time), `a U b` (until), `a W b` (until, or for ever), `a R b` (b up to \
     and with a), `a & b`, `a | b`, `a -> b`, `a <-> b`";
-/// A formula has at most so many words and signs; so nothing here goes deeper.
+/// The most words and signs of a formula, which limits the recursion here.
 const WORDS_MAX: usize = 200;
 
 /// Reads the string that comes next as a formula.

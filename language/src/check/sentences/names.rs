@@ -1,4 +1,4 @@
-//! What the names of a sentence mean in the groups of a plan.
+//! The meaning of a sentence's names in the groups of a plan.
 
 use super::words::Kind;
 use super::{Place, Read, Words, unreadable};
@@ -8,12 +8,12 @@ use crate::plan::{MemberKind, Plan};
 use crate::similar;
 use crate::sites::{Atom, EventKind, Occurrence, ProcessRef};
 
-/// The words for what happens to a process.
+/// The words for the events of a process.
 pub(crate) const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
-/// The words for what a process does; formulas have them.
+/// The words for the states of a process, for formulas.
 pub(crate) const STATES: [&str; 2] = ["running", "stopping"];
 
-/// The words that may stand behind a process, or alone for the group itself.
+/// The words that may follow a process, or refer to the group itself.
 fn last_words<'w>(words: &Words) -> impl Iterator<Item = &'w str> + use<'w> {
     let states = if words.kind() == Kind::Formula { &STATES[..] } else { &[] };
     EVENTS.into_iter().chain(states.iter().copied())
@@ -89,7 +89,7 @@ impl Names<'_> {
         })
     }
 
-    /// The event that a word stands for, with the outcome behind it.
+    /// The event of a word, with the outcome behind it.
     fn kind(&self, who: ProcessRef, event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
         Ok(Some(match event {
             Some("done") if words.eat(".") => match words.name() {
@@ -207,7 +207,7 @@ impl Names<'_> {
     }
 }
 
-/// Offers one of the words that may stand at a place whose name is unknown, if it looks like one, and like no process.
+/// Offers one of the possible words at a place with an unknown name, if it looks like one, and like no process.
 pub(super) fn or_word(unknown: Box<Diagnostic>, words: &Words, wanted: &[&'static str]) -> Box<Diagnostic> {
     let (name, place) = (words.next_name().unwrap_or_default(), words.place());
     let is_it = unknown.code == Code::E0802

@@ -8,7 +8,7 @@ use crate::syntax::lex;
 use crate::unit;
 use std::time::Duration;
 
-/// The words that have a meaning of their own in sentences.
+/// The words with a special meaning in sentences.
 const WORDS: [&str; 42] = [
     "a",
     "after",
@@ -54,7 +54,7 @@ const WORDS: [&str; 42] = [
     "h",
 ];
 
-/// Whether a word has a meaning of its own in sentences.
+/// Whether a word has a special meaning in sentences.
 pub(crate) fn is_word(text: &str) -> bool {
     text != "a" && WORDS.contains(&text)
 }
@@ -79,7 +79,7 @@ pub(crate) struct Word {
     pub(crate) text: String,
     pub(crate) span: Span,
     pub(crate) is_name: bool,
-    /// Whether it stands in the string of a formula.
+    /// Whether it is in the string of a formula.
     pub(crate) is_formula: bool,
 }
 
@@ -89,12 +89,12 @@ impl Word {
     }
 }
 
-/// The words of a sentence, those of a formula too.
+/// The words of a sentence, including those of a formula.
 pub(crate) fn words_of(sentence: &Node) -> Vec<Word> {
     Words::new(sentence).all()
 }
 
-/// What is read.
+/// The kind of a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Sentence,
@@ -132,7 +132,7 @@ impl Words {
         let mut tokens = Vec::new();
         for token in lex(inner).into_iter().filter(|token| !token.kind.is_trivia()) {
             let text = &inner[token.start as usize..token.end as usize];
-            // A stretch that the lexer does not know is one token there; here each sign stands for itself.
+            // A stretch that the lexer does not know is one token there; here each sign is a separate word.
             let is_unknown = token.kind == Unknown;
             let pieces: Vec<&str> =
                 if is_unknown { text.split_inclusive(|_: char| true).collect() } else { vec![text] };
@@ -156,7 +156,7 @@ impl Words {
         self.tokens.len()
     }
 
-    /// All words, those of a formula in place of the string that it stands in.
+    /// All words, with those of a formula in place of its string.
     fn all(mut self) -> Vec<Word> {
         let mut all = Vec::new();
         while !self.is_over() {
@@ -195,7 +195,7 @@ impl Words {
         text
     }
 
-    /// Where the next word stands; behind the last one, the last one.
+    /// The place of the next word; after the last one, of the last one.
     pub(super) fn place(&self) -> Span {
         let token = self.tokens.get(self.at).or(self.tokens.last());
         token.map_or(self.span, |token| token.span)

@@ -1,9 +1,11 @@
-//! Types as they are written, and their shapes.
+//! Types in their written form, and their shapes.
 //!
-//! Messages are compared by name, since programs that were built apart agree on nothing else; only where both ends say what
-//! is in them, that is compared too. A record that is written out has no name. What a value is compared with is its shape.
+//! Messages are compared by name, since programs that were built separately agree on nothing else. Their contents are
+//! only compared if both ends declare them. A record that is written out has no name. Values are compared with the
+//! shape of the type.
 //!
-//! A name means what its own text declares, else what the spec does: programs know nothing of each other's types.
+//! A name has the meaning of its own text's declaration, else of the spec's: programs know nothing of each other's
+//! types.
 
 use super::{Param, Spec, Value, ValueKind};
 use crate::plan::Constant;
@@ -14,7 +16,7 @@ use std::fmt;
 /// The most fields of a record, with those of the records in it.
 pub(crate) const FIELDS_MAX: usize = 1000;
 
-/// A type as it is written.
+/// A type in its written form.
 #[derive(Clone, Debug)]
 pub(crate) struct Kind {
     /// Without white space: `Wrench`, `Force[3]`, `{force:Force}`.
@@ -48,7 +50,7 @@ pub(crate) enum TypeMatch {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape<'a> {
     Record(&'a [Param]),
-    /// Of which type, and how many; any number if that is not said.
+    /// The type of the elements, and their number; none for any number.
     List(&'a str, Option<usize>),
     /// A type of the language, or a message of programs.
     Plain(&'a str),
@@ -94,7 +96,7 @@ impl fmt::Display for Param {
     }
 }
 
-/// In SI units; a record as it is written.
+/// In SI units; a record in its written form.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.kind {
@@ -125,10 +127,10 @@ impl Spec {
         own.or_else(|| all.first().copied())
     }
 
-    /// Follows the names of a type to what does not stand for another one.
+    /// Follows the names of a type to the type that is not an alias.
     fn last<'a>(&'a self, kind: &'a Kind) -> &'a Kind {
         let mut kind = kind;
-        // No way is longer than there are names; one that goes round is reported.
+        // No way is longer than the number of names; a cycle is reported.
         for _ in 0..self.types.len() {
             match self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind) {
                 Some(next) if next.fields.is_none() => kind = next,

@@ -82,7 +82,7 @@ impl TypeChecker<'_> {
         self.wrong(param, span, format!("`{name}` is of type {kind}: expected {what} such as `{example}`"));
     }
 
-    /// The values of a list: as many as its type says, each of its type.
+    /// The values of a list: as many as its type requires, each of its type.
     fn list(&mut self, param: &Param, (element, count): (&str, Option<usize>), given: &[Value], span: Span) {
         if let Some(count) = count.filter(|&count| count != given.len()) {
             let message = format!("`{}` has {count} values of type {element}, not {}", param.name.text, given.len());
@@ -93,7 +93,7 @@ impl TypeChecker<'_> {
         given.iter().for_each(|value| self.value(&element, value));
     }
 
-    /// A value of a type of the language; what is not known is believed.
+    /// A value of a type of the language; an unknown type accepts any value.
     fn plain(&mut self, param: &Param, kind: &str, value: &Value) {
         let name = &param.name.text;
         if unit::of_type(kind).is_some() {
@@ -139,7 +139,7 @@ impl TypeChecker<'_> {
             },
             (Shape::List(..), Shape::List(..)) => self.spec.is_same(kind, given),
             (Shape::Record(_), Shape::List(..)) | (Shape::List(..), Shape::Record(_)) => false,
-            // A type that nobody knows may be one of a program.
+            // An unknown type may be one of a program.
             (Shape::Record(_) | Shape::List(..), Shape::Plain(name))
             | (Shape::Plain(name), Shape::Record(_) | Shape::List(..)) => !unit::is_type(name),
         };
@@ -153,7 +153,7 @@ impl TypeChecker<'_> {
         }
     }
 
-    /// Whether a record of one type is one of another: the same fields, in any order.
+    /// Whether a record of one type is also one of another: the same fields, in any order.
     fn fits(&self, one: &[Param], other: &[Param]) -> bool {
         let has = |field: &Param| other.iter().any(|other| self.spec.is_same_field(field, other));
         one.len() == other.len() && one.iter().all(has)

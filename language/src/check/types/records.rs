@@ -10,7 +10,7 @@ use crate::unit;
 use ros::logic::library;
 use ros::logic::name::is_spec_name;
 
-/// Checks the named types. What has no end, or is too large, is reported and taken as a type of which nothing is known.
+/// Checks the named types. An endless or too large type is reported and treated as unknown.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let parts = spec.types.iter().map(|named| Part::all(spec, &named.kind)).collect();
     let mut walk =
@@ -25,7 +25,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     spec.type_names.retain(|_, all| !all.is_empty());
 }
 
-/// A named type in another one, and where it stands there.
+/// A named type in another one, and its place there.
 struct Part {
     named: usize,
     span: Span,
@@ -56,7 +56,7 @@ enum State {
     /// On the path from the start of the walk.
     Open,
     Closed(Size),
-    /// The value is wrong, and a diagnostic says so.
+    /// The value is wrong, and there is a diagnostic.
     Refused,
 }
 
@@ -157,7 +157,7 @@ fn own_size(kind: &Kind) -> Size {
     })
 }
 
-/// Types of parameters and fields that nobody knows, but that are nearly called as one that there is.
+/// Reports unknown types of parameters and fields whose names are similar to a known one.
 fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
     let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
     let params = spec.processes.iter().flat_map(|process| &process.params).chain(modules);

@@ -42,7 +42,7 @@ enum State {
 struct Walk<'a> {
     spec: &'a Spec,
     states: Vec<State>,
-    /// The groups from the start of the walk, each with the slot it goes on with.
+    /// The groups from the start of the walk, each with its next slot.
     path: Vec<(usize, usize)>,
     found: Vec<Diagnostic>,
 }
@@ -112,7 +112,7 @@ impl Walk<'_> {
     }
 }
 
-/// The number of leaves and groups that one instance of each process comes to.
+/// The number of leaves and groups in one instance of each process.
 fn sizes(spec: &Spec, states: &[State]) -> Vec<u64> {
     let levels = |process: &usize| match states[*process] {
         State::Closed(levels) => levels,

@@ -36,7 +36,7 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// A type by its name, and what that is.
+/// A type's name, and its target.
 type Candidate<'a> = (&'a Name, Target);
 
 struct Types<'a> {
@@ -86,7 +86,7 @@ impl<'a> Types<'a> {
             self.known.insert(&kind.text, candidates);
         }
         for step in &self.known[kind.text.as_str()] {
-            // A group is never meant by a lenient name inside itself: that would be a recursion nobody wrote.
+            // A lenient name never refers to the group that it stands in: that would be an unintended recursion.
             let mut found = step.iter().filter(|(_, target)| *target != Target::Process(enclosing));
             if let (Some((name, target)), None) = (found.next(), found.next()) {
                 let message = format!("no type is called exactly `{}`", kind.text);

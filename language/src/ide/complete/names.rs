@@ -233,7 +233,7 @@ impl Analysis {
         found
     }
 
-    /// Words that stand for a host somewhere: in `host{}`, or as the first argument of an instance.
+    /// Words that name a host somewhere: in `host{}`, or as the first argument of an instance.
     pub(super) fn hosts(&self) -> BTreeSet<&str> {
         let places = self.model.processes.iter().flat_map(|process| {
             let first = process.instances.iter().filter_map(|instance| instance.args.first());
@@ -256,7 +256,7 @@ impl Analysis {
         resources.iter().map(|name| Completion::new(CompletionKind::Parameter, &name.text).detail("resource")).collect()
     }
 
-    /// The outcomes that have no arm yet: of what stands before the `match`, when that is known.
+    /// The outcomes that have no arm yet: those of the expression before the `match`, if it is known.
     pub(super) fn outcomes(&self, at: &Cursor) -> Vec<Completion> {
         let Some(node) = at.inside(SyntaxKind::Match) else { return Vec::new() };
         let given: BTreeSet<String> =

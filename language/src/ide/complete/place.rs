@@ -12,7 +12,7 @@ pub(super) struct Cursor {
     pub(super) parent: Node,
     /// The node around that.
     pub(super) grand: Option<Node>,
-    /// How many names of the same node stand before it.
+    /// How many names of the same node precede it.
     pub(super) place: usize,
     /// The text of the token before; empty at the beginning of the file.
     pub(super) before: String,
@@ -51,7 +51,7 @@ impl Cursor {
         self.around.iter().find(|node| node.kind() == kind)
     }
 
-    /// Whether the word stands directly behind something that an operator would have to follow.
+    /// Whether the word directly follows something that an operator would have to follow.
     pub(super) fn follows_operand(&self) -> bool {
         let is_word = self.before_kind == SyntaxKind::Ident
             && !["else", "finally", "within", "as", "of", "in"].contains(&self.before.as_str());
@@ -69,12 +69,12 @@ impl Cursor {
         starts.contains(&self.before_kind) || joins.contains(&self.before_kind)
     }
 
-    /// What a reboot may do.
+    /// The possible effects of a reboot.
     pub(super) fn on_boot(&self) -> Vec<Completion> {
         ["none", "resume"].into_iter().map(|word| Completion::new(CompletionKind::Keyword, word)).collect()
     }
 
-    /// The words that a policy goes on with.
+    /// The words that can follow in a policy.
     pub(super) fn policy(&self) -> Vec<Completion> {
         let words: &[&str] = match self.before.as_str() {
             "restart" => &["temporary", "transient", "permanent"],
@@ -88,7 +88,7 @@ impl Cursor {
         words.iter().map(|word| Completion::new(CompletionKind::Keyword, *word)).collect()
     }
 
-    /// Words where no name can stand: items, sections, properties of a module.
+    /// Words in places without names: items, sections, properties of a module.
     pub(super) fn words(&self) -> Vec<Completion> {
         let begins = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace, SyntaxKind::End];
         if self.before_kind == SyntaxKind::LeftParen && self.inside(SyntaxKind::Module).is_some() {

@@ -9,7 +9,7 @@ use crate::ide::words::{self, Place};
 use crate::syntax::SyntaxKind;
 
 impl Analysis {
-    /// What may stand at the cursor in a sentence.
+    /// The possible words at the cursor in a sentence.
     pub(super) fn sentence(&self, at: &Cursor) -> Vec<Completion> {
         let (Some(node), Some(process)) = (at.inside(SyntaxKind::Sentence), self.process_proved_at(at)) else {
             return Vec::new();
@@ -83,7 +83,7 @@ impl Analysis {
         }
     }
 
-    /// The members of a group, what may happen to a process, or the outcomes of its normal end.
+    /// The members of a group, the events of a process, or the outcomes of its normal end.
     fn behind_dot(&self, process: &Process, before: &[Word]) -> Vec<Completion> {
         let mut target = None;
         let mut inside = Some(process);

@@ -1,4 +1,4 @@
-//! Describes an interface: what a type takes, sends and claims, and whether it ends.
+//! Describes an interface: the inputs, outputs and claims of a type, and whether it ends.
 
 use super::code;
 use crate::check::spec::{CallRole, Direction, Endpoint, Module, Param, Port, Process, Target};
@@ -75,7 +75,7 @@ impl Analysis {
         format!("{}\nA port of `{}`.{optional}", code(&self.port_lines(&port.name.text, Some(port))), module.name.text)
     }
 
-    /// A port, and what is in its messages when some text says so.
+    /// A port, and the fields of its messages if a text declares them.
     fn port_lines(&self, name: &str, port: Option<&Port>) -> String {
         let shown = shown_port(name, port);
         let kind = port.and_then(|port| port.kind.as_ref());
@@ -155,7 +155,7 @@ pub(super) fn quantity(param: &Param) -> String {
     kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
 }
 
-/// Returns the words for what a program keeps when it is started again; an empty text unless it has something to lose.
+/// Returns the text about the memory that a program keeps when it is restarted; empty unless it has something to lose.
 fn memory_of(module: &Module) -> &'static str {
     match module.remembers {
         true => " It *remembers*: it may not be started again alone.",

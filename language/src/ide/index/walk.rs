@@ -1,7 +1,7 @@
 //! Finds the references to each name in the trees.
 //!
-//! What a node's names are is known by the kind of the node and their order; a kind that is not listed has no names of its
-//! own, only parts.
+//! The meaning of a node's names follows from the kind of the node and their order. A kind that is not listed has only
+//! parts and no names.
 
 mod activity;
 
@@ -109,7 +109,7 @@ impl Walk<'_> {
         self.index.places.entry(name.span).or_insert(symbol);
     }
 
-    /// A name where a value stands: a variable, a parameter, a named constant, or itself.
+    /// A name in the place of a value: a variable, a parameter, a named constant, or a literal.
     fn value(&mut self, name: Option<&Name>) {
         let Some(name) = name else { return };
         if self.variables.iter().any(|(known, _)| *known == name.text) {
@@ -126,7 +126,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A name where a whole number stands: a parameter, or a named constant.
+    /// A name in the place of a whole number: a parameter, or a named constant.
     fn number(&mut self, name: Option<&Name>) {
         if name.is_some_and(|name| !self.param(name)) {
             self.constant(name);
@@ -172,7 +172,7 @@ impl Walk<'_> {
 
     fn type_name(&mut self, node: &Node) {
         let Some(name) = node.names().next() else { return };
-        // What an instance is an instance of has names of its own.
+        // The type of an instance has names of its own.
         let is_kind = node.syntax().parent().is_none_or(|parent| parent.kind() != SyntaxKind::Instance);
         let named = self.spec.named(&name.text, name.span.origin).filter(|_| is_kind);
         let named = named.and_then(|named| self.tables.declared.get(&self.spec.types[named].name.span));

@@ -3,7 +3,7 @@
 use super::{Arm, DEADLINE, Expression};
 use crate::plan::{StateChart, StateRun};
 
-/// The numbers of one group that runs, by those of the group that is wanted.
+/// The numbers of one running group, by those of the wanted group.
 pub(super) struct GroupNumbers {
     /// Slots of members.
     pub(super) slots: Vec<u32>,

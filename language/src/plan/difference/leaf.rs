@@ -1,11 +1,11 @@
-//! What differs of one program.
+//! The differences of one program.
 
 use super::{Argument, Constant, Leaf, PlanChange, Policy, Replacement};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Returns the change from one program to another, if they differ.
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
-    // Every field by its name, so that one that is added is not forgotten here.
+    // Every field by its name, so that an added field is not forgotten here.
     let Leaf { path, module, host: _, arguments: given, exec, environment, kind, .. } = before;
     let Leaf { stop_within, outcomes, policy, keys, external: _, .. } = before;
     let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff, replacement } = policy;

@@ -38,7 +38,7 @@ impl Pairing<'_> {
     }
 }
 
-/// Forgets wires that come and go only because a program and the one whose place it takes have some each.
+/// Drops the wires that come and go only because a program and its replacement have some each.
 pub(super) fn forget_same_wires(changes: &mut Vec<PlanChange>, running: &Plan, plan: &Plan, numbers: &Numbers) {
     let old: BTreeSet<u32> = numbers.overlapping.values().copied().collect();
     let touches = |plan: &Plan, wire: u32, is_meant: &dyn Fn(u32) -> bool| {
@@ -67,7 +67,7 @@ pub(super) fn forget_same_wires(changes: &mut Vec<PlanChange>, running: &Plan, p
     });
 }
 
-/// Takes one of a text, if there is one left.
+/// Takes one text of the counted ones, if there is one left.
 fn take(counts: &mut BTreeMap<String, u32>, text: &str) -> bool {
     let Some(count) = counts.get_mut(text).filter(|count| **count > 0) else { return false };
     *count -= 1;
@@ -75,8 +75,8 @@ fn take(counts: &mut BTreeMap<String, u32>, text: &str) -> bool {
 }
 
 impl Plan {
-    /// Returns the plan of `before`, with the numbers that this one has given out since: a change that was made, or half made, is
-    /// taken back. What was added keeps its number, and is taken away.
+    /// Returns the plan of `before`, with the numbers that this one has given out since. It undoes a change that was
+    /// made, or half made: an added process keeps its number, and is taken away.
     #[must_use]
     pub fn back_to(&self, before: &Self) -> Self {
         let mut plan = before.clone();

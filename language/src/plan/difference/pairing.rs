@@ -6,9 +6,9 @@ use super::{BTreeMap, BTreeSet, Group, Leaf, Member, MemberKind, Numbers, Plan, 
 pub(super) struct Pairing<'a> {
     pub(super) running: &'a Plan,
     pub(super) wanted: &'a Plan,
-    /// The leaves that run whose programs are started again.
+    /// The running leaves whose programs are restarted.
     pub(super) again: &'a BTreeSet<u32>,
-    /// The plan that runs, with what is new, and without what is not wanted any more.
+    /// The running plan, with the new processes, and without those that are no longer wanted.
     pub(super) plan: Plan,
     pub(super) numbers: Numbers,
     pub(super) changes: Vec<PlanChange>,
@@ -34,13 +34,13 @@ impl<'a> Pairing<'a> {
         Self { running, wanted, again, plan: running.clone(), numbers, changes, obstacles, gone }
     }
 
-    /// Pairs the members of two groups, and what is below them. Plans are validated, so this goes at most `DEPTH_MAX` deep.
+    /// Pairs the members of two groups, recursively. Plans are validated, so this goes at most `DEPTH_MAX` deep.
     pub(super) fn pair_group(&mut self, wanted: u32, number: u32) {
         self.numbers.groups.insert(wanted, number);
         let Some(after) = self.wanted.groups.get(wanted as usize) else { return };
         let mut slots = Vec::new();
         for member in &after.members {
-            // One that was taken away from the plan that is wanted was so from the plan that runs, too.
+            // A member that was taken away from the wanted plan was also taken away from the running plan.
             if member.name.is_empty() {
                 slots.push(TAKEN_AWAY);
                 continue;
@@ -116,7 +116,7 @@ impl<'a> Pairing<'a> {
         Some(number)
     }
 
-    /// Returns the number of a leaf that no member has: the one that it had before, if it is the same again.
+    /// Returns the number of a leaf that no member has: its earlier number, if it is the same again.
     pub(super) fn number(&mut self, next: Leaf) -> Option<u32> {
         let is_it = |number: &u32| {
             let leaf = self.plan.leaves.get(*number as usize);

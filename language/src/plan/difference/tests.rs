@@ -83,7 +83,7 @@ fn wires_that_stay_keep_their_numbers_and_new_ones_get_the_next() {
     ];
     assert_eq!(lines, expected);
     assert_eq!((next.plan.wires.len(), next.plan.live_wires()), (3, BTreeSet::from([1, 2])));
-    // What has gone is not taken for what is wanted again.
+    // A removed wire is not paired with a wire that is wanted again.
     let back = difference(&next.plan, &plan(SPEC)).unwrap();
     assert_eq!((back.changes.len(), back.plan.live_wires()), (3, BTreeSet::from([3])));
 }
@@ -145,7 +145,7 @@ fn processes_come_and_go_and_those_that_stay_keep_their_numbers() {
     let paths = |plan: &Plan| plan.leaves.iter().map(|leaf| leaf.path.clone()).collect::<Vec<_>>();
     assert_eq!(paths(&next.plan)[..3], paths(&running));
     assert_eq!(next.plan.live_leaves().len(), 5);
-    // The same text again changes nothing, and what comes back has the numbers that it had.
+    // The same text again changes nothing, and a returning process has its earlier numbers.
     assert_eq!(changes(&next.plan, &text), Ok(vec![]));
     let back = difference(&next.plan, &running).unwrap();
     assert_eq!((back.plan.leaves.len(), back.plan.groups[1].members.len()), (next.plan.leaves.len(), 3));
@@ -153,7 +153,7 @@ fn processes_come_and_go_and_those_that_stay_keep_their_numbers() {
     assert_eq!(changes(&back.plan, SPEC), Ok(vec![]));
 }
 
-/// The next program of `a` is a leaf of its own, whose wires are its own; the person sees one line.
+/// The next program of `a` is a separate leaf, with separate wires; the person sees one line.
 #[test]
 fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     let overlaps = |rate: &str| {
@@ -176,7 +176,7 @@ fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     assert_eq!((back.live_leaves(), back.live_wires()), (old.clone(), BTreeSet::from([0])));
     assert_eq!((back.leaves.len(), back.wires.len(), &back.groups), (4, 2, &running.groups));
 
-    // Started anew it is another one and then this one again; what does not overlap needs no other plan.
+    // Restarted, it alternates between two leaves; a process that does not overlap needs no other plan.
     let all = BTreeSet::from([0, 1, 2]);
     let anew = difference_with(&running, &running, &all).unwrap();
     let lines: Vec<String> = anew.changes.iter().map(ToString::to_string).collect();
@@ -184,7 +184,7 @@ fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     let again = difference_with(&anew.plan, &anew.plan, &anew.plan.live_leaves()).unwrap();
     assert_eq!((again.changes.len(), again.plan.leaves.len(), again.plan.live_leaves()), (1, 4, old));
 
-    // The one that is wanted says how; a policy alone replaces nothing.
+    // The wanted plan decides how; a policy alone replaces nothing.
     let settled = changes(&plan(SPEC), &SPEC.replace("Source(here);", "Source(here) { replace overlap; }"));
     assert_eq!(settled, Ok(vec!["settle     main/pair/a: `replace`".to_owned()]));
     let ended = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));

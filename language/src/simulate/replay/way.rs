@@ -1,4 +1,4 @@
-//! A group of which a story tells the end alone, without saying what happens inside.
+//! A group of which a story tells only the end, and not the events inside.
 
 use crate::simulate::{Simulation, TraceEvent, Transition};
 use std::collections::VecDeque;
@@ -7,11 +7,12 @@ use std::collections::VecDeque;
 const WAYS_MAX: usize = 2000;
 
 impl Simulation<'_> {
-    /// Brings a group to an end by what its programs and timers may do: straight on, by what leads there, else the shortest way.
+    /// Brings a group to an end by events of its programs and timers: first by the events that lead directly there,
+    /// else by the shortest way.
     pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
         let group = self.group(path).ok_or("it is no group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
-        // What counts is how it ends from here on, also where it is started anew at once.
+        // Only an end after this point counts, even if the group restarts at once.
         self.last_ends.remove(&group);
         let is_stopped = self.pending().ordered.contains(&group);
         if matches!(goal, Goal::Stopped) && is_stopped {
@@ -61,7 +62,8 @@ impl Simulation<'_> {
         }
     }
 
-    /// What may happen below a group: answers first, then ends, failures, timers, and deaths that are more than a group bears.
+    /// The possible events below a group: answers first, then ends, failures, timers, and deaths beyond the limit of a
+    /// group.
     fn possible(&self, path: &str) -> Vec<TraceEvent> {
         let prefix = format!("{path}/");
         let is_below = |other: &&str| other.starts_with(&prefix);

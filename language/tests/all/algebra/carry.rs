@@ -1,4 +1,4 @@
-//! Groups whose event actions become others while they run.
+//! Groups whose event actions change while they run.
 
 use super::random::{spec, term};
 use super::reference::Term;
@@ -62,7 +62,7 @@ fn what_is_new_beside_starts_and_what_is_gone_is_stopped() {
     let back = carry((&both, &state), &alone, &BTreeSet::from([1])).unwrap();
     let stop = Command::Stop { member: 1, activation: Activation(1) };
     assert_eq!((back.ended, back.begun), (vec![stop, Command::Disconnect { set: 1 }], vec![]));
-    // Is what is left done already, the group is.
+    // If the remaining members are already done, the group is done.
     let three = program(&Expression::Concurrent(vec![run(0), run(1), run(2)]));
     step(&both, &mut state, done(0, 1), &mut Vec::new());
     let ends = carry((&both, &state), &program(&Expression::Concurrent(vec![run(0), run(0)])), &BTreeSet::from([1]));
@@ -102,7 +102,7 @@ fn what_has_not_begun_may_be_anything_else() {
         assert_eq!(step(&new, &mut state, done(member, 1), &mut Vec::new()), None);
     }
     assert!(step(&new, &mut state, done(3, 1), &mut Vec::new()).is_some());
-    // What runs must stand somewhere.
+    // A running member needs a place.
     let misfit = carry((&old, &begun(&old)), &program(&chain(&[4, 5], true)), &NOBODY).unwrap_err();
     assert_eq!(misfit.members, BTreeSet::from([0]));
 }
@@ -193,7 +193,7 @@ fn cases(count: u32, mut check: impl FnMut(Spec, Spec, Vec<u16>) -> Result<(), S
     }
 }
 
-/// Whether something may end in the reaction that starts it: then nobody sees from outside how it did.
+/// Whether a member may end in the reaction that starts it: then its end cannot be seen from outside.
 fn is_instant(term: &Term) -> bool {
     fn members(term: &Term, all: &mut Vec<u32>) {
         if let Term::Leaf(member, _) = term {
@@ -209,7 +209,8 @@ fn is_instant(term: &Term) -> bool {
     all.len() < count || any(term, &|term| matches!(term, Term::Skip | Term::Fail(_) | Term::Match(_)))
 }
 
-/// Where the new event actions would have done the same so far, the state is the one that they would have come to by themselves.
+/// If the new event actions would have done the same so far, the state is the one that they would have reached by
+/// themselves.
 #[test]
 fn the_state_is_as_if_it_had_always_been_so() {
     let (mut compared, mut refused) = (0_u32, 0_u32);
@@ -220,7 +221,7 @@ fn the_state_is_as_if_it_had_always_been_so() {
         let (old, new) = (Program::compile(&spec.group()), Program::compile(&next.group()));
         let mut other = State::new(&new);
         let mut wrong = Ok(());
-        // An operand that has ended keeps its end, whatever stands in its place afterwards.
+        // An operand that has ended keeps its end, even if its place changes afterwards.
         let joins = |spec: &Spec| any(&spec.term, &|term| matches!(term, Term::Par(_) | Term::Ff(_) | Term::Tag(..)));
         let joins = joins(&spec) || joins(&next);
         follow(&old, &word, |state, event, commands, outcome| {
@@ -254,7 +255,7 @@ fn the_state_is_as_if_it_had_always_been_so() {
     assert!(compared > 1_000 && refused < compared / 3, "{compared} compared, {refused} refused");
 }
 
-/// Whatever it becomes, a group that is stopped comes to its end, and nothing is activated twice.
+/// After any change, a group that is stopped comes to its end, and nothing is activated twice.
 #[test]
 fn what_was_carried_over_can_be_stopped() {
     let mut carried_over = 0_u32;
@@ -267,7 +268,7 @@ fn what_was_carried_over_can_be_stopped() {
             }
             true
         });
-        // Half of the members are taken away; what runs of those that stay goes on.
+        // Half of the members are taken away; the running ones of the rest go on.
         let gone: BTreeSet<u32> =
             (0..spec.declared.len()).filter_map(|it| u32::try_from(it).ok()).filter(|it| it % 2 == 0).collect();
         let Ok(carried) = carry((&old, &last), &new, &gone) else { return Ok(()) };

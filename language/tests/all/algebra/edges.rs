@@ -25,7 +25,7 @@ fn run(member: u32) -> Expression {
     Expression::Run { member, sets: vec![] }
 }
 
-/// Starts an expression and returns how it ended, if at once, and what it commanded.
+/// Starts an expression and returns its outcome, if it ends at once, and its commands.
 fn start(expression: Expression) -> (Option<Outcome>, Vec<Command>) {
     let program = Program::compile(&group(expression));
     let mut commands = Vec::new();

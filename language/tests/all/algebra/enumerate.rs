@@ -27,7 +27,7 @@ pub(crate) enum Leaves {
 pub(crate) struct Size {
     /// Its leaves.
     pub(crate) leaves: usize,
-    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as` and `match` with one arm stand in it, anywhere.
+    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as` and `match` with one arm occur in it, anywhere.
     pub(crate) unary: usize,
 }
 

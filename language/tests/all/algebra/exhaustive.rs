@@ -3,7 +3,7 @@
 use super::enumerate::{Leaves, Operators, Size, all};
 use super::pair::{Figures, explore};
 
-/// Explores every expression. Returns how many there are and what was seen.
+/// Explores every expression. Returns their number and the figures.
 pub(crate) fn check(size: Size, operators: Operators, leaves: Leaves) -> (u64, Figures) {
     let (mut expressions, mut sum) = (0, Figures::default());
     all(size, operators, leaves, &mut |spec| {

@@ -1,4 +1,5 @@
-//! The laws, and what is not a law: two expressions are compared step by step, with every event in every state.
+//! The laws, and equations that do not hold: two expressions are compared step by step, with every event in every
+//! state.
 
 use super::pair::{command, event_of, outcome_of};
 use super::reference::{Command, Declared, Event, Outcome, Reason, Term};
@@ -107,7 +108,7 @@ fn operands(task: u32, service: u32) -> Vec<Term> {
     all
 }
 
-/// Returns operands that are no services and do not end at once.
+/// Returns operands that are not services and do not end at once.
 fn tasks(task: u32) -> Vec<Term> {
     let (a, b) = (leaf(task), leaf(task + 1));
     let binary = [Term::Seq, Term::Cond, Term::Else].map(|operator| two(operator, &a, &b));

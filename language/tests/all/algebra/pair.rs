@@ -8,7 +8,7 @@ use std::collections::hash_map::{Entry, HashMap};
 /// The tags that outcomes carry.
 pub(crate) const TAGS: [&str; 3] = ["a", "bc", "d"];
 
-/// The algebra under test beside the reference.
+/// The algebra under test together with the reference.
 #[derive(Clone, Debug)]
 pub(crate) struct Pair<'a> {
     program: &'a Program,
@@ -23,7 +23,7 @@ pub(crate) struct Pair<'a> {
 struct Traits {
     /// Whether tags are looked at.
     matches: bool,
-    /// Whether a stop may be held up for ever.
+    /// Whether a stop may be delayed for ever.
     shields_for_ever: bool,
 }
 
@@ -39,13 +39,13 @@ impl<'a> Pair<'a> {
         Self { program, members, traits, state: State::new(program), machine }
     }
 
-    /// Sends an event to both and compares all that can be seen. Returns the outcome, or what differs.
+    /// Sends an event to both and compares everything observable. Returns the outcome, or the difference.
     pub(crate) fn send(&mut self, event: &Event) -> Result<Option<reference::Outcome>, String> {
         let outcome = self.feed(event)?;
         self.compare_states().map(|()| outcome)
     }
 
-    /// Sends an event to both and compares what comes out.
+    /// Sends an event to both and compares the results.
     fn feed(&mut self, event: &Event) -> Result<Option<reference::Outcome>, String> {
         let mut commands = Vec::new();
         let outcome = algebra::step(self.program, &mut self.state, event_of(event), &mut commands);
@@ -92,8 +92,8 @@ impl<'a> Pair<'a> {
         events
     }
 
-    /// Returns events that nobody waits for: of earlier and of future activations, of members and timers that are idle
-    /// and of members that do not exist. Of the four endings of an activation one stands for all.
+    /// Returns events that are not expected: of earlier and of future activations, of idle members and timers and of
+    /// members that do not exist. One of the four endings of an activation stands for all.
     pub(crate) fn events_stale(&self) -> Vec<Event> {
         let (active, stopping) = self.machine.members();
         let mut events = Vec::new();
@@ -142,7 +142,7 @@ pub(crate) struct Figures {
 }
 
 /// Explores the product of both interpreters with every event in every state. That nothing ever differs makes the pairs
-/// that are reached a bisimulation. Also checked: a state stands for one configuration, a stale event changes nothing,
+/// that are reached a bisimulation. Also checked: a state represents one configuration, a stale event changes nothing,
 /// at an outcome nothing runs (T4), and a stop issued here converges (T5).
 pub(crate) fn explore(spec: &Spec) -> Result<Figures, String> {
     let program = Program::compile(&spec.group());
@@ -183,11 +183,11 @@ pub(crate) fn explore(spec: &Spec) -> Result<Figures, String> {
     Ok(figures)
 }
 
-/// As many events are waited for when something may hold up a stop for ever.
+/// The number of events to wait for when a stop may be delayed for ever.
 const PATIENCE: usize = 40;
 
-/// T5: stops the group, lets the time of shields run out, and confirms for every leaf that is stopping. Returns how many
-/// events it took. What only a shield without a bound holds up is given a chance to end.
+/// T5: stops the group, lets the time of shields run out, and confirms for every leaf that is stopping. Returns how
+/// many events it took. Members that only a shield without a bound holds up are given a chance to end.
 pub(crate) fn converge(mut pair: Pair<'_>) -> Result<u64, String> {
     let mut outcome = pair.feed(&Event::Stop)?;
     let mut sent = 1;

@@ -38,8 +38,8 @@ const ENDING: [u32; 6] = [5, 6, 9, 10, 11, 16];
 /// The sensors and controllers that run until they are stopped.
 const SERVICES: [u32; 13] = [0, 1, 2, 3, 4, 7, 8, 12, 13, 14, 15, 17, 18];
 
-/// Explores fault-free runs: what ends ends, what is asked to stop stops. Returns the number of states, the leaves that
-/// ever run and whether the group can end.
+/// Explores fault-free runs: members end, and stop when asked to. Returns the number of states, the leaves that ever
+/// run and whether the group can end.
 fn fault_free(spec: &Spec) -> (usize, BTreeSet<u32>, bool) {
     let program = Program::compile(&spec.group());
     let mut first = Pair::new(spec, &program);
@@ -78,8 +78,7 @@ fn the_door_stays_shut_without_services() {
     assert_eq!((states, ran.len(), ends), (2, 6, false));
 }
 
-/// Sends events of first activations and returns the outcome of the last one and who is active and who is stopping
-/// then.
+/// Sends events of first activations. Returns the outcome of the last one, and the active and the stopping members.
 fn scenario(spec: &Spec, events: &[Event]) -> (Option<Outcome>, Vec<u32>, Vec<u32>) {
     let program = Program::compile(&spec.group());
     let mut pair = Pair::new(spec, &program);

@@ -87,8 +87,8 @@ fn resources() -> impl Strategy<Value = Vec<String>> {
         .prop_map(|taken| taken.into_iter().map(str::to_owned).collect())
 }
 
-/// Follows a word, whose numbers choose among the events of the states that they meet, through both interpreters, then
-/// stops the group and answers for its leaves.
+/// Follows a word, whose numbers choose among the events of the present state, through both interpreters, then stops
+/// the group and answers for its leaves.
 fn follow(spec: &Spec, word: &[u16]) -> Result<(u64, u64), String> {
     let program = Program::compile(&spec.group());
     let mut pair = Pair::new(spec, &program);
@@ -103,7 +103,7 @@ fn follow(spec: &Spec, word: &[u16]) -> Result<(u64, u64), String> {
     Ok((sent, ended))
 }
 
-/// Most choices move the group on; of 16, one is a stop, two are events that nobody waits for.
+/// Most choices move the group on; of 16, one is a stop, two are unexpected events.
 fn choose(pair: &Pair<'_>, choice: usize) -> Event {
     let (kind, which) = (choice % 16, choice / 16);
     let moving: Vec<Event> = pair.events().into_iter().filter(|event| *event != Event::Stop).collect();

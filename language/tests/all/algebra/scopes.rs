@@ -32,7 +32,7 @@ fn a_shield_of_a_sequence_is_more_than_two_shields() {
     no_law(&shield(&p), &p);
     no_law(&shield(&two(Term::Seq, &p, &q)), &two(Term::Seq, &shield(&p), &shield(&q)));
     no_law(&shield(&many(Term::Dis, &[&p, &q])), &many(Term::Dis, &[&shield(&p), &shield(&q)]));
-    // What could not confirm before the stop is told by one shield, and forgotten by a join of two.
+    // A stop that could not be confirmed before is reported by one shield, and forgotten by a join of two.
     no_law(&shield(&many(Term::Par, &[&p, &q])), &many(Term::Par, &[&shield(&p), &shield(&q)]));
 }
 
@@ -57,7 +57,7 @@ fn using_together_is_not_using_in_turn() {
     let nested = |r, s, e| using(r, &using(s, e));
     let crossed = many(Term::Par, &[&nested("r", "s", &p), &nested("s", "r", &q)]);
     let together = |e: &Term| Term::Using(0, vec!["r".to_owned(), "s".to_owned()], Box::new(e.clone()));
-    // Started in one reaction, one of them has both at once.
+    // If both start in one reaction, one of them gets both resources at once.
     law(&crossed, &many(Term::Par, &[&together(&p), &together(&q)]), UpTo::Nothing);
 }
 
@@ -103,7 +103,7 @@ fn a_source_that_is_done_at_once_keeps_its_pool_full() {
     assert_eq!(empty.send(&[Event::Start(vec![])]), Some(Outcome::Aborted(Reason::Instant)));
 }
 
-/// `P ::[2] Q`: the third value waits, and the source with it; after a failure, what runs comes to its end.
+/// `P ::[2] Q`: the third value waits, and the source with it; after a failure, the running members come to their end.
 #[test]
 fn a_pool_has_as_many_places_as_it_says() {
     let mut history = History::of(Term::Arec(Box::new(leaf(0)), vec![leaf(1), leaf(2)]));
@@ -135,7 +135,7 @@ fn tidying_up_places_one_object_at_a_time_and_is_not_cut_short() {
     assert_eq!(history.running(), [0, 2, 6]);
     assert_eq!(history.send(&[Event::Done(6, 1, vec![])]), None);
     assert_eq!(history.running(), [0, 2, 4]);
-    // The time is up: what is being placed is placed, what is being looked for is not.
+    // The time is up: placing goes on, searching does not.
     assert_eq!(history.send(&[Event::Done(0, 1, vec![])]), None);
     assert_eq!(history.running(), [4]);
     assert_eq!(history.send(&[Event::Stopped(2, 1)]), None);

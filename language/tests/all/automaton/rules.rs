@@ -1,4 +1,4 @@
-//! Examples of the rules that people expect differently, or that other engines got wrong.
+//! Examples of rules that surprise people, or that other engines got wrong.
 
 use language::algebra::{Cause, Outcome, Reason, Value};
 use language::automaton::{
@@ -17,7 +17,7 @@ struct Run {
 }
 
 impl Run {
-    /// Starts an activity; returns what it orders.
+    /// Starts an activity; returns its orders.
     fn start(chart: Chart) -> (Self, String) {
         let automaton = Automaton::new(chart).expect("the chart is an automaton");
         let mut run = Self { configuration: Configuration::new(&automaton), automaton };
@@ -96,7 +96,7 @@ fn send(output: usize) -> Action {
     Action::Send { output, value: ValueSource::Event }
 }
 
-/// Two states that run something; each says on output 1 or 2 that it is left, and the root on output 0.
+/// Two states that run something; each reports on output 1 or 2 that it is left, and the root on output 0.
 fn search_and_take() -> Chart {
     let root = ChartState { exit: vec![send(0)], ..ChartState::compound("fetch", None, 1) };
     let search = ChartState { exit: vec![send(1)], ..running("search", 0) };

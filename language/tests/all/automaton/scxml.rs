@@ -65,7 +65,7 @@ fn is_state(element: &Element) -> bool {
 }
 
 impl<'a> Translator<'a> {
-    /// Notes names of events and variables, and refuses what has no counterpart.
+    /// Notes names of events and variables, and refuses elements without a counterpart.
     fn declare(&mut self, element: &Element) -> Result<(), String> {
         match element.name.as_str() {
             "scxml" | "state" | "parallel" | "final" | "history" | "initial" | "onentry" | "onexit" | "transition"
@@ -119,7 +119,7 @@ impl<'a> Translator<'a> {
         names.split_whitespace().map(|name| number(name).ok_or_else(|| format!("no state {name}"))).collect()
     }
 
-    /// Fills in what a state is.
+    /// Fills in the content of a state.
     fn fill(&mut self, number: usize, element: &'a Element) -> Result<(), String> {
         let first = self.states.iter().position(|state| state.parent == Some(number));
         self.states[number].kind = match element.name.as_str() {

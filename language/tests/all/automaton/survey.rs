@@ -141,7 +141,7 @@ fn follow(chart: &Chart, random: &mut Random, (events, figures): (usize, &mut Fi
     true
 }
 
-/// Surveys so many activities of at most about that size, small ones first.
+/// Surveys activities of at most about this size, small ones first.
 fn survey(activities: u64, size_max: u64, seed: u64) -> Figures {
     let mut figures = Figures::default();
     let mut seed = seed;

@@ -1,6 +1,6 @@
 //! The words of a hostile user.
 
-/// The words that a mistake puts in place of another, or beside it.
+/// The words that a mistake puts in place of another, or next to it.
 pub(crate) const WORDS: &[&str] = &[
     "a",
     "x",
@@ -107,7 +107,8 @@ pub(crate) const WORDS: &[&str] = &[
     "host{c1}",
 ];
 
-/// The words of the language, all of which are good names but those that go on after an operand.
+/// The words of the language. All of them can be used as names, except those that continue an expression after an
+/// operand.
 pub(crate) const KEYWORDS: &[&str] = &[
     "process",
     "module",

@@ -20,7 +20,7 @@ fn corpus() -> Vec<Analysis> {
     paths.into_iter().map(analysis).collect()
 }
 
-/// The name of everything that can have another one, once, with where it stands first.
+/// The name of everything that can be renamed, once, with its first place.
 fn names(analysis: &Analysis) -> Vec<(usize, Declaration)> {
     let mut found: Vec<(usize, Declaration)> = Vec::new();
     for offset in 0..analysis.spec().text.len() {
@@ -30,7 +30,7 @@ fn names(analysis: &Analysis) -> Vec<(usize, Declaration)> {
     found
 }
 
-/// A plan as text with another name for one word, wherever it stands: also in `robot_0`, and in paths.
+/// A plan as text with another name for one word, in every place: also in `robot_0`, and in paths.
 fn respelled(plan: &Plan, from: &str, to: &str) -> String {
     let is_part = |c: char| c.is_alphanumeric() || c == '_';
     let text = shown(plan);
@@ -52,7 +52,7 @@ fn respelled(plan: &Plan, from: &str, to: &str) -> String {
     out
 }
 
-/// A rename keeps the plan, up to the name; what the checker has to say stays as much.
+/// A rename keeps the plan, up to the name; the number of diagnostics stays the same.
 #[test]
 fn names_mean_the_same_under_another_name() {
     let (mut renamed, mut refused) = (0, 0);
@@ -77,7 +77,7 @@ fn names_mean_the_same_under_another_name() {
             let after = Analysis::new(change(analysis.spec()), others, &Options::named("corpus"));
             let place = format!("{from} at {} in {}", span.start, analysis.spec().name);
             let plan = after.plan().unwrap_or_else(|| panic!("{place}: {:?}", after.diagnostics()));
-            // The same word may be the name of other things, too: it is respelled in both.
+            // The same word may also be the name of other things: it is respelled in both.
             assert_eq!(respelled(analysis.plan().unwrap(), from, to), respelled(plan, from, to), "{place}");
             renamed += 1;
         }

@@ -1,4 +1,4 @@
-//! What nodes of two programs have in common, and how many operands of one are waited for.
+//! The similarities between nodes of two programs, and the number of operands that a node waits for.
 
 use crate::algebra::phase::Phase;
 use crate::algebra::program::{Kind, Program};

@@ -37,7 +37,8 @@ impl Chain {
 }
 
 impl Carrying<'_> {
-    /// Of `P ; Q ; R`, however its pairs are nested, one operand runs. What comes before and after it may be anything.
+    /// In `P ; Q ; R`, with any nesting of its pairs, one operand runs. The operands before and after it may be
+    /// anything.
     pub(super) fn place_chain(&mut self, o: usize, n: usize, (chain, calm): (Chain, bool)) -> Result<(), Misfit> {
         let (links, others) = (chain.links(self.program, o), chain.links(self.next, n));
         let is_active = |link: &usize| self.state.cells[*link].phase.is_active();
@@ -51,7 +52,7 @@ impl Carrying<'_> {
         let mut misfit = self.misfit(link, "the new ones have no place for it there");
         let is_only = others.len() == links.len();
         for (nth, (_, _, other)) in order.into_iter().enumerate() {
-            // One that is chosen for its place has the say why not.
+            // The operand that is chosen for its place has the reason if it does not fit.
             match self.place(link, other, calm) {
                 Ok(()) => {
                     let is_stopping = self.state.cells[o].phase == Phase::Stopping;

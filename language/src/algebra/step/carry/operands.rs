@@ -9,7 +9,7 @@ use crate::algebra::state::Cell;
 use std::mem::discriminant;
 
 impl Carrying<'_> {
-    /// Places `,`, `#` or `&`, whose operands may have become others.
+    /// Places `,`, `#` or `&`, whose operands may have changed.
     pub(super) fn align(&mut self, o: usize, n: usize, calm: bool) -> Result<(), Misfit> {
         self.put(o, n);
         let (old, new) = (self.program, self.next);
@@ -48,7 +48,7 @@ impl Carrying<'_> {
         Ok(())
     }
 
-    /// Places what runs as one operand of a new `,`, `#` or `&`, whose others start.
+    /// Places the running expression as one operand of a new `,`, `#` or `&`, whose other operands start.
     pub(super) fn wrap(&mut self, o: usize, n: usize) -> Result<(), Misfit> {
         let operators = [Kind::Concurrent { tasks: 0 }, Kind::FailFast { operands: 0 }, Kind::Disable]
             .map(|kind| discriminant(&kind));
@@ -68,7 +68,7 @@ impl Carrying<'_> {
         Ok(())
     }
 
-    /// Places the one operand that stays of a `,`, `#` or `&` that is not there any more.
+    /// Places the one remaining operand of a `,`, `#` or `&` that is gone.
     pub(super) fn unwrap(&mut self, o: usize, n: usize) -> Result<(), Misfit> {
         let cell = &self.state.cells[o];
         let is_open =
@@ -88,7 +88,7 @@ impl Carrying<'_> {
         Err(self.misfit(o, ""))
     }
 
-    /// Whether some member stands in both.
+    /// Whether some member is in both.
     fn have_in_common(&self, o: usize, n: usize) -> bool {
         let member = |kind: &Kind| if let Kind::Run { member, .. } = kind { Some(*member) } else { None };
         let (old, new) = (&self.program.nodes, &self.next.nodes);
@@ -96,14 +96,14 @@ impl Carrying<'_> {
         old[o..old[o].end].iter().filter_map(|node| member(&node.kind)).any(|member| others.contains(&member))
     }
 
-    /// Whether nothing runs in an operand but what is taken away.
+    /// Whether nothing runs in an operand except members that are taken away.
     fn may_end(&self, o: usize) -> bool {
         let cells = (o..self.program.nodes[o].end).map(|node| self.state.cells[node].phase);
         let is_held_up = cells.clone().any(|phase| phase == Phase::Stopping);
         !is_held_up && self.members(o).iter().all(|member| self.gone.contains(member))
     }
 
-    /// Ends an operand that nobody waits for.
+    /// Ends an operand that no operator waits for.
     fn end(&mut self, o: usize) {
         for node in o..self.program.nodes[o].end {
             let phase = self.state.cells[node].phase;

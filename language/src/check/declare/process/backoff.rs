@@ -6,7 +6,7 @@ use crate::plan::Backoff;
 use crate::syntax::SyntaxKind::Constant;
 use crate::syntax::ast::{Name, Node};
 
-/// Reads a back-off from a statement and the words behind its first. What is none is reported.
+/// Reads a back-off from a statement and the words after its first. A mistake is reported.
 pub(super) fn backoff(statement: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<Backoff> {
     let before = reader.diagnostics.count();
     let backoff = read(statement, words, reader);

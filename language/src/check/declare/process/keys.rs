@@ -9,7 +9,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{self, BackArrow, Text};
 use crate::syntax::ast::{Node, Token};
 
-/// Returns the connections of a group with keys; reports those that cannot be.
+/// Returns the connections of a group with keys; reports the impossible ones.
 pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
     let mut all = Vec::new();
     for section in group.children_of(SyntaxKind::Connections) {
@@ -34,7 +34,7 @@ pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
     all
 }
 
-/// Returns why keys cannot stand in a connection, if so.
+/// Returns the reason why keys are not allowed in a connection, if so.
 fn misplaced(connection: &Node, keys: &[Node], owner: Option<&Node>) -> Option<Diagnostic> {
     let error = |node: &Node, message: &str| Diagnostic::new(Code::E0308, node.span(), message);
     if let [_, second, ..] = keys {
@@ -90,7 +90,7 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
     Ok(format!("{key}{end}"))
 }
 
-/// `robot[i], Claims` stands for one connection of each robot.
+/// `robot[i], Claims` means one connection of each robot.
 fn connections(node: &Node, end: &Node, (keys, is_write): (&str, bool), names: &mut Names<'_>) -> Vec<KeyConnection> {
     let mut all = Vec::new();
     let variable = index::unbound(std::slice::from_ref(end), names, &[]);

@@ -18,7 +18,7 @@ use std::time::Duration;
 /// The shortest bound of a watchdog: the scheduler of a busy host may keep a program waiting for some milliseconds.
 const WATCHDOG_MIN: Duration = Duration::from_millis(20);
 
-/// The value of one policy as it is written: its words after the first, and its numbers.
+/// The written value of one policy: its words after the first, and its numbers.
 struct PolicyValue<'a> {
     node: &'a Node,
     words: Vec<String>,
@@ -144,7 +144,7 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
     }
 }
 
-/// Reads what a program may use; returns whether it can be read, and help if not.
+/// Reads the resources that a program may use; returns whether they can be read, and advice if not.
 fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> (bool, &'static str) {
     let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
     let no_words = written.words.is_empty();

@@ -128,7 +128,7 @@ impl World {
     }
 }
 
-/// DRAIN: what could not confirm becomes the outcome; the first one stays.
+/// DRAIN: an unconfirmed stop becomes the outcome; the first one stays.
 pub(super) fn drain(o: Outcome, rs: Vec<R>) -> R {
     match collect(o, rs) {
         (o, cs) if cs.is_empty() => R::O(o),

@@ -1,4 +1,4 @@
-//! `C --e--> R` and `stop(C) = R`, and what can be seen of a configuration.
+//! `C --e--> R` and `stop(C) = R`, and the observable part of a configuration.
 
 use super::World;
 use super::completion::{drain, hold, is_unconfirmed, running};
@@ -6,7 +6,7 @@ use super::scopes::{ending, fin2, shield, tag};
 use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
 
 impl World {
-    /// `C --e--> R`; a part that the event does not concern is left as it is.
+    /// `C --e--> R`; a part without this event is unchanged.
     pub(super) fn react(&mut self, c: Config, e: &Event) -> R {
         match c {
             Config::Active(i, n, l) => self.react_active(i, n, l, e),
@@ -103,7 +103,7 @@ impl World {
             },
             // [e-abort]
             Event::Aborted(_, _, r) => Outcome::Aborted(Reason::Reported(i, r.clone())),
-            // Nobody asked it to: it failed.
+            // It stopped without an order: it failed.
             Event::Stopped(..) => Outcome::Aborted(Reason::Reported(i, vec![])),
             Event::Unconfirmed(..) => Outcome::Aborted(Reason::Unconfirmed(i)),
             Event::Start(_) | Event::Stop | Event::Elapsed(..) | Event::Granted(_) => {
@@ -225,8 +225,8 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
     }
 }
 
-/// Takes away what cannot matter any more: activation numbers, all aborts of a join but the first, and the value of a
-/// service that `,` does not wait for.
+/// Removes everything that no longer matters: activation numbers, all aborts of a join but the first, and the value of
+/// a service that `,` does not wait for.
 pub(super) fn forget(c: Config) -> Config {
     let boxed = |c: Box<Config>| Box::new(forget(*c));
     let slots = |ks: Vec<Slot>| {

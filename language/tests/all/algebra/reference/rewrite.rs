@@ -1,7 +1,8 @@
 //! A second interpreter of the process algebra, for tests alone: configurations are terms, rules rewrite them.
 //!
-//! It shares nothing with `language::algebra`: its own terms, values, commands and reasons, no arrays, no phases, no
-//! parent links, no speed. Each rule stands here as it is written, so that a reader can compare it with the paper page:
+//! It shares nothing with `language::algebra`: it has separate terms, values, commands and reasons, no arrays, no
+//! phases, no parent links, and is not optimised. Each rule is written as in the paper, so that a reader can compare it
+//! with the paper page:
 //!
 //! ```text
 //! R ::= C | o        o ::= done(v) | aborted(r) | killed
@@ -21,7 +22,7 @@ use std::rc::Rc;
 use self::term::R;
 pub(crate) use self::term::{Command, Config, Declared, Event, Outcome, Reason, Term};
 
-/// A group: its expression, what it is made of, and where it is.
+/// A group: its expression, its members, and its configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Machine {
     expression: Rc<Term>,
@@ -38,7 +39,7 @@ struct World {
     busy: BTreeSet<u32>,
     /// The resources that some `using` holds.
     held: BTreeSet<String>,
-    /// The `using`s that wait with what they want, the first to come first.
+    /// The waiting `using`s with the resources they want, the earliest first.
     queue: Vec<(u32, Vec<String>)>,
     commands: Vec<Command>,
 }
@@ -115,7 +116,7 @@ impl Machine {
         self.root.clone().map(|c| (forget(c), waiting.collect()))
     }
 
-    /// Returns the members that are active and those that are stopping.
+    /// Returns the active members and the stopping ones.
     pub(crate) fn members(&self) -> (BTreeSet<u32>, BTreeSet<u32>) {
         let (mut active, mut stopping) = (BTreeSet::new(), BTreeSet::new());
         if let Some(root) = &self.root {

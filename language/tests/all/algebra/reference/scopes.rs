@@ -100,7 +100,7 @@ impl World {
         }
     }
 
-    /// AREC, with what P has come to.
+    /// AREC, with the result of P.
     pub(super) fn arec(&mut self, mut r: R, mut cs: Vec<Option<Config>>, p: &Term, qs: &[Term]) -> R {
         let mut rounds = 0;
         loop {
@@ -109,7 +109,7 @@ impl World {
                 R::O(Outcome::Done(u)) => u,
                 R::O(o) => return self.arec_ending(o, None, cs),
             };
-            // A pool that is not full after so many rounds never will be.
+            // A pool that is not full after this many rounds never will be.
             if rounds > qs.len() {
                 return self.arec_ending(Outcome::Aborted(Reason::Instant), None, cs);
             }
@@ -185,7 +185,7 @@ pub(super) fn ending(o: Outcome, rs: Vec<R>) -> R {
     }
 }
 
-/// The tag of a value, and what stands behind it.
+/// The tag of a value, and the value behind it.
 fn split(v: &Value) -> (Option<String>, Value) {
     let length = usize::from(v.first().copied().unwrap_or(0));
     match v.get(1..=length).map(|tag| String::from_utf8(tag.to_vec())) {

@@ -36,7 +36,7 @@ pub(crate) enum Term {
     Match(Vec<(Option<String>, Self)>),
     /// `shield E`, or for at most 1 s with the number of the timer.
     Shield(Option<u32>, Box<Self>),
-    /// `using(res) E`: the number of the `using`, and what it takes.
+    /// `using(res) E`: the number of the `using`, and its resources.
     Using(u32, Vec<String>, Box<Self>),
     /// `E ::[n] F`, with F written out n times.
     Arec(Box<Self>, Vec<Self>),
@@ -49,7 +49,7 @@ pub(crate) enum Term {
 /// `r`: why something aborted.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Reason {
-    /// A member says so.
+    /// A member reported it.
     Reported(u32, Value),
     /// A member was active already.
     Busy(u32),
@@ -149,7 +149,7 @@ pub(super) enum R {
     O(Outcome),
 }
 
-/// `e`: what happened.
+/// `e`: an event.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Event {
     /// The group is started.
@@ -166,7 +166,7 @@ pub(crate) enum Event {
     Unconfirmed(u32, u32),
     /// `elapsed(w,n)`
     Elapsed(u32, u32),
-    /// `granted(u)`: what the `using` of that number wants is free. Comes from the group itself alone.
+    /// `granted(u)`: the resources that the `using` of that number wants are free. Comes from the group itself alone.
     Granted(u32),
 }
 

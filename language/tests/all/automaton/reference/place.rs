@@ -216,7 +216,7 @@ impl Place<'_> {
         (0..found.len()).filter(|&place| is_taken[place] == Some(true)).map(|place| found[place]).collect()
     }
 
-    /// Which transitions that were found take precedence over one of them.
+    /// The found transitions that take precedence over one of them.
     fn preceding(self, found: &[usize], place: usize) -> Vec<usize> {
         let source = |place: usize| self.chart.transitions[found[place]].source;
         let own = self.left(&[found[place]]);
