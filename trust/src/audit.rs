@@ -1,8 +1,10 @@
-//! Who did what, as a chain: each record has the hash of all before it, and other members sign where it has come to.
+//! A log of all attempts as a chain: each record has the hash of all previous records, and other members sign its
+//! position.
 //!
-//! A log is a text of lines. The first says of which team and node it is, and what came before it. Fields of a record stand between
-//! tabulators: number, time, decision, who, what, request, reason, hash. A record that is changed, taken out or put in
-//! does not fit any more; one that is cut off at the end is missed when a signed head says that it was there.
+//! A log is a text of lines. The first names its team and node, and the log before it. The fields of a record are
+//! separated by tabs: number, time, decision, who, what, request, reason, hash. A record that was changed, removed or
+//! inserted breaks the chain. A record that was cut off at the end is missed when a signed head proves that it was
+//! there.
 
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
@@ -13,7 +15,7 @@ use thiserror::Error;
 
 /// The longest line, in bytes.
 pub const LINE_MAX: usize = 4096;
-/// The longest field of a record, in characters; what is longer is cut.
+/// The longest field of a record, in characters; a longer field is cut.
 pub const FIELD_MAX: usize = 256;
 /// The most heads that a log is compared with.
 pub const HEADS_MAX: usize = 1 << 16;
@@ -25,18 +27,18 @@ const HEAD_LEN_MAX: usize = 512;
 const DECISIONS: [Decision; 5] =
     [Decision::Done, Decision::Refused, Decision::Accepted, Decision::Failed, Decision::Unknown];
 
-/// What became of a request.
+/// The result of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
     /// It was done.
     Done,
-    /// It was refused: whoever asked may not.
+    /// It was refused: the client may not do this.
     Refused,
-    /// Whoever asked may. What became of it is a record of its own.
+    /// The client may do this. The outcome is a separate record.
     Accepted,
     /// It was accepted, and not done.
     Failed,
-    /// It was accepted, and the node does not know what became of it.
+    /// It was accepted, and the node does not know the outcome.
     Unknown,
 }
 
@@ -52,16 +54,16 @@ impl Decision {
     }
 }
 
-/// One thing that somebody asked for.
+/// One request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry<'a> {
     /// The time at which that was.
     pub at: UnixTime,
-    /// What became of it.
+    /// Its result.
     pub decision: Decision,
-    /// Who asked, as far as that is known.
+    /// The client that made it, as far as known.
     pub who: &'a str,
-    /// What was asked for.
+    /// The requested action.
     pub what: &'a str,
     /// The request's id.
     pub request: [u8; 16],
@@ -72,7 +74,7 @@ pub struct Entry<'a> {
 /// The end of a log, to which records are added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Log {
-    /// Of whom it is.
+    /// The node that it belongs to.
     node: KeyId,
     team: KeyId,
     /// The number of its first record.
@@ -85,26 +87,26 @@ pub struct Log {
 /// The first line of a log that does not fit, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AuditError {
-    /// The first line is not that of a log.
+    /// The first line does not begin a log.
     #[error("line 1 is not the beginning of an audit log")]
     Begin,
-    /// A line is no record.
+    /// A line is not a record.
     #[error("line {line} is no record of an audit log")]
     Record {
         /// The line, from 1.
         line: u64,
     },
-    /// A record has another number than the one before it asks for.
+    /// A record does not have the number that follows the previous one.
     #[error("line {line} has record {found} where record {expected} belongs")]
     Number {
         /// The line, from 1.
         line: u64,
-        /// The number that is there.
+        /// The number in the record.
         found: u64,
         /// The number that belongs there.
         expected: u64,
     },
-    /// A record does not fit to those before it: one of them, or it, was changed.
+    /// A record does not match the previous ones: one of them, or this one, was changed.
     #[error("line {line}, record {number}, does not fit to what is before it")]
     Hash {
         /// The line, from 1.
@@ -117,17 +119,17 @@ pub enum AuditError {
     Forked {
         /// The record.
         number: u64,
-        /// Who has signed another one.
+        /// The signer of another record.
         by: KeyId,
     },
     /// Records are missing at the end.
     #[error("the log ends with {last}, but {by} has signed record {number}")]
     Truncated {
-        /// The last record that is there, or `nothing`.
+        /// The last existing record, or `nothing`.
         last: String,
-        /// The last one that a member has signed.
+        /// The last record that a member has signed.
         number: u64,
-        /// Who has signed it.
+        /// The signer.
         by: KeyId,
     },
     /// The heads are of another log.
@@ -139,7 +141,7 @@ pub enum AuditError {
 }
 
 impl Log {
-    /// Begins a log; returns it with its first line. `before` is the end of the log that it goes on from, if it does.
+    /// Begins a log; returns it with its first line. `before` is the end of the log that it continues, if it does.
     pub fn begin(team: KeyId, node: KeyId, before: Option<&Self>) -> (Self, String) {
         let (first, previous) = before.map_or((1, [0; 32]), |log| (log.next, log.hash));
         let line = format!("{BEGIN} {} {} {first} {}", encode(&team.0), encode(&node.0), encode(&previous));
@@ -178,12 +180,12 @@ impl Log {
         (self.team, self.node)
     }
 
-    /// Signs where the log has come to.
+    /// Signs the position of the log.
     pub fn countersign(&self, at: UnixTime, member: &SecretKeys) -> Head {
         Head::sign(Position { log: self.node, number: self.next - 1, hash: self.hash }, at, member)
     }
 
-    /// Returns where it has come to; nothing if it has no record yet.
+    /// Returns its position; none if it has no record yet.
     #[must_use]
     pub const fn position(&self) -> Option<Position> {
         let (log, number, hash) = (self.node, self.next - 1, self.hash);
@@ -191,7 +193,7 @@ impl Log {
     }
 }
 
-/// Where a log has come to.
+/// The position of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
     /// The node that the log is of.
@@ -202,7 +204,7 @@ pub struct Position {
     pub hash: [u8; 32],
 }
 
-/// Where a log had come to, signed by a member.
+/// An earlier position of a log, signed by a member.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
     log: KeyId,
@@ -214,20 +216,20 @@ pub struct Head {
 }
 
 impl Head {
-    /// Signs where a log has come to.
+    /// Signs the position of a log.
     pub fn sign(Position { log, number, hash }: Position, at: UnixTime, member: &SecretKeys) -> Self {
         let mut head = Self { log, number, hash, at, by: *member.public(), signature: [0; SIGNATURE_LEN] };
         head.signature = member.sign(&head.form());
         head
     }
 
-    /// Returns where the log had come to.
+    /// Returns the position of the log.
     #[must_use]
     pub const fn position(&self) -> Position {
         Position { log: self.log, number: self.number, hash: self.hash }
     }
 
-    /// Returns who has signed it. Whether that is a member is for the caller to know.
+    /// Returns the signer. The caller has to check that the signer is a member.
     pub fn by(&self) -> KeyId {
         self.by.id()
     }
@@ -261,10 +263,10 @@ impl Head {
         text::with_sum(HEAD_TEXT, &self.to_bytes())
     }
 
-    /// Reads what [`Head::to_text`] has written, and checks its signature.
+    /// Reads the text of [`Head::to_text`], and checks its signature.
     ///
     /// # Errors
-    /// The text is no head.
+    /// The text is not a head.
     pub fn from_text(text: &str) -> Result<Self, TextError> {
         let bytes = text::without_sum(HEAD_TEXT, text)?;
         Self::from_bytes(&bytes).map_err(|_no_head| TextError::Checksum)
@@ -273,7 +275,7 @@ impl Head {
     /// Reads its form, and checks its signature.
     ///
     /// # Errors
-    /// The bytes are no head, or not signed by whom they name.
+    /// The bytes are not a head, or not signed by the named signer.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, HEAD, HEAD_LEN_MAX)?;
         let (log, number) = (KeyId(reader.fixed()?), reader.u64()?);
@@ -324,7 +326,7 @@ impl Verifier {
             }
             self.first = log.next;
             self.log = Some(log);
-            // Who has signed the last record of the log before this one has signed what this one goes on from.
+            // A signature on the last record of the previous log also covers the point from which this log continues.
             return before.map_or(Ok(()), |before| self.compare(before));
         };
         let at = self.line;
@@ -367,7 +369,7 @@ impl Verifier {
     }
 }
 
-/// Returns a log of which this is the first line, and the last record of the one before, if there is one.
+/// Returns a log with this first line, and the last record of the previous log, if there is one.
 fn begin(line: &str) -> Option<(Log, Option<Position>)> {
     let mut fields = line.strip_prefix(BEGIN)?.strip_prefix(' ')?.split(' ');
     let mut id = || <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok();
@@ -380,10 +382,10 @@ fn begin(line: &str) -> Option<(Log, Option<Position>)> {
     (again == line).then_some((log, before))
 }
 
-/// Returns the number of a record, its hash, and what is hashed.
+/// Returns the number of a record, its hash, and the hashed text.
 fn record(line: &str) -> Option<(u64, [u8; 32], &str)> {
     let (body, hash) = line.rsplit_once('\t').filter(|_| line.len() <= LINE_MAX)?;
-    // Letters that look alike are read alike: a record has one form all the same.
+    // The decoder accepts similar letters, but a record has only one form.
     let hash = <[u8; 32]>::try_from(decode(hash).ok()?).ok().filter(|read| encode(read) == hash)?;
     let fields: Vec<&str> = body.split('\t').collect();
     let &[number, at, decision, _, _, _, _] = fields.as_slice() else { return None };
@@ -399,7 +401,7 @@ fn chained(previous: &[u8; 32], line: &str) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// Adds a field without characters that would end it, or move the cursor of whoever looks at it.
+/// Adds a field without characters that would end it, or move the cursor of a terminal.
 fn push_field(line: &mut String, text: &str) {
     for character in text.chars().take(FIELD_MAX) {
         if character.is_control() || character == '\u{2028}' || character == '\u{2029}' {

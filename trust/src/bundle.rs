@@ -1,4 +1,5 @@
-//! What everybody may know of a team, as one text: its keys, the certificates it has given, and the keys it has revoked.
+//! The public knowledge about a team, as one text: its keys, the certificates it has given, and the keys it has
+//! revoked.
 //!
 //! ```text
 //! dca-team 2
@@ -8,10 +9,11 @@
 //! end 6TW…
 //! ```
 //!
-//! The operator's machine keeps it as a file; it is no secret. Each line proves itself by its signatures, so a changed file is
-//! noticed. The last line has the hash of all before it, so a file of which a part was lost is noticed, too. Who takes lines out on purpose can
-//! write another last line: nothing that somebody knows is lost by that, for what is read is merged with what is known. There may be several lines
-//! with revocations, of which none contains another. Version 1 had no last line, and is still read.
+//! The operator's machine keeps it as a file; it is not secret. Each line is protected by its signatures, so a changed
+//! file is noticed. The last line has the hash of all previous lines, so the loss of a part is noticed as well. An
+//! attacker who removes lines can write another last line. This does not remove anything already known, because a file
+//! is merged with the known bundle. There may be several lines with revocations, of which none contains another.
+//! Version 1 had no last line, and is still read.
 
 use crate::certificate::Certificate;
 use crate::identity::KeyId;
@@ -28,7 +30,7 @@ pub const CERTIFICATES_MAX: usize = 4096;
 pub const BUNDLE_MAX: usize = 8 << 20;
 
 const BEGIN: &str = "dca-team 2";
-/// That of files without a last line.
+/// The first line of files without a last line.
 const BEGIN_OLD: &str = "dca-team 1";
 const END: &str = "end ";
 
@@ -40,7 +42,7 @@ pub struct Bundle {
     revoked: Revocations,
 }
 
-/// Why a text is no bundle, or a certificate does not come into one.
+/// The reason why a text is not a bundle, or a certificate cannot be added to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum BundleError {
     /// It is longer than a bundle may be.
@@ -49,10 +51,10 @@ pub enum BundleError {
     /// It does not begin as one.
     #[error("its first line is not `{BEGIN}`")]
     Begin,
-    /// Its last line is missing, or is not that of these lines.
+    /// Its last line is missing, or does not match the lines.
     #[error("its last line does not fit the others: a part was lost or changed; export it again")]
     Cut,
-    /// A line is not what belongs there.
+    /// A line does not belong there.
     #[error("line {0} cannot be read, or does not belong there")]
     Line(usize),
     /// A line is not signed by the team.
@@ -70,7 +72,7 @@ pub struct Holder<'a> {
 }
 
 impl Bundle {
-    /// Returns that of a new team.
+    /// Returns the bundle of a new team.
     #[must_use]
     pub fn new(team: Team) -> Self {
         Self { team, certificates: Vec::new(), revoked: Revocations::default() }
@@ -81,7 +83,7 @@ impl Bundle {
         &self.team
     }
 
-    /// Returns what the team's key has revoked.
+    /// Returns the revocations by the team's key.
     pub const fn revocations(&self) -> &Revocations {
         &self.revoked
     }
@@ -99,7 +101,7 @@ impl Bundle {
         Ok(())
     }
 
-    /// Takes in what the team's key has revoked, besides what is known. Admins' sets travel from node to node.
+    /// Adds revocations by the team's key to the known ones. Admins' sets travel from node to node.
     ///
     /// # Errors
     /// It is not signed by the team's key.
@@ -131,7 +133,7 @@ impl Bundle {
         Ok(())
     }
 
-    /// Returns every holder of a certificate, and who is trusted at a time.
+    /// Returns every holder of a certificate, and which of them are trusted at a time.
     #[must_use]
     pub fn holders(&self, now: UnixTime) -> Vec<Holder<'_>> {
         let judge = Judge { team: &self.team, revoked: &self.revoked, now, grace: 0 };
@@ -155,13 +157,13 @@ impl Bundle {
         self.certificates.iter().any(is_node)
     }
 
-    /// Returns what shows who the holder of a key is; nothing if the key has no certificate.
+    /// Returns the credential of the holder of a key; none if the key has no certificate.
     #[must_use]
     pub fn credential_of(&self, key: &KeyId) -> Option<Credential> {
         self.certificates.iter().find(|known| known.subject() == *key).map(|known| self.credential(known))
     }
 
-    /// Returns a certificate with that of the admin who has issued it.
+    /// Returns a certificate with the certificate of the admin who issued it.
     fn credential(&self, certificate: &Certificate) -> Credential {
         let by = certificate.issuer();
         let issuer = self.certificates.iter().find(|known| known.subject() == by && by != self.team.id());
@@ -182,10 +184,10 @@ impl Bundle {
         text + &format!("{END}{end}\n")
     }
 
-    /// Reads a text, and checks who has signed its lines. Whether a certificate has ended is not checked.
+    /// Reads a text, and checks the signatures of its lines. Expired certificates are not rejected.
     ///
     /// # Errors
-    /// It is no bundle. Nothing of it is used then.
+    /// It is not a bundle. No part of it is used then.
     pub fn from_text(text: &str) -> Result<Self, BundleError> {
         if text.len() > BUNDLE_MAX {
             return Err(BundleError::TooLong);
@@ -230,7 +232,7 @@ impl Bundle {
         }
     }
 
-    /// Returns whether a certificate was true at its beginning. Its issuer stands before it.
+    /// Returns whether a certificate was valid at its beginning. Its issuer precedes it.
     fn is_true(&self, certificate: &Certificate) -> bool {
         let now = certificate.claims().not_before;
         let nobody = Revocations::default();
@@ -253,6 +255,6 @@ fn whole(text: &str) -> Result<Vec<&str>, BundleError> {
 fn field((number, line): (usize, &str), name: &str) -> Result<Vec<u8>, BundleError> {
     let text = line.strip_prefix(name).ok_or(BundleError::Line(number))?;
     let bytes = decode(text).map_err(|_no_text| BundleError::Line(number))?;
-    // Capitals, and letters that look alike, are for lines that people type.
+    // Capitals, and similar letters, are for lines that people type.
     if encode(&bytes) == text { Ok(bytes) } else { Err(BundleError::Line(number)) }
 }

@@ -1,8 +1,9 @@
 //! Certificates and their renewals: small forms, each with one signature.
 //!
-//! A certificate says whose keys these are, for a short time. A member that is entitled to may renew it, again and again, but never
-//! beyond a time that its issuer has set (`renewable_until`). So a robot that never meets the team's key stays in the team,
-//! and a stolen renewer can prolong what there was, until that time or until it is revoked, but can admit nobody.
+//! A certificate names the owner of keys, for a short time. A member with the right to renew may extend it, again and
+//! again, but never beyond a time that its issuer has set (`renewable_until`). So a robot that never meets the team's
+//! key stays in the team. A stolen renewer can extend existing certificates, until that time or until it is revoked,
+//! but it cannot admit new members.
 
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
 use crate::name::{Name, UnixTime};
@@ -24,14 +25,14 @@ pub const DAY: u64 = 24 * 3600;
 const CERTIFICATE: &str = "dca certificate 1";
 const RENEWAL: &str = "dca renewal 1";
 
-/// What a certificate says.
+/// The content of a certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claims {
     /// The id of the team's key.
     pub team: KeyId,
     /// The subject's name.
     pub name: Name,
-    /// What the subject may do; its kind follows.
+    /// The rights of the subject; its kind follows from them.
     pub role: Role,
     /// The subject's keys.
     pub keys: PublicKeys,
@@ -39,7 +40,7 @@ pub struct Claims {
     pub not_before: UnixTime,
     /// When it ends, unless it is renewed.
     pub not_after: UnixTime,
-    /// When it ends, whoever renews it.
+    /// The end beyond which no member can renew it.
     pub renewable_until: UnixTime,
     /// A random number, so that two certificates of one subject differ.
     pub serial: [u8; 16],
@@ -109,12 +110,12 @@ impl Certificate {
         Ok(Self { claims, issuer: id, signature })
     }
 
-    /// Returns what it says. That is not proven: see [`crate::team::Credential::check`].
+    /// Returns its content. That is not proven: see [`crate::team::Credential::check`].
     pub const fn claims(&self) -> &Claims {
         &self.claims
     }
 
-    /// Returns what its subject is.
+    /// Returns the kind of its subject.
     #[must_use]
     pub fn kind(&self) -> Kind {
         self.claims.role.kind()
@@ -125,7 +126,7 @@ impl Certificate {
         self.claims.keys.id()
     }
 
-    /// Returns the id of the keys of whom it says that they have signed it.
+    /// Returns the id of the keys that it claims to be signed with.
     pub const fn issuer(&self) -> KeyId {
         self.issuer
     }
@@ -149,7 +150,7 @@ impl Certificate {
     /// Reads its form. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are no certificate.
+    /// The bytes are not a certificate.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, CERTIFICATE, CERTIFICATE_MAX)?;
         let team = KeyId(reader.fixed()?);
@@ -172,7 +173,7 @@ impl Certificate {
     }
 }
 
-/// A certificate is valid for longer: said by a member that may renew.
+/// The extension of a certificate's validity, by a member that may renew.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Renewal {
     certificate: [u8; 32],
@@ -204,7 +205,7 @@ impl Renewal {
         self.not_after
     }
 
-    /// Returns the id of the keys of whom it says that they have signed it.
+    /// Returns the id of the keys that it claims to be signed with.
     pub const fn renewer(&self) -> KeyId {
         self.renewer
     }
@@ -236,7 +237,7 @@ impl Renewal {
     /// Reads its form. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are no renewal.
+    /// The bytes are not a renewal.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, RENEWAL, RENEWAL_MAX)?;
         let certificate = reader.fixed()?;

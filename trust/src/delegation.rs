@@ -1,5 +1,5 @@
-//! A node vouches for a key: that of a program that it has started, which it names, or that of those who look at programs from its
-//! machine. So neither has the key of the node.
+//! A node vouches for a key: that of a program that it has started, which it names, or that of visitors from its
+//! machine. So neither needs the key of the node.
 
 use crate::certificate::DAY;
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
@@ -19,12 +19,12 @@ pub const DELEGATION_LIFE: u64 = 366 * DAY;
 
 const DELEGATION: &str = "dca delegation 2";
 
-/// A key, signed by the node that vouches for who has it.
+/// A key, signed by the node that vouches for its owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Delegation {
     /// The public Ed25519 key.
     key: [u8; 32],
-    /// The program that has it; empty for those who look at programs.
+    /// The program that has it; empty for visitors.
     program: String,
     not_after: UnixTime,
     signature: [u8; SIGNATURE_LEN],
@@ -35,7 +35,7 @@ pub struct Delegation {
 /// Why a program is not trusted.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DelegationError {
-    /// Nobody may vouch for programs but nodes.
+    /// Only nodes may vouch for programs.
     #[error("who vouches for it is no node")]
     Kind,
     /// The node has not signed this.
@@ -50,8 +50,8 @@ pub enum DelegationError {
 }
 
 impl Delegation {
-    /// Vouches for a key as the node that has these keys and this credential. `program` names the program that has it, and is cut where
-    /// it is too long; it is empty for those who look at programs.
+    /// Vouches for a key as the node that has these keys and this credential. `program` names the program that has it,
+    /// and is cut if it is too long; it is empty for visitors.
     pub fn sign(
         (key, program): ([u8; 32], &str),
         now: UnixTime,
@@ -68,7 +68,7 @@ impl Delegation {
         &self.key
     }
 
-    /// Returns the program that has the key; none if it is that of those who look at programs.
+    /// Returns the program that has the key; none for the key of visitors.
     pub fn program(&self) -> Option<&str> {
         Some(self.program.as_str()).filter(|program| !program.is_empty())
     }
@@ -85,7 +85,7 @@ impl Delegation {
         &self.node
     }
 
-    /// Returns whether who has the key has signed the digest of a message.
+    /// Returns whether the owner of the key has signed the digest of a message.
     pub fn has_signed(&self, digest: &[u8; 32], signature: &[u8]) -> bool {
         statement::is_signed_by(digest, &self.key, signature)
     }
@@ -121,7 +121,7 @@ impl Delegation {
     /// Reads its form. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are no delegation.
+    /// The bytes are not a delegation.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, DELEGATION, DELEGATION_MAX)?;
         let (key, program) = (reader.fixed()?, String::from_utf8(reader.short()?.to_vec()));

@@ -1,5 +1,5 @@
-//! The signed heads of audit logs that a member keeps: what it has signed of the logs of others, and what others have signed of its
-//! own.
+//! The signed heads of audit logs that a member keeps: its signatures on the logs of others, and others' signatures on
+//! its own log.
 //!
 //! A member signs where the log of another one has come to, and never again an earlier place, nor another record of that number. So
 //! who cuts off or rewrites the end of a log has the word of others against it, which is on their disks. Of each log and signer some
@@ -26,7 +26,7 @@ pub enum HeadError {
     Cut {
         /// The last record now.
         found: u64,
-        /// The last one that was signed.
+        /// The last record that was signed.
         signed: u64,
     },
     /// The log was rewritten.
@@ -41,7 +41,7 @@ pub enum HeadError {
     /// There is no room.
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]
     Full,
-    /// A line of the text is no head.
+    /// A line of the text is not a head.
     #[error("line {line} is no signed head of an audit log")]
     Line {
         /// The line, from 1.
@@ -96,7 +96,7 @@ impl Heads {
         self.keep(head.clone(), name).map(|_is_new| (head, true))
     }
 
-    /// Keeps a head that somebody has signed. Says whether it is new.
+    /// Keeps a head that a member has signed. Returns whether it is new.
     ///
     /// # Errors
     /// There is no room.
@@ -117,7 +117,7 @@ impl Heads {
         Ok(true)
     }
 
-    /// Returns the heads of a log, with the name of who has signed each.
+    /// Returns the heads of a log, with the name of each signer.
     pub fn of(&self, log: KeyId) -> impl Iterator<Item = (&Name, &Head)> {
         let signed = self.0.iter().filter(move |((of, _), _)| *of == log);
         signed.flat_map(|(_, signed)| signed.heads.iter().map(|head| (&signed.name, head)))
@@ -132,7 +132,7 @@ impl Heads {
     /// Reads such a text, and checks the signatures: whether the signers are members is for the caller to know.
     ///
     /// # Errors
-    /// A line is no head, or there are too many.
+    /// A line is not a head, or there are too many.
     pub fn from_text(text: &str) -> Result<Self, HeadError> {
         let mut heads = Self::default();
         for (index, line) in text.lines().enumerate() {

@@ -18,14 +18,14 @@ pub const SIGNATURE_LEN: usize = 64;
 const KEY_TEXT: &str = "dca-key1-";
 const WORDS: &str = include_str!("words.txt");
 
-/// Random bytes for one operation, made from 32 bytes that nobody can predict.
+/// Random bytes for one operation, made from 32 unpredictable bytes.
 ///
 /// This room asks no system for anything. Its caller takes the 32 bytes from the system for each operation, and never the
 /// same ones twice.
 pub struct Entropy(Box<blake3::OutputReader>);
 
 impl Entropy {
-    /// Takes 32 bytes that nobody can predict and nobody has used.
+    /// Takes 32 unpredictable bytes that have never been used.
     pub fn new(seed: &[u8; 32]) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key("dca entropy 1");
         hasher.update(seed);
@@ -51,8 +51,8 @@ impl fmt::Debug for Entropy {
 pub struct KeyId(pub [u8; 32]);
 
 impl KeyId {
-    /// Returns six words that two people can compare over a telephone: 60 bits of the id, which is that of both public keys. Four words
-    /// are 40 bits, and for those another pair of keys is found in minutes.
+    /// Returns six words that two people can compare over a telephone: 60 bits of the id, which covers both public
+    /// keys. Four words would be 40 bits, for which a matching pair of keys is found in minutes.
     pub fn fingerprint(&self) -> String {
         let hash = blake3::derive_key("dca fingerprint 2", &self.0);
         let bits = hash.iter().take(8).fold(0u64, |bits, byte| (bits << 8) | u64::from(*byte));
@@ -80,7 +80,7 @@ impl fmt::Debug for KeyId {
     }
 }
 
-/// The public keys of somebody.
+/// The public keys of one owner.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct PublicKeys {
     sign: VerifyingKey,
@@ -92,7 +92,8 @@ impl PublicKeys {
     /// Reads both keys: 32 bytes to check signatures, 32 bytes to seal secrets.
     ///
     /// # Errors
-    /// One of them is no key, or a weak one: a point of small order, for which anybody can make a signature or open a seal.
+    /// One of them is not a key, or a weak one: a point of small order, for which any attacker can make a signature or
+    /// open a seal.
     pub fn from_bytes(bytes: &[u8; PUBLIC_LEN]) -> Result<Self, FormError> {
         let (mut sign, mut seal) = ([0; 32], [0; 32]);
         sign.copy_from_slice(&bytes[..32]);
@@ -138,12 +139,12 @@ impl PublicKeys {
         self.sign.verify_strict(bytes, &Signature::from_bytes(signature)).is_ok()
     }
 
-    /// Returns both keys as one word with a checksum, to be copied by people: `dca-key1-…`.
+    /// Returns both keys as one word with a checksum, for copying by people: `dca-key1-…`.
     pub fn to_text(&self) -> String {
         text::with_sum(KEY_TEXT, &self.to_bytes())
     }
 
-    /// Reads what [`PublicKeys::to_text`] has written.
+    /// Reads the text of [`PublicKeys::to_text`].
     ///
     /// # Errors
     /// It is no such text, has a typing mistake, or names no keys.
@@ -166,7 +167,7 @@ impl fmt::Debug for PublicKeys {
     }
 }
 
-/// The secret keys of somebody. They are wiped from memory when they are dropped.
+/// The secret keys of one owner. They are wiped from memory when they are dropped.
 pub struct SecretKeys {
     sign: SigningKey,
     seal: Zeroizing<[u8; 32]>,
@@ -180,7 +181,7 @@ impl SecretKeys {
         Self::from_bytes(&bytes)
     }
 
-    /// Reads what [`SecretKeys::to_bytes`] has returned. Any 64 bytes are secret keys.
+    /// Reads the bytes of [`SecretKeys::to_bytes`]. Any 64 bytes are secret keys.
     pub fn from_bytes(bytes: &[u8; SECRET_LEN]) -> Self {
         let mut halves = Zeroizing::new([[0; 32]; 2]);
         halves[0].copy_from_slice(&bytes[..32]);
@@ -213,7 +214,7 @@ impl SecretKeys {
         self.sign.sign(form).to_bytes()
     }
 
-    /// Returns what these keys and a public key have in common; nothing if that is of small order.
+    /// Returns the shared secret of these keys and a public key; none if the public key is of small order.
     pub(crate) fn shared(&self, with: &[u8; 32]) -> Option<Zeroizing<[u8; 32]>> {
         shared(&self.seal, with)
     }
@@ -239,7 +240,7 @@ pub(crate) fn sealing_key(secret: &[u8; 32]) -> [u8; 32] {
     x25519_dalek::x25519(*secret, BASE_POINT)
 }
 
-/// Returns what a secret key and a public key have in common; nothing if that is of small order.
+/// Returns the shared secret of a secret key and a public key; none if the public key is of small order.
 pub(crate) fn shared(secret: &[u8; 32], with: &[u8; 32]) -> Option<Zeroizing<[u8; 32]>> {
     let shared = Zeroizing::new(x25519_dalek::x25519(*secret, *with));
     (*shared != [0; 32]).then_some(shared)

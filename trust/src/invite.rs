@@ -1,4 +1,4 @@
-//! The line that takes a robot into a team, and what the two machines say to each other then.
+//! The line that brings a robot into a team, and the messages between the two machines.
 //!
 //! The line has the hash of the team's key, a secret that is good for one robot, when that ends, and where the inviter answers. So
 //! the joiner can tell the right team from any other before it says anything, and only then gives the secret, sealed.
@@ -25,11 +25,11 @@ pub const INVITE_SECRET: usize = 16;
 
 const PREFIX: &str = "dca1-";
 
-/// An invitation. Whoever has it can join once; `Debug` does not show its secret.
+/// An invitation. Its holder can join once; `Debug` does not show its secret.
 pub struct Invite {
     /// The team's id, by which the joiner knows the team.
     pub team: KeyId,
-    /// What the joiner proves to know.
+    /// The secret that the joiner proves to know.
     pub secret: Zeroizing<[u8; INVITE_SECRET]>,
     /// When it ends.
     pub expires: UnixTime,
@@ -39,7 +39,7 @@ pub struct Invite {
     pub founds: bool,
 }
 
-/// Before the addresses, whose first bytes are others: it is the first robot of its team.
+/// Marks, before the addresses, whose first bytes differ, that the robot is the first of its team.
 const FOUNDS: u8 = 0;
 
 impl Invite {

@@ -21,7 +21,7 @@ pub const PASSPHRASE_MAX: usize = 1024;
 const LOCKED: &str = "dca locked keys 1";
 const TAG: usize = 16;
 
-/// What one guess of a passphrase costs.
+/// The cost of one guess of a passphrase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cost {
     /// Memory, in KiB.
@@ -36,7 +36,7 @@ impl Cost {
     /// As little as there is, for tests: it protects nothing.
     pub const TEST: Self = Self { memory: 8, passes: 1 };
 
-    /// A file of somebody else may ask for no more than 1 GiB, 16 times.
+    /// A file from another user may ask for no more than 1 GiB, 16 times.
     fn from_numbers(memory: u32, passes: u32) -> Result<Self, FormError> {
         if (8..=1 << 20).contains(&memory) && (1..=16).contains(&passes) {
             Ok(Self { memory, passes })
@@ -52,7 +52,7 @@ pub enum LockError {
     /// The passphrase is too short or too long.
     #[error("a passphrase has {PASSPHRASE_MIN} characters or more, and {PASSPHRASE_MAX} bytes at most")]
     Passphrase,
-    /// The passphrase is one of the first that anybody tries.
+    /// The passphrase is among the first that an attacker tries.
     #[error(
         "this passphrase is among the first that are tried; take four words that do not belong together, for example"
     )]
@@ -100,7 +100,7 @@ fn is_guessable(passphrase: &str) -> bool {
     let lower = passphrase.to_lowercase();
     let characters: Vec<u32> = lower.chars().map(u32::from).collect();
     let steps: Vec<i64> = characters.windows(2).map(|pair| i64::from(pair[1]) - i64::from(pair[0])).collect();
-    // `1234567890` goes on from 9 with 0.
+    // `1234567890` continues from 9 with 0.
     let along = steps.iter().filter(|step| matches!(step, 1 | -1)).count();
     let different = characters.iter().collect::<std::collections::BTreeSet<_>>().len();
     different < DIFFERENT_MIN || along + 2 > steps.len() || COMMON.contains(&lower.as_str())
@@ -194,7 +194,7 @@ impl LockedKeys {
     /// Reads its form.
     ///
     /// # Errors
-    /// The bytes are no locked keys.
+    /// The bytes are not locked keys.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, LOCKED, LOCKED_MAX)?;
         let mut number = || reader.fixed().map(u32::from_be_bytes);
@@ -244,7 +244,7 @@ mod tests {
         for at in 0..locked.to_bytes().len() {
             let mut changed = locked.to_bytes();
             changed[at] ^= 1;
-            // A higher cost is only waited for; what is changed is found then.
+            // A higher cost only takes longer; changes are found in any case.
             let read = LockedKeys::from_bytes(&changed).ok().filter(|read| read.cost == Cost::TEST);
             assert!(read.is_none_or(|read| read.unlock("correct horse").is_err()), "byte {at}");
         }

@@ -12,7 +12,7 @@ pub const NAME_MAX: usize = 63;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Name(String);
 
-/// A text is no name.
+/// A text is not a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("a name has 1 to {NAME_MAX} letters, digits, `-` and `_`, and begins with a letter or a digit")]
 pub struct NoName;
@@ -54,7 +54,7 @@ impl fmt::Display for Name {
 pub struct UnixTime(pub u64);
 
 impl UnixTime {
-    /// Returns the time so many seconds later; the last time there is, if there is none so late.
+    /// Returns the time this many seconds later, or the last possible time.
     #[must_use]
     pub const fn plus(self, seconds: u64) -> Self {
         Self(self.0.saturating_add(seconds))

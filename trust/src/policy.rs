@@ -1,5 +1,5 @@
-//! The execution policy of a node: which programs others may start on it, and with what. A file on its own disk, which nobody can
-//! change from afar.
+//! The execution policy of a node: the programs that others may start on it, and their limits. A file on its own disk,
+//! which cannot be changed from another host.
 //!
 //! ```toml
 //! folders = ["/opt/robot/bin"]        # programs below these, or
@@ -19,8 +19,8 @@
 //! file_size = 100_000_000             # its longest file, in bytes
 //! ```
 //!
-//! A rule that is not there restricts nothing, but for `root` and `sandbox = "none"`, which have to be said. A limit is the highest that a spec may ask for, and
-//! what a program has whose spec asks for none.
+//! A missing rule restricts nothing, except `root` and `sandbox = "none"`, which have to be allowed explicitly. A limit
+//! is the highest that a spec may ask for, and the default for a program whose spec asks for none.
 
 use serde::Deserialize;
 use std::path::{Component, Path, PathBuf};
@@ -31,7 +31,7 @@ use toml::Spanned;
 pub const POLICY_MAX: usize = 256 << 10;
 /// The most entries of a list.
 pub const ENTRIES_MAX: usize = 1024;
-/// The highest real-time priority that a program may have: that of the node's own threads is 50.
+/// The highest real-time priority that a program may have: the node's own threads have 50.
 pub const REALTIME_MAX: u64 = 49;
 /// The most processors that a rule may name.
 const CORES_MAX: f64 = 4096.0;
@@ -61,14 +61,14 @@ struct File {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sandbox {
-    /// It has no capability, and gets no rights from what it executes.
+    /// It has no capability, and programs that it executes give it no rights.
     #[default]
     Standard,
     /// Nothing.
     None,
 }
 
-/// A rule, and where it stands.
+/// A rule, and its line.
 #[derive(Clone, Debug, PartialEq)]
 struct Rule<T> {
     value: T,
@@ -114,13 +114,13 @@ pub struct Limits {
 pub struct Start<'a> {
     /// The program, without links: the caller has resolved them.
     pub program: &'a Path,
-    /// Its BLAKE3 hash; needed only where [`Policy::needs_hash`] says so.
+    /// Its BLAKE3 hash; needed only if [`Policy::needs_hash`] returns true.
     pub hash: Option<[u8; 32]>,
-    /// As whom it is to run, for a person.
+    /// The user it is to run as, for a person.
     pub user: &'a str,
     /// Whether that is root.
     pub is_root: bool,
-    /// Why it cannot run as somebody else; empty if nothing keeps it from that.
+    /// The reason why it cannot run as another user; empty if it can.
     pub only: &'a str,
     /// The devices that it claims.
     pub devices: &'a [String],
@@ -137,9 +137,9 @@ pub struct Start<'a> {
 pub struct Denied {
     /// The word of the rule.
     pub rule: &'static str,
-    /// The line of the file where it stands, from 1 on; none for a rule that would have to be there.
+    /// The line of the file, from 1 on; none for a missing rule.
     pub line: Option<usize>,
-    /// What it says against the program.
+    /// The reason against the program.
     pub why: String,
 }
 
@@ -158,12 +158,12 @@ impl Denied {
 /// Why a policy cannot be used. A node without a valid one starts nothing.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PolicyError {
-    /// It is no TOML, or has a rule that nobody knows.
+    /// It is not TOML, or has an unknown rule.
     #[error("line {line}: {why}")]
     Toml {
         /// From 1 on.
         line: usize,
-        /// What is wrong.
+        /// The mistake.
         why: String,
     },
     /// The file is too long.
@@ -178,7 +178,7 @@ pub enum PolicyError {
         value: String,
         /// The word of the rule.
         rule: &'static str,
-        /// What is allowed.
+        /// The allowed values.
         hint: &'static str,
     },
 }
@@ -187,7 +187,7 @@ impl Policy {
     /// Reads a policy.
     ///
     /// # Errors
-    /// It is no policy. Nothing is guessed.
+    /// It is not a policy. Nothing is guessed.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         if text.len() > POLICY_MAX {
             return Err(PolicyError::TooLong);
@@ -223,7 +223,7 @@ impl Policy {
         })
     }
 
-    /// Returns as whom programs run; none if as whoever runs the node.
+    /// Returns the user that programs run as; none for the node's own user.
     #[must_use]
     pub fn user(&self) -> Option<&str> {
         self.user.as_ref().map(|user| user.value.as_str())
@@ -241,13 +241,13 @@ impl Policy {
         self.sandbox
     }
 
-    /// Returns whether it says which programs may be started.
+    /// Returns whether it restricts the programs that may be started.
     #[must_use]
     pub const fn limits_programs(&self) -> bool {
         self.folders.is_some() || self.hashes.is_some()
     }
 
-    /// Returns whether only the hash of a program can say whether it may be started.
+    /// Returns whether only the hash of a program decides whether it may be started.
     #[must_use]
     pub fn needs_hash(&self, program: &Path) -> bool {
         self.hashes.is_some() && !self.is_in_folder(program)
@@ -334,7 +334,7 @@ impl Policy {
         Some(Denied { rule, line: Some(line), why })
     }
 
-    /// Returns the limits that were asked for, and those of this policy in place of what was not.
+    /// Returns the requested limits, and this policy's limits for those that were not requested.
     fn limited(&self, asked: &Limits, denied: &mut Vec<Denied>) -> Limits {
         let mut limits = *asked;
         for (rule, Rule { value, line }) in &self.limits {
@@ -380,7 +380,7 @@ fn amount(rule: &str, value: u64) -> String {
     }
 }
 
-/// Turns what was read into rules.
+/// Turns the parsed text into rules.
 struct Reader<'a> {
     text: &'a str,
 }
@@ -444,7 +444,7 @@ impl Reader<'_> {
     }
 }
 
-/// A listed key that ends in `/` stands for all below it.
+/// A listed key that ends in `/` means all below it.
 fn gives(listed: &str, key: &str) -> bool {
     if listed.ends_with('/') { key.starts_with(listed) } else { key == listed }
 }

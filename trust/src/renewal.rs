@@ -1,10 +1,11 @@
-//! When somebody asks for a certificate to be renewed, and who renews it: members that may, without the operator.
+//! The time at which a certificate's renewal is requested, and the members that renew it: those with the right to,
+//! without the operator.
 //!
-//! A node asks by itself, and says who it is with each message. A user asks with a command, and signs that it asks, so that nobody
-//! prolongs the certificate of another.
+//! A node asks by itself, and proves its identity with each message. A user asks with a command, and signs the request,
+//! so that no other client extends its certificate.
 //!
-//! A node asks when a third of a life is left, and goes on asking until somebody has renewed it, in its grace, too. Nobody renews
-//! earlier than at half of a life, so that nobody is kept busy. The life is that of the certificate.
+//! A node asks when a third of a life is left, and goes on asking until it is renewed, even in its grace period. A
+//! renewal is refused before half of a life, to limit the work of renewers. The life is that of the certificate.
 
 use crate::certificate::{Claims, RENEWABLE_MAX, Renewal};
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
@@ -17,13 +18,13 @@ use thiserror::Error;
 /// Why a certificate is not renewed.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum RenewalError {
-    /// Who asks is not trusted, or who is asked may not renew.
+    /// The client is not trusted, or the renewer has no right to renew.
     #[error("{0}")]
     Trust(TrustError),
     /// A node asks in one way, and a user in another.
     #[error("certificates of its kind are not renewed in this way")]
     Kind,
-    /// What a user asks with is none of that.
+    /// The user's request has an invalid form.
     #[error("it cannot be read: {0}")]
     Form(FormError),
     /// The user has not signed that it asks.
@@ -32,7 +33,7 @@ pub enum RenewalError {
     /// It is of another time.
     #[error("it is of another time: is a clock wrong?")]
     Time,
-    /// Nobody renews itself.
+    /// A node may not renew itself.
     #[error("nobody renews its own certificate")]
     Own,
     /// More than half of its life is left.
@@ -41,7 +42,7 @@ pub enum RenewalError {
     /// It ends for good, or the right to renew it does.
     #[error("it can be renewed no longer than it is valid; only the operator makes another one")]
     Last,
-    /// What was offered is no better, or is for another certificate.
+    /// The offered renewal is no better, or is for another certificate.
     #[error("the renewal is not for this certificate, or ends no later than that")]
     Useless,
 }
@@ -50,7 +51,7 @@ const ASK: &str = "dca renewal 1";
 /// The most bytes with which a user asks.
 pub const ASK_MAX: usize = 256 + CREDENTIAL_MAX;
 
-/// Returns with what a user asks for the certificate to be renewed.
+/// Returns a user's request to renew the certificate.
 #[must_use]
 pub fn ask(credential: &Credential, keys: &SecretKeys, now: UnixTime) -> Vec<u8> {
     let mut bytes = form(&keys.public().id(), now);
@@ -66,7 +67,7 @@ fn form(subject: &KeyId, at: UnixTime) -> Vec<u8> {
     writer.finish()
 }
 
-/// Reads with what a user asks; returns the credential, of which nothing is checked but that its holder asks now.
+/// Reads a user's request; returns the credential, of which only one thing is checked: that its holder asks now.
 ///
 /// # Errors
 /// It is not signed by the holder, or of another time.
@@ -93,7 +94,8 @@ const fn life(claims: &Claims) -> u64 {
     claims.not_after.since(claims.not_before)
 }
 
-/// Returns until when somebody is valid, without the grace; the certificate's own end for who is not trusted any more.
+/// Returns the end of the credential's validity, without the grace; the certificate's own end if it is no longer
+/// trusted.
 #[must_use]
 pub fn end(credential: &Credential, judge: &Judge<'_>) -> UnixTime {
     let lenient = Judge { grace: RENEWABLE_MAX, ..*judge };
@@ -104,14 +106,14 @@ pub fn end(credential: &Credential, judge: &Judge<'_>) -> UnixTime {
     }
 }
 
-/// Returns from when on a node asks to be renewed; nothing if that is of no use any more.
+/// Returns the time from which a node asks to be renewed; none if a renewal is no longer possible.
 #[must_use]
 pub fn due(credential: &Credential, judge: &Judge<'_>) -> Option<UnixTime> {
     let (claims, end) = (credential.certificate().claims(), end(credential, judge));
     (end < claims.renewable_until).then(|| UnixTime(end.0.saturating_sub(life(claims) / 3)))
 }
 
-/// Renews the certificate of a node or a user, whichever asks, as the member with these keys.
+/// Renews the certificate of a node or a user, as the member with these keys.
 ///
 /// # Errors
 /// It is not renewed, with the reason.
@@ -142,7 +144,7 @@ pub fn renew(
     Ok(Credential { renewal: Some((renewal, own.chain.clone())), ..asker.clone() })
 }
 
-/// Checks that what somebody has offered is this credential, valid for longer.
+/// Checks that the offered credential is this one, valid for longer.
 ///
 /// # Errors
 /// It is not.

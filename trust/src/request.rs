@@ -1,8 +1,9 @@
-//! A request that its sender has signed, from end to end: whoever carries it can change nothing, and send it twice in vain.
+//! A request that its sender has signed, from end to end: a relay can change nothing, and a repeated request has no
+//! effect.
 //!
-//! The node that acts checks it, cheap things first: its size, its team, to whom it is, its time, its epoch, its number; then the
-//! signature, who the signer is and what the signer may do; its body last. The number is spent on the disk before
-//! anything is done, so a request has an effect at most once, also over a restart.
+//! The node that acts checks it, the cheapest checks first: its size, its team, its audience, its time, its epoch, its
+//! number; then the signature, the signer and the signer's rights; its body last. The number is spent on the disk
+//! before anything is done, so a request has an effect at most once, even over a restart.
 
 mod replay;
 
@@ -19,7 +20,7 @@ use thiserror::Error;
 pub const REQUEST_MAX: usize = 512 + CREDENTIAL_MAX;
 /// The most bytes of a body: 16 MiB, as of every message.
 pub const BODY_MAX: usize = 16 << 20;
-/// How long a request may be valid that somebody waits for, in seconds.
+/// How long a request with a waiting user may be valid, in seconds.
 pub const INTERACTIVE_MAX: u64 = 60;
 /// How long a deployment may be valid, in seconds: it may travel for days. 7 days; its epoch stops older ones.
 pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
@@ -28,7 +29,7 @@ pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
 pub const AHEAD_MAX: u64 = crate::certificate::DAY;
 const REQUEST: &str = "dca request 1";
 
-/// To whom a request is.
+/// The receiver of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Audience {
     /// To every node of the team.
@@ -41,14 +42,14 @@ pub enum Audience {
     Host(Name),
 }
 
-/// What is asked for, of whom, and when.
+/// A requested action, its receiver, and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     /// The team.
     pub team: KeyId,
-    /// To whom it is.
+    /// Its receiver.
     pub audience: Audience,
-    /// What is asked for.
+    /// The requested action.
     pub action: Action,
     /// A random number by which it is found again.
     pub id: [u8; 16],
@@ -62,7 +63,7 @@ pub struct Request {
     pub not_after: UnixTime,
 }
 
-/// What a node knows when it checks a request.
+/// The node's knowledge for checking a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
     /// Its team and its clock.
@@ -80,18 +81,18 @@ pub struct Context<'a> {
 /// A request that passed every check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
-    /// What is asked for.
+    /// The requested action.
     pub request: Request,
-    /// Who asks.
+    /// The sender's credential.
     pub credential: Credential,
-    /// What has to be on the disk before anything is done.
+    /// The write that has to be on the disk before anything is done.
     pub write: ReplayWrite,
 }
 
 /// Why a request was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
-    /// The bytes are no request.
+    /// The bytes are not a request.
     #[error("the request cannot be read: {0}")]
     Form(FormError),
     /// The body is too long.
@@ -100,7 +101,7 @@ pub enum Refusal {
     /// It is for another team.
     #[error("the request is for another team")]
     OtherTeam,
-    /// It is for somebody else.
+    /// It is for another receiver.
     #[error("the request is for somebody else")]
     Audience,
     /// It is valid for longer than such a request may be.
@@ -126,7 +127,7 @@ pub enum Refusal {
     /// Its number was used, or is too old to know.
     #[error("{0}")]
     Replay(ReplayError),
-    /// It is not signed by whom it says.
+    /// It is not signed by the named sender.
     #[error("the request is not signed by the key that it names")]
     Signature,
     /// The signer is not trusted, or may not do that.
@@ -138,7 +139,7 @@ pub enum Refusal {
 }
 
 impl Request {
-    /// Signs the request with its body, and adds who the signer is.
+    /// Signs the request with its body, and adds the signer's credential.
     pub fn sign(&self, body: &[u8], signer: &SecretKeys, credential: &Credential) -> Vec<u8> {
         let mut bytes = self.form(&hash(body), &signer.public().id());
         bytes.extend_from_slice(&signer.sign(&bytes));
@@ -146,20 +147,20 @@ impl Request {
         bytes
     }
 
-    /// Reads what a request says, and in whose name. Nothing of it is checked.
+    /// Reads the content of a request, and the named sender. Nothing of it is checked.
     ///
     /// # Errors
-    /// The bytes are no request.
+    /// The bytes are not a request.
     pub fn peek(bytes: &[u8]) -> Result<(Self, Name), FormError> {
         let head = Head::read(bytes)?;
         let credential = Credential::from_bytes(head.credential)?;
         Ok((head.request, credential.certificate().claims().name.clone()))
     }
 
-    /// Reads who says to have signed a request, and which number it has. Nothing of it is checked.
+    /// Reads the claimed signer of a request, and its number. Nothing of it is checked.
     ///
     /// # Errors
-    /// The bytes are no request.
+    /// The bytes are not a request.
     pub fn mark(bytes: &[u8]) -> Result<(KeyId, u64), FormError> {
         let head = Head::read(bytes)?;
         Ok((head.signer, head.request.sequence))
@@ -228,7 +229,7 @@ fn hash(body: &[u8]) -> [u8; 32] {
     blake3::derive_key("dca request body 1", body)
 }
 
-/// A request as it came, with what was read of it without any cryptography.
+/// A received request, with the part that can be read without any cryptography.
 struct Head<'a> {
     request: Request,
     body: [u8; 32],
@@ -246,7 +247,7 @@ impl<'a> Head<'a> {
         Self::read(bytes).map_err(Refusal::Form)
     }
 
-    /// Checks who has signed what, and that the signer may ask for it.
+    /// Checks the signature, and that the signer has the right to ask for it.
     fn verify(&self, body: &[u8], context: &Context<'_>) -> Result<Credential, Refusal> {
         let credential = Credential::from_bytes(self.credential).map_err(Refusal::Form)?;
         let keys = credential.certificate().claims().keys;
@@ -282,7 +283,7 @@ impl<'a> Head<'a> {
     }
 }
 
-/// Checks a request of somebody, and spends its number.
+/// Checks a request, and spends its number.
 ///
 /// # Errors
 /// It is refused, with the reason. Then nothing has changed.
@@ -299,8 +300,8 @@ pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Rep
     Ok(Accepted { request: head.request, credential, write })
 }
 
-/// Checks a request that this node has accepted before, where it is to go on with what was asked for. Its number is spent, and it may
-/// have ended: `context` has the time at which it was accepted. Who was revoked since may not go on.
+/// Checks a request that this node has accepted before, to resume its action. Its number is spent, and it may have
+/// expired: `context` has the time at which it was accepted. A sender that was revoked since is refused.
 ///
 /// # Errors
 /// As of [`check`].

@@ -1,9 +1,10 @@
-//! Whose keys are not trusted any more.
+//! Revoked keys, which are no longer trusted.
 //!
-//! The team's key, and each admin, signs sets of their own with a number that grows. Two copies of one signer's keys may count on from
-//! the same number, so the number decides nothing: of two sets of a signer the one that has all keys of the other stands for both, and
-//! where each has a key that the other lacks both are held. Members pass all that they hold on with every contact, so they come to hold
-//! the same, in whatever order it has reached them. A key is never taken back, its owner gets another.
+//! The team's key, and each admin, sign sets of their own with a number that grows. Two copies of one signer's keys may
+//! continue from the same number, so the number decides nothing. Of two sets of a signer, a set that has all keys of
+//! the other replaces it; if each has a key that the other lacks, both are held. Members pass on all sets that they
+//! hold with every contact, so they come to hold the same, in whatever order the sets have reached them. A revocation
+//! is never undone; the owner of the key gets another one.
 
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
@@ -17,14 +18,14 @@ use thiserror::Error;
 pub const REVOKED_MAX: usize = 4096;
 /// The most sets of the team's key that a member holds at once, none of which contains another.
 pub const SETS_MAX: usize = 16;
-/// The most bytes of sets of admins that a member holds. They take no room from those of the team's key.
+/// The most bytes of admins' sets that a member holds. They take no room from the sets of the team's key.
 pub const ADMINS_BYTES_MAX: usize = 1 << 20;
 /// The most bytes of a set.
 pub const SET_MAX: usize = 256 + CREDENTIAL_MAX + 40 * REVOKED_MAX;
 
 const SET: &str = "dca revoked 1";
 
-/// What one signer has revoked, in one number.
+/// The revocations of one signer, under one number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RevokedSet {
     team: KeyId,
@@ -32,7 +33,8 @@ pub struct RevokedSet {
     number: u64,
     keys: BTreeMap<KeyId, UnixTime>,
     signature: [u8; SIGNATURE_LEN],
-    /// Who the signer is; none for the team's key. It is outside of the signature, for it may be renewed.
+    /// The credential of the signer; none for the team's key. It is not covered by the signature, because it may be
+    /// renewed.
     credential: Option<Credential>,
 }
 
@@ -56,10 +58,10 @@ pub enum RevocationError {
     Full,
 }
 
-/// What receiving a set has changed.
+/// The effect of receiving a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// All its keys are known already, and others have them from what is held.
+    /// All its keys are already known, and the held sets pass them on.
     Known,
     /// It is new; keep it, pass it on, and cut the links to these many keys that were trusted until now.
     New(usize),
@@ -97,20 +99,21 @@ impl RevokedSet {
         &self.keys
     }
 
-    /// Returns whether it says that the team's key has signed it, not an admin.
+    /// Returns whether it claims to be signed by the team's key, not by an admin.
     #[must_use]
     pub const fn is_of_the_team(&self) -> bool {
         self.credential.is_none()
     }
 
-    /// Checks who has signed it, and that the signer may.
+    /// Checks the signer, and the right to revoke.
     pub(crate) fn check(&self, judge: &Judge<'_>) -> Result<(), RevocationError> {
         let keys = match &self.credential {
             None => *judge.team.root(),
             // So each set of the team's key has one form.
             Some(_) if self.signer == judge.team.id() => return Err(RevocationError::Signer),
             Some(credential) => {
-                // What an admin revoked stays revoked after the admin's certificate has ended: that is no reason to trust anybody.
+                // An admin's revocations stay valid after the admin's certificate has ended: its end does not make a
+                // revoked key trusted.
                 let judge = Judge { now: judge.now.min(credential.certificate().claims().not_after), ..*judge };
                 credential.require(Action::Revoke, &judge).map_err(RevocationError::Trust)?;
                 credential.certificate().claims().keys
@@ -120,8 +123,8 @@ impl RevokedSet {
         if self.team == judge.team.id() && is_signed { Ok(()) } else { Err(RevocationError::Signer) }
     }
 
-    /// Returns whether everything that another set says is said by this one, too. Of two with the same keys one covers the other, the
-    /// same one everywhere.
+    /// Returns whether this set has everything that another set has. Of two with the same keys one covers the other,
+    /// the same one on every member.
     fn covers(&self, other: &Self) -> bool {
         let is_of_same = self.team == other.team && self.signer == other.signer;
         let rank = |set: &Self| (set.number, set.signature, set.credential.as_ref().map(Credential::to_bytes));
@@ -154,7 +157,7 @@ impl RevokedSet {
     /// Reads its form. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are no set.
+    /// The bytes are not a set.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, SET, SET_MAX)?;
         let (team, signer) = (KeyId(reader.fixed()?), KeyId(reader.fixed()?));
@@ -177,7 +180,8 @@ impl RevokedSet {
 /// Everything that a member knows of as revoked. It only grows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Revocations {
-    /// What is passed on, and kept on the disk: none covers another. In the order of their signers and numbers.
+    /// The sets that are passed on, and kept on the disk: none covers another. In the order of their signers and
+    /// numbers.
     sets: Vec<RevokedSet>,
     /// The keys of all of them.
     keys: BTreeSet<KeyId>,
@@ -195,22 +199,22 @@ impl Revocations {
         &self.keys
     }
 
-    /// Returns the sets that are held: what members tell each other.
+    /// Returns the held sets, which members send each other.
     #[must_use]
     pub fn sets(&self) -> &[RevokedSet] {
         &self.sets
     }
 
-    /// Returns the highest number of those that a signer has signed; 0 if there are none.
+    /// Returns the highest number of a signer's sets; 0 if there are none.
     #[must_use]
     pub fn number_of(&self, signer: &KeyId) -> u64 {
         self.sets.iter().filter(|set| set.signer == *signer).map(RevokedSet::number).max().unwrap_or(0)
     }
 
-    /// Takes a set in. It is checked against what was revoked before: who is revoked revokes nobody any more.
+    /// Takes a set in. It is checked against the earlier revocations: a revoked signer can revoke no more.
     ///
     /// # Errors
-    /// It is not signed by somebody who may, or has keys that are new and there is no room for it. Nothing is taken in then.
+    /// It is not signed by a permitted signer, or has new keys for which there is no room. Nothing is taken in then.
     pub fn receive(&mut self, set: RevokedSet, judge: &Judge<'_>) -> Result<Received, RevocationError> {
         if self.covers(&set) {
             return Ok(Received::Known);
@@ -225,11 +229,11 @@ impl Revocations {
         }
     }
 
-    /// Takes a set in that was checked when it was heard, and kept since. It counts whatever has become of its signer, and whatever time
-    /// it is.
+    /// Takes in a stored set that was checked when it was received. It counts whatever has happened to its signer
+    /// since, and at any time.
     ///
     /// # Errors
-    /// It is not signed by somebody who might.
+    /// It is not signed by a possible signer.
     pub fn restore(&mut self, set: RevokedSet, team: &Team) -> Result<Received, RevocationError> {
         set.check(&Judge { team, revoked: &Self::default(), now: UnixTime(u64::MAX), grace: 0 })?;
         Ok(if self.covers(&set) { Received::Known } else { self.insert(set) })

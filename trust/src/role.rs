@@ -1,10 +1,10 @@
-//! Who somebody is in a team, and what each may do.
+//! The roles of members in a team, and their rights.
 
 use crate::wire::FormError;
 use std::fmt;
 use std::str::FromStr;
 
-/// What a certificate is for.
+/// The kind of a certificate's subject.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// The node of a robot.
@@ -15,16 +15,16 @@ pub enum Kind {
     Program,
 }
 
-/// What somebody may do.
+/// The roles of members.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// A user who looks.
+    /// A user who may only watch.
     Viewer,
-    /// A user who stops and starts what is deployed.
+    /// A user who stops and starts existing deployments.
     Operator,
-    /// A user who decides what runs.
+    /// A user who decides what is deployed.
     Deployer,
-    /// A user who decides who is in the team. Only the team's key makes admins.
+    /// A user who decides on the members of the team. Only the team's key makes admins.
     Admin,
     /// A build machine, which deploys.
     Ci,
@@ -36,22 +36,22 @@ pub enum Role {
     Program,
 }
 
-/// What is asked for.
+/// The actions that a request may ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Action {
     /// Stop everything, at once. It is everybody's.
     Estop,
-    /// Look at what runs, and read the database.
+    /// Watch what runs, and read the database.
     Watch,
     /// Stop a deployment or a program.
     Stop,
-    /// Start what is deployed.
+    /// Start an existing deployment.
     Start,
-    /// Deploy a spec, or change one that runs.
+    /// Deploy a spec, or change a running one.
     Deploy,
     /// Write the database.
     Write,
-    /// Take somebody into the team.
+    /// Take a robot or user into the team.
     Invite,
     /// Revoke a key.
     Revoke,
@@ -110,12 +110,12 @@ impl Role {
     /// Reads a role of a kind.
     ///
     /// # Errors
-    /// The kind has no such role; the text says which it has.
+    /// The kind has no such role; the text lists its roles.
     pub fn named(kind: Kind, text: &str) -> Result<Self, String> {
         among(|role| role.kind() == kind, text)
     }
 
-    /// Returns the kind of those who can have this role.
+    /// Returns the kind of subject that can have this role.
     #[must_use]
     pub const fn kind(self) -> Kind {
         match self {
@@ -125,7 +125,7 @@ impl Role {
         }
     }
 
-    /// Returns whether somebody with this role may do that.
+    /// Returns whether this role has the right to an action.
     #[must_use]
     pub fn may(self, action: Action) -> bool {
         use Action::{Deploy, Estop, Found, Invite, Operate, Renew, Revoke, Start, Stop, Watch, Write};

@@ -1,9 +1,9 @@
-//! Secrets, sealed for the nodes that may read them. Everybody else carries bytes that say nothing.
+//! Secrets, sealed for the nodes that may read them. Other nodes carry unreadable bytes.
 //!
-//! A value is encrypted with a key of its own (XChaCha20-Poly1305), and that key once for each reader, as age does it: a key
-//! agreement (X25519) with a key that is used once gives the key that wraps it. The team, the path in the database, the generation
-//! and the list of readers are authenticated with it, so a value cannot be moved to another path, nor a reader be added. Who
-//! wrote it is not said here: that is for who signs the write.
+//! A value is encrypted with a separate key (XChaCha20-Poly1305), and that key is encrypted once for each reader, as in
+//! age: a key agreement (X25519) with a single-use key gives the wrapping key. The team, the path in the database, the
+//! generation and the list of readers are authenticated with it, so a value cannot be moved to another path, nor can a
+//! reader be added. The seal does not name the writer: that is the task of the transaction's signature.
 
 use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys, sealing_key, shared};
 use crate::wire::{FormError, Reader, Writer};
@@ -39,7 +39,7 @@ impl Secret {
         if bytes.len() > SECRET_MAX { Err(SealError::TooLong) } else { Ok(Self(bytes)) }
     }
 
-    /// Returns the secret itself, for whoever has to use it.
+    /// Returns the secret itself, for the code that has to use it.
     #[must_use]
     pub fn expose(&self) -> &[u8] {
         &self.0
@@ -174,18 +174,18 @@ impl Sealed {
         Ok(Secret(Zeroizing::new(secret.map_err(|_damaged| SealError::Damaged)?)))
     }
 
-    /// Returns how often it was sealed anew, plus one.
+    /// Returns how often it was sealed again, plus one.
     #[must_use]
     pub const fn number(&self) -> u64 {
         self.generation
     }
 
-    /// Returns who can read it.
+    /// Returns its readers.
     pub fn readers(&self) -> impl Iterator<Item = KeyId> {
         self.wraps.iter().map(|wrap| wrap.reader)
     }
 
-    /// Returns what is authenticated beside the secret.
+    /// Returns the bytes that are authenticated beside the secret.
     fn authenticated(&self, about: &[u8]) -> Vec<u8> {
         let mut bytes = about.to_vec();
         self.wraps.iter().for_each(|wrap| wrap.write(&mut bytes));
@@ -208,7 +208,7 @@ impl Sealed {
     /// Reads its form.
     ///
     /// # Errors
-    /// The bytes are no sealed secret.
+    /// The bytes are not a sealed secret.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, SEALED, SEALED_MAX)?;
         let generation = reader.u64()?;
@@ -289,7 +289,7 @@ fn about(place: &Place<'_>, generation: u64) -> Vec<u8> {
     writer.finish()
 }
 
-/// Returns the paths of those secrets that a key could read: what has to be changed when that key is stolen.
+/// Returns the paths of the secrets that a key could read, which have to be changed when that key is stolen.
 pub fn readable_by<'a>(key: &KeyId, values: impl IntoIterator<Item = (&'a str, &'a Sealed)>) -> Vec<&'a str> {
     values
         .into_iter()

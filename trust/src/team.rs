@@ -1,8 +1,8 @@
-//! A team: its key, and what shows that somebody belongs to it.
+//! A team: its key, and the credentials of its members.
 //!
-//! The key of the team signs admins, and whomever else its keeper wants; admins sign the others; that is the whole depth of a
-//! chain. The key stays on the operator's machine and never comes to a robot. Everything is checked offline, with what the
-//! asker brings along.
+//! The key of the team signs admins, and any other certificate its keeper wants; admins sign the others. A chain is
+//! never longer. The key stays on the operator's machine and never comes to a robot. Everything is checked offline,
+//! with the credential that the client brings along.
 
 use crate::certificate::{CERTIFICATE_MAX, Certificate, RENEWAL_MAX, Renewal};
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
@@ -14,7 +14,7 @@ use thiserror::Error;
 
 /// How far two clocks may be apart, in seconds.
 pub const SKEW: u64 = 300;
-/// For how long a node whose certificate has ended is still trusted unless told otherwise, in seconds: 7 days.
+/// For how long a node whose certificate has ended is still trusted by default, in seconds: 7 days.
 pub const OFFLINE_GRACE: u64 = 7 * crate::certificate::DAY;
 /// The most bytes of a team's form.
 pub const TEAM_MAX: usize = 300;
@@ -49,7 +49,7 @@ impl Team {
         &self.root
     }
 
-    /// Returns its id: that of its keys. The name is only a name.
+    /// Returns its id, which is the id of its keys. The name does not identify it.
     pub fn id(&self) -> KeyId {
         self.root.id()
     }
@@ -71,7 +71,7 @@ impl Team {
     /// Reads its form, and checks its signature.
     ///
     /// # Errors
-    /// The bytes are no team, or it has not signed itself.
+    /// The bytes are not a team, or it has not signed itself.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, TEAM, TEAM_MAX)?;
         let name = Name::read(&mut reader, "name")?;
@@ -85,7 +85,7 @@ impl Team {
     }
 }
 
-/// A certificate and, unless the team's key has signed it, that of the admin who has.
+/// A certificate and, unless the team's key has signed it, the certificate of the signing admin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chain {
     /// The subject's certificate.
@@ -94,29 +94,29 @@ pub struct Chain {
     pub issuer: Option<Certificate>,
 }
 
-/// All that shows who somebody is: a chain, and its newest renewal with the chain of the renewer.
+/// The complete proof of a member's identity: a chain, and its newest renewal with the chain of the renewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Credential {
     /// The subject's certificate and its issuer's.
     pub chain: Chain,
-    /// The newest renewal, and who has made it.
+    /// The newest renewal, and the chain of its renewer.
     pub renewal: Option<(Renewal, Chain)>,
 }
 
-/// By what somebody is checked.
+/// The knowledge for checking a member.
 #[derive(Clone, Copy, Debug)]
 pub struct Judge<'a> {
     /// The team.
     pub team: &'a Team,
-    /// Whom it has revoked.
+    /// The keys it has revoked.
     pub revoked: &'a Revocations,
-    /// What time it is.
+    /// The present time.
     pub now: UnixTime,
     /// For how long a node whose certificate has ended is still trusted, in seconds. Users have no grace.
     pub grace: u64,
 }
 
-/// Until when somebody is trusted.
+/// The end of a member's trust.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// The certificate is valid until then.
@@ -125,10 +125,10 @@ pub enum Standing {
     Grace(UnixTime),
 }
 
-/// Why somebody is not trusted.
+/// The reason why a member is not trusted.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum TrustError {
-    /// The certificate is one of another team.
+    /// The certificate belongs to another team.
     #[error("`{0}` belongs to another team")]
     OtherTeam(Name),
     /// Its issuer is not the team, and no admin of it.
@@ -137,7 +137,7 @@ pub enum TrustError {
     /// The signature does not fit.
     #[error("the certificate of `{0}` is not signed by its issuer")]
     Signature(Name),
-    /// The keys are revoked, or those of the issuer.
+    /// The member's keys are revoked, or those of the issuer.
     #[error("the key of `{0}` is revoked")]
     Revoked(Name),
     /// It is not valid yet, by this clock.
@@ -146,23 +146,23 @@ pub enum TrustError {
     /// It has ended.
     #[error("the certificate of `{0}` has ended; renew it")]
     Expired(Name),
-    /// The renewal is not for this certificate, or is by somebody who may not renew it.
+    /// The renewal is not for this certificate, or the renewer had no right to renew it.
     #[error("the renewal of the certificate of `{0}` is not valid")]
     Renewal(Name),
     /// The role does not allow it.
     #[error("`{name}` is {role}, who may not {action}")]
     Role {
-        /// Who asked.
+        /// The member that asked.
         name: Name,
         /// The role.
         role: Role,
-        /// What was asked for.
+        /// The requested action.
         action: Action,
     },
 }
 
 impl Chain {
-    /// Checks whose it is, not whether it has ended.
+    /// Checks the owner, not whether it has ended.
     fn check(&self, judge: &Judge<'_>) -> Result<(), TrustError> {
         let claims = self.certificate.claims();
         let name = || claims.name.clone();
@@ -222,7 +222,7 @@ impl Credential {
         Self { chain: Chain { certificate, issuer }, renewal: None }
     }
 
-    /// Returns who this is, if it is true.
+    /// Returns the member's certificate. Its truth is not checked.
     pub const fn certificate(&self) -> &Certificate {
         &self.chain.certificate
     }
@@ -239,7 +239,7 @@ impl Credential {
         let end = match renewed {
             None => claims.not_after,
             Some(Ok(end)) => end.max(claims.not_after),
-            // Who has renewed it may be revoked since: it is valid as if nobody had.
+            // The renewer may have been revoked since: the certificate is then valid as without a renewal.
             Some(Err(_)) if judge.now <= claims.not_after.plus(SKEW).plus(grace) => claims.not_after,
             Some(Err(why)) => return Err(why),
         };
@@ -255,8 +255,8 @@ impl Credential {
         }
     }
 
-    /// Returns the end of a renewal. The right of a renewer to renew ends with the time until which it can itself be
-    /// renewed, so that two nodes that renew each other need nobody else.
+    /// Returns the end of a renewal. A renewer's right to renew ends with the time until which it can be renewed
+    /// itself, so two nodes can renew each other without a third.
     fn renewed(&self, renewal: &Renewal, renewer: &Chain, judge: &Judge<'_>) -> Result<UnixTime, TrustError> {
         renewer.check(judge)?;
         let (own, by) = (self.certificate(), &renewer.certificate);
@@ -269,7 +269,7 @@ impl Credential {
         }
     }
 
-    /// Checks that it is true, valid now, and of somebody who may do that.
+    /// Checks that it is authentic, valid now, and that its role has the right to an action.
     ///
     /// # Errors
     /// It is not, with the reason.
@@ -298,7 +298,7 @@ impl Credential {
     /// Reads its form. No signature is checked here.
     ///
     /// # Errors
-    /// The bytes are no credential.
+    /// The bytes are not a credential.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, CREDENTIAL, CREDENTIAL_MAX)?;
         let chain = Chain::read(&mut reader)?;

@@ -1,7 +1,8 @@
 //! The one form of everything that is signed, sent or stored: fields in a fixed order, numbers big-endian, lengths in front.
 //!
-//! Each form begins with its own name and version, such as `dca certificate 1`. A signature covers that name too, so no
-//! signature of one form is valid for another. A value has exactly one form: what reads and writes to other bytes is refused.
+//! Each form begins with its own name and version, such as `dca certificate 1`. A signature also covers that name, so
+//! no signature of one form is valid for another. A value has exactly one form: bytes that would be rewritten
+//! differently are refused.
 
 use thiserror::Error;
 

@@ -1,4 +1,4 @@
-//! The keys of wires: what goes from one program to another is sealed with a key that only the two have.
+//! The keys of wires: values from one program to another are sealed with a key that only the two have.
 //!
 //! Each program makes its own keys when it starts, and hands out the public ones by way of its node. A key agreement (X25519) of the
 //! secret key of one end and the public key of the other gives both the same bytes, and these give one key for each wire and
@@ -37,7 +37,7 @@ impl ProgramKeys {
         self.0.public().to_bytes()
     }
 
-    /// Returns the secret Ed25519 key by which the program is known to those that it links to, and its public one.
+    /// Returns the secret Ed25519 key by which linked programs know the program, and its public key.
     pub fn signing(&self) -> (Zeroizing<[u8; 32]>, [u8; 32]) {
         (self.0.signing(), *self.0.public().signing())
     }
@@ -48,11 +48,11 @@ impl ProgramKeys {
         PublicKeys::from_bytes(public).ok().map(|keys| *keys.signing())
     }
 
-    /// Returns the key with which what is `about` something is sealed for another program, or by it. `about` names the wire and the
-    /// use; each has a key of its own.
+    /// Returns the key for sealing messages to another program, or from it. `about` names the wire and the use; each
+    /// pair of them has a separate key.
     ///
     /// # Errors
-    /// The bytes are no public keys of a program.
+    /// The bytes are not the public keys of a program.
     pub fn wire(
         &self,
         theirs: &[u8],
@@ -96,7 +96,7 @@ mod tests {
             other.wire(&a.public(), Sealing::There, "w/1"),
         ];
         assert!(others.into_iter().all(|key| key.unwrap() != sealed));
-        // A key of its own with itself, too.
+        // A different key for the same program as well.
         assert!(a.wire(&a.public(), Sealing::Here, "w/1").unwrap() != sealed);
     }
 

@@ -32,7 +32,7 @@ pub enum JoinError {
     /// The invitation has ended.
     #[error("the invitation has ended; ask for another")]
     Expired,
-    /// The other side belongs to another team than the line says.
+    /// The other side belongs to another team than the line.
     #[error("who answers is not the team that the invitation is of")]
     OtherTeam,
     /// The other side may not invite.
@@ -47,7 +47,7 @@ pub enum JoinError {
     /// The other side refuses.
     #[error("the inviter refuses: the invitation was used, has ended, or is not its own")]
     Refused,
-    /// The secret is not that of an open invitation.
+    /// The secret does not belong to an open invitation.
     #[error("somebody tried to join without an open invitation")]
     NoInvite,
     /// There are too many open invitations.
@@ -95,10 +95,10 @@ impl Joiner {
         Ok((Self { invite, name, keys, entropy, nonce, offer: None }, Message::Hello(Hello { nonce })))
     }
 
-    /// Checks who answers, and returns the proof.
+    /// Checks the inviter, and returns the proof.
     ///
     /// # Errors
-    /// It is not the team of the line, or somebody who may not invite.
+    /// It is not the team of the line, or the inviter may not invite.
     pub fn offered(&mut self, offer: Offer, now: UnixTime) -> Result<Message, JoinError> {
         if offer.team.id() != self.invite.team {
             return Err(JoinError::OtherTeam);
@@ -142,7 +142,7 @@ impl Joiner {
     }
 }
 
-/// Returns the keys of an inviter that may invite. What it has revoked is not known yet: it says so itself later.
+/// Returns the keys of a permitted inviter. Its revocations are not known yet: it sends them later.
 fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
     let Some(credential) = &offer.inviter else { return Ok(*offer.team.root()) };
     let judge = Judge { team: &offer.team, revoked: &Revocations::default(), now, grace: 0 };
@@ -150,21 +150,21 @@ fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
     Ok(credential.certificate().claims().keys)
 }
 
-/// An invitation that nobody has used, as the inviter keeps it.
+/// An unused invitation, as the inviter keeps it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OpenInvite {
     /// When it ends.
     pub expires: UnixTime,
-    /// What who comes with it becomes: [`Role::Member`] or [`Role::Renewer`].
+    /// The role of the robot that joins with it: [`Role::Member`] or [`Role::Renewer`].
     pub role: Role,
-    /// The name that it gets; if none is given, the one that it would like.
+    /// The name of the robot; if there is none, its preferred name.
     pub name: Option<Name>,
 }
 
-/// What an inviter has to do, in this order.
+/// The inviter's actions, in this order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum InviterEffect {
-    /// Write down that the invitation with this hash is used, by whom, and which certificate was given.
+    /// Write down that the invitation with this hash is used, with the joiner and its certificate.
     Spend([u8; 32], Box<Certificate>),
     /// Then answer.
     Reply(Message),
@@ -177,12 +177,12 @@ pub struct Inviter {
     keys: SecretKeys,
     credential: Option<Credential>,
     open: BTreeMap<[u8; 32], OpenInvite>,
-    /// Those that were used: who repeats its proof, because the answer was lost, gets its certificate again.
+    /// The used invitations: a robot that repeats its proof, because the answer was lost, gets its certificate again.
     used: BTreeMap<[u8; 32], Certificate>,
 }
 
 impl Inviter {
-    /// Takes the team and who invites; no credential if the keys are the team's.
+    /// Takes the team and the inviter; no credential if the keys are the team's.
     pub fn new(team: Team, keys: SecretKeys, credential: Option<Credential>) -> Self {
         let (open, used) = (BTreeMap::new(), BTreeMap::new());
         Self { team, keys, credential, open, used }
@@ -191,7 +191,7 @@ impl Inviter {
     /// Opens an invitation.
     ///
     /// # Errors
-    /// There are too many, also of those that have ended.
+    /// There are too many, including those that have ended.
     pub fn open(&mut self, hash: [u8; 32], invite: OpenInvite, now: UnixTime) -> Result<(), JoinError> {
         self.open.retain(|_, open| now <= open.expires);
         if self.open.len() >= INVITES_MAX {
@@ -201,7 +201,7 @@ impl Inviter {
         Ok(())
     }
 
-    /// Answers somebody who wants to join. `own` is the random number of this conversation, which comes back in
+    /// Answers a robot that wants to join. `own` is the random number of this conversation, which returns in
     /// [`Inviter::proven`].
     pub fn hello(&self, hello: &Hello, own: [u8; 32]) -> Message {
         let signature = self.keys.sign(&offered(&self.team, (&hello.nonce, &own)));
@@ -212,7 +212,7 @@ impl Inviter {
     /// Checks a proof, spends the invitation, and signs a certificate. Proofs that have failed before change nothing for the right one.
     ///
     /// # Errors
-    /// The proof is not that of an open invitation. The answer to that is [`Message::Refused`].
+    /// The proof does not belong to an open invitation. The answer to it is [`Message::Refused`].
     pub fn proven(
         &mut self,
         nonces: (&[u8; 32], &[u8; 32]),

@@ -14,7 +14,7 @@ pub const MESSAGE_MAX: usize = 4096;
 const FORM: &str = "dca join 1";
 const SEALED_MAX: usize = 512;
 
-/// Joiner to inviter: somebody wants to join.
+/// Joiner to inviter: a robot wants to join.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hello {
     /// A random number.
@@ -26,7 +26,7 @@ pub struct Hello {
 pub struct Offer {
     /// The team.
     pub team: Team,
-    /// Who the inviter is; none if it has the team's own key.
+    /// The credential of the inviter; none if it has the team's own key.
     pub inviter: Option<Credential>,
     /// A random number.
     pub nonce: [u8; 32],
@@ -43,7 +43,7 @@ pub struct Proof {
     pub keys: PublicKeys,
     /// The secret, sealed to the inviter, for this conversation only.
     pub sealed: Sealed,
-    /// Over everything that was said, by the joiner: it has the secret keys.
+    /// Over all earlier messages, by the joiner: it has the secret keys.
     pub signature: [u8; SIGNATURE_LEN],
 }
 
@@ -57,7 +57,7 @@ pub struct Welcome {
 /// A message of joining.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Message {
-    /// Somebody wants to join.
+    /// A robot wants to join.
     Hello(Hello),
     /// This is the team.
     Offer(Box<Offer>),
@@ -133,7 +133,7 @@ impl Message {
     }
 }
 
-/// What the inviter signs.
+/// The bytes that the inviter signs.
 pub(super) fn offered(team: &Team, nonces: (&[u8; 32], &[u8; 32])) -> Vec<u8> {
     let mut writer = Writer::new("dca join offer 1");
     writer.fixed(&team.id().0);
@@ -142,7 +142,7 @@ pub(super) fn offered(team: &Team, nonces: (&[u8; 32], &[u8; 32])) -> Vec<u8> {
     writer.finish()
 }
 
-/// What the joiner signs.
+/// The bytes that the joiner signs.
 pub(super) fn proven(offered: &[u8], name: &Name, keys: &PublicKeys, sealed: &Sealed) -> Vec<u8> {
     let mut writer = Writer::new("dca join proof 1");
     writer.long(offered);
@@ -160,7 +160,7 @@ pub(super) fn place(offered: &[u8], keys: &PublicKeys) -> String {
     format!("join/{}", crate::text::encode(hasher.finalize().as_bytes()))
 }
 
-/// Returns the secret of an invitation, from what was sealed.
+/// Returns the secret of an invitation from the opened seal.
 pub(super) fn secret(opened: &[u8]) -> Option<[u8; INVITE_SECRET]> {
     opened.try_into().ok()
 }

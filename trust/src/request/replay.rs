@@ -27,7 +27,7 @@ pub enum ReplayError {
     Full,
 }
 
-/// What has to be written under a signer, in place of what was there.
+/// The value to be written under a signer, which replaces the old one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReplayWrite {
     /// The signer.
@@ -36,7 +36,7 @@ pub struct ReplayWrite {
     pub bytes: Vec<u8>,
 }
 
-/// The numbers of one signer. Bit `i` of the blocks stands for `highest - i`.
+/// The numbers of one signer. Bit `i` of the blocks represents `highest - i`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Window {
     highest: u64,
@@ -120,7 +120,7 @@ impl Replays {
         Ok(())
     }
 
-    /// Returns what has to be written of every signer.
+    /// Returns the values to be written for every signer.
     pub fn writes(&self) -> impl Iterator<Item = ReplayWrite> + '_ {
         self.0.iter().map(|(signer, window)| ReplayWrite { signer: *signer, bytes: window.to_bytes() })
     }

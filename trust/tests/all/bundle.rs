@@ -1,4 +1,4 @@
-//! The team as a text that people hand on.
+//! The public text of a team.
 
 use crate::world::{NOW, World, claims, keys};
 use std::collections::BTreeMap;
@@ -104,7 +104,7 @@ fn a_text_of_which_a_part_was_lost_is_refused() {
     assert_eq!(Bundle::from_text(&format!("{good}{good}")), Err(BundleError::Cut));
 }
 
-/// Two copies of a team that went on alone know together what each knows.
+/// Two copies of a team that were changed separately are merged.
 #[test]
 fn two_that_went_on_alone_are_joined() {
     let world = World::new();

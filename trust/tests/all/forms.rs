@@ -1,4 +1,4 @@
-//! Every form, as bytes that other versions have to read, and what is left of it after damage.
+//! Every form, as bytes that other versions have to read, and their fate after damage.
 
 use crate::world::{NOW, World, keys};
 use expect_test::expect_file;
@@ -18,7 +18,7 @@ use trust::seal::{Place, Sealed, Secret};
 use trust::team::{Credential, Team};
 use zeroize::Zeroizing;
 
-/// Reads bytes, and returns them as they are written again.
+/// Reads bytes, and returns them rewritten.
 type Again = fn(&[u8]) -> Option<Vec<u8>>;
 
 fn forms() -> Vec<(&'static str, Vec<u8>, Again)> {
@@ -154,7 +154,7 @@ impl Dice {
     }
 }
 
-/// Whatever arrives, nothing panics, and what is read is written again as the same bytes: a value has one form.
+/// For any input, nothing panics, and a value that can be read is rewritten as the same bytes: a value has one form.
 #[test]
 fn damaged_forms_are_refused_or_are_other_forms() {
     let mut dice = Dice(15);

@@ -18,7 +18,7 @@ fn add(log: &mut Log, what: &str) -> String {
     log.add(&Entry { at: NOW, decision, who, what, request: [0; 16], reason })
 }
 
-/// Where a log has come to, as its own node signs it.
+/// The position of a log, as its own node signs it.
 fn told(log: &Log, at: UnixTime) -> Head {
     Head::sign(log.position().expect("it has a record"), at, &keys(9))
 }
@@ -118,7 +118,7 @@ fn heads_of_others_have_a_limit_and_a_form() {
     assert_eq!(Heads::from_text(&changed), Err(HeadError::Line { line: 1 }));
 }
 
-/// A log that goes on in another file: what was signed of the end of the first is known to the second.
+/// A log that continues in another file: a signature on the end of the first file is known to the second.
 #[test]
 fn the_end_of_the_file_before_is_signed_too() {
     let (mut log, _) = Log::begin(TEAM, NODE, None);

@@ -1,5 +1,5 @@
-//! Good bytes that somebody has worked on, by seeds: bits turned, pieces cut out, doubled, and taken from another. Nothing panics, nobody is
-//! trusted who was not, and what is read is written as it was.
+//! Valid bytes that were manipulated, by seeds: bits flipped, pieces cut out, doubled, and taken from another. Nothing
+//! panics, no member becomes trusted, and every value that can be read is rewritten as it was.
 //!
 //! `HOSTILE=1000000 cargo test --release -p trust --test all hostile` runs so many of each kind; `fuzz/targets` has the same for cargo-fuzz.
 
@@ -33,7 +33,7 @@ impl Seeded {
         usize::try_from(self.0 % (end.max(1) as u64)).expect("it is below a usize")
     }
 
-    /// Works on bytes, with another good piece beside it.
+    /// Manipulates bytes, with another valid piece beside them.
     fn work_on(&mut self, good: &[u8], other: &[u8]) -> Vec<u8> {
         let mut bytes = good.to_vec();
         for _ in 0..=self.below(4) {
@@ -109,7 +109,7 @@ fn hostile_certificates() {
     });
 }
 
-/// Whoever works on a credential can do nothing that the holder could not, under no other name; a renewal is lost at most.
+/// A manipulated credential gives no more rights than its holder has, and no other name; at most a renewal is lost.
 #[test]
 fn hostile_capabilities() {
     let world = World::new();

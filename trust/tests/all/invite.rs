@@ -107,7 +107,8 @@ fn the_joiner_speaks_to_the_right_team_alone() {
     let other = Team::found("acme".parse().unwrap(), &keys(50));
     let impostor = Inviter::new(other, keys(50), None);
     assert_eq!(refused(offer(&impostor, nonce)), JoinError::OtherTeam);
-    // The right team's name and keys, but without its secret key; a member that may not invite; an answer to somebody else.
+    // The right team's name and keys, but without its secret key; a member that may not invite; an answer to another
+    // joiner.
     let thief = Inviter::new(world.team.clone(), keys(51), None);
     assert_eq!(refused(offer(&thief, nonce)), JoinError::Signature);
     let viewer = Inviter::new(world.team.clone(), keys(4), Some(world.viewer.1.clone()));

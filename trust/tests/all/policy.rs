@@ -1,4 +1,4 @@
-//! What a node starts, and what it does not.
+//! The programs that a node starts, and those that it refuses.
 
 use std::path::Path;
 use trust::policy::{Denied, Limits, Policy, PolicyError, Sandbox, Start};
@@ -34,7 +34,7 @@ fn what_the_file_allows_is_started_within_its_limits() {
     let asked = start(&devices, &secrets);
     let cores = Some(1500);
     assert_eq!(policy.admit(&asked), Ok(Limits { cores, ..asked.limits }));
-    // Who asks for nothing has the limits of the node, and no priority.
+    // A program that asks for nothing gets the limits of the node, and no priority.
     let modest = Start { limits: Limits::default(), ..asked };
     assert_eq!(policy.admit(&modest), Ok(Limits { memory: Some(1_000_000), cores, ..Limits::default() }));
     assert_eq!(

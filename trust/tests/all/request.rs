@@ -1,4 +1,4 @@
-//! Requests that are refused, each for its reason, and those that are not.
+//! Requests that are refused, each for its reason, and accepted ones.
 
 use crate::world::{NOW, World, keys};
 use trust::identity::{KeyId, SecretKeys};

@@ -1,4 +1,4 @@
-//! Who is revoked, and by whom.
+//! Revoked members, and the members that revoke them.
 
 use crate::world::{NOW, World};
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,7 +11,8 @@ fn set(world: &World, number: u64, revoked: &[KeyId], by: (&SecretKeys, Option<&
     RevokedSet::sign(&world.team, number, keys, by.0, by.1.cloned()).expect("the input is good")
 }
 
-/// Acceptance: a revocation reaches a robot over a chain of two meetings, and the revoked one is refused from then on.
+/// Acceptance: a revocation reaches a robot over a chain of two meetings, and the revoked member is refused from then
+/// on.
 #[test]
 fn a_revocation_travels_from_member_to_member() {
     let world = World::new();
@@ -45,19 +46,19 @@ fn no_set_takes_anybody_back() {
     };
     assert_eq!(receive(2, &[first]).0, Ok(Received::New(1)));
     assert_eq!(receive(1, &[]).0, Ok(Received::Known));
-    // A newer one without the key, and another one with the same number, take nobody back either.
+    // A newer set without the key, and another set with the same number, do not undo the revocation either.
     let (received, both) = receive(2, &[second]);
     assert_eq!((received, both.sets().len()), (Ok(Received::New(1)), 2));
     assert_eq!(receive(3, &[]).0, Ok(Received::Known));
     let (received, later) = receive(4, &[second]);
     assert_eq!((received, later.sets().len(), later.number_of(&world.team.id())), (Ok(Received::New(0)), 2, 4));
     assert!(later.has(&first) && later.has(&second));
-    // One that has all of them stands for all of them, whatever its number.
+    // A set that has all their keys replaces all of them, whatever its number.
     let (received, joined) = receive(1, &[first, second]);
     assert_eq!((received, joined.sets().len(), joined.keys().len()), (Ok(Received::New(0)), 1, 2));
 }
 
-/// Admins take no room from the team's key; who has no room for more says so, and goes on knowing what it knows.
+/// Admins take no room from the team's key. A member without room for more reports it, and keeps what it knows.
 #[test]
 fn what_is_held_has_an_end() {
     let world = World::new();
@@ -90,7 +91,7 @@ fn what_is_held_has_an_end() {
     );
 }
 
-/// What an admin has revoked stays so after a restart, though the admin was revoked since.
+/// An admin's revocations stay valid after a restart, even if the admin was revoked since.
 #[test]
 fn what_was_kept_counts_whatever_became_of_its_signer() {
     let world = World::new();
@@ -120,7 +121,7 @@ fn only_the_team_and_its_admins_revoke() {
     let with_borrowed = set(&world, 1, &target, (&world.r2.0, Some(&world.admin.1)));
     assert_eq!(revoked.receive(with_borrowed, &judge), Err(RevocationError::Signer));
     assert_eq!(revoked, Revocations::default());
-    // An admin that is revoked revokes nobody any more, and nobody whom it has admitted is trusted.
+    // A revoked admin can revoke no more, and the members it has admitted are not trusted.
     let admin = world.admin.1.certificate().subject();
     revoked.receive(set(&world, 1, &[admin], (&world.root, None)), &judge).unwrap();
     let late = set(&world, 9, &target, (&world.admin.0, Some(&world.admin.1)));
@@ -128,7 +129,7 @@ fn only_the_team_and_its_admins_revoke() {
     assert!(matches!(world.r2.1.check(&Judge { revoked: &revoked, ..judge }), Err(TrustError::Revoked(_))));
 }
 
-/// Whatever the order in which sets arrive, and however often, the same keys are revoked in the end.
+/// For any order and repetition of the sets, the same keys are revoked in the end.
 #[test]
 fn the_order_does_not_matter() {
     let world = World::new();
@@ -153,8 +154,9 @@ fn the_order_does_not_matter() {
     }
 }
 
-/// Several copies of the team's key and an admin sign sets with whatever numbers, equal ones, too; members hear some of them, twice or never,
-/// are restarted from what they keep, and meet. Each knows at any time what it has ever heard, and in the end all hold the same.
+/// Several copies of the team's key and an admin sign sets with any numbers, even equal ones. Members hear some of
+/// them, twice or never, are restarted from their disks, and meet. Each knows at any time every set it has ever heard,
+/// and in the end all hold the same.
 #[test]
 fn members_that_meet_come_to_hold_the_same() {
     let world = World::new();

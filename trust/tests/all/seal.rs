@@ -1,4 +1,4 @@
-//! Who reads a secret.
+//! The readers of a secret.
 
 use crate::world::keys;
 use proptest::prelude::*;

@@ -1,4 +1,4 @@
-//! Who is trusted, and who is not.
+//! Members that are trusted, and members that are not.
 
 use crate::world::{NOW, World, claims, keys};
 use trust::certificate::{Certificate, Claims, ClaimsError, DAY, LIFE_MAX, RENEWABLE_MAX, Renewal};
@@ -116,7 +116,7 @@ fn members_renew_each_other_up_to_the_time_that_was_set() {
     assert_eq!(r1.check(&world.judge(later)), Ok(Standing::Valid(later.plus(30 * DAY))));
     let back = Credential::from_bytes(&r1.to_bytes()).unwrap();
     assert_eq!(back, r1);
-    // Who is no renewer, oneself, or for another certificate: refused.
+    // Refused: a member without the right to renew, the member itself, and a renewal for another certificate.
     let cases = [
         renewed(&world.r2.1, &world.r1, later),
         renewed(&world.r2.1, &world.r2, later),
@@ -125,7 +125,7 @@ fn members_renew_each_other_up_to_the_time_that_was_set() {
     for credential in cases {
         assert!(matches!(credential.check(&world.judge(later)), Err(TrustError::Renewal(_))));
     }
-    // Nobody renews beyond the time that the issuer has set.
+    // A renewal cannot go beyond the time that the issuer has set.
     let last = renewed(&world.r1.1, &world.r2, NOW.plus(364 * DAY));
     assert_eq!(last.check(&world.judge(NOW.plus(364 * DAY))), Ok(Standing::Valid(NOW.plus(365 * DAY))));
     let never = renewed(&world.r1.1, &world.r2, NOW.plus(400 * DAY));
