@@ -1,6 +1,6 @@
-//! The audit log of a node, on its disk: a thread of its own writes it, so that nobody waits for the disk who is refused.
+//! The audit log of a node, on its disk: a separate thread writes it, so that a refusal does not wait for the disk.
 //!
-//! `STATE/r1/team/audit` is the log, `audit.1` the one before it, which ends where the log begins.
+//! `STATE/r1/team/audit` is the log, `audit.1` the previous one, which ends where the log begins.
 
 use crate::folder;
 use anyhow::Context as _;
@@ -26,9 +26,9 @@ const SIZE_MAX: u64 = 16 << 20;
 const LOG_MAX: usize = 64 << 20;
 /// How many records wait for the disk; more are counted.
 const WAITING_MAX: usize = 256;
-/// How many more records than one are written at once.
+/// How many additional records are written at once.
 const TOGETHER_MAX: usize = 63;
-/// How many of them are refusals: who is refused again and again keeps nothing out that was done.
+/// How many of them are refusals: repeated refusals must not keep out records of actions.
 const REFUSED_MAX: usize = 128;
 /// The most records of a minute that tell of something done, and the most that tell of a refused member. The disk stays free of
 /// more: they are only counted.
@@ -39,20 +39,20 @@ const STRANGERS_PER_MINUTE: u32 = 8;
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 const TOO_MANY: &str = "too many in a minute";
 
-/// Somebody wanted something, and what became of it.
+/// An attempt, and its result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuditEntry {
-    /// What became of it.
+    /// The result.
     pub decision: Decision,
-    /// Who wanted it, as far as that is known.
+    /// The client that made it, as far as known.
     pub who: String,
-    /// What that was.
+    /// The requested action.
     pub what: String,
     /// Why it was refused, or not done; else empty.
     pub reason: String,
 }
 
-/// An open log. Dropped, it writes what it was given, and ends.
+/// An open log. When it is dropped, it writes its pending records, and ends.
 #[derive(Debug)]
 pub struct Audit {
     records: Option<SyncSender<(UnixTime, AuditEntry)>>,
@@ -61,7 +61,7 @@ pub struct Audit {
     refused: Arc<AtomicUsize>,
     /// By the place of their [`Class`].
     quotas: Mutex<[Quota; 3]>,
-    /// Where the log has come to on the disk.
+    /// The position of the log on the disk.
     position: watch::Receiver<Option<Position>>,
 }
 
@@ -114,18 +114,19 @@ impl Audit {
         Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default(), position })
     }
 
-    /// Tells where the log has come to, which is on the disk; nothing before its first record.
+    /// Publishes the position of the log on the disk; none before its first record.
     pub fn position(&self) -> watch::Receiver<Option<Position>> {
         self.position.clone()
     }
 
-    /// Has a record written. What comes too fast is only counted, and told of in the next minute, or at the end.
+    /// Writes a record. Records above the rate limit are only counted, and reported in the next minute, or at the end.
     pub fn record(&self, entry: AuditEntry) {
         let class = if entry.decision == Decision::Refused { Class::Refused } else { Class::Done };
         self.record_of(class, entry);
     }
 
-    /// Has a record written of a stranger who was refused, as [`Audit::record`] does, but a few in a minute. Says whether it is one of them.
+    /// Writes a record of a refused stranger, like [`Audit::record`], but only a few in a minute. Returns whether this
+    /// one is written.
     pub fn record_stranger(&self, entry: AuditEntry) -> bool {
         self.record_of(Class::Stranger, entry)
     }
@@ -144,7 +145,7 @@ impl Audit {
         is_taken
     }
 
-    /// Gives a record to the writer; says whether there was room.
+    /// Gives a record to the writer; returns whether there was room.
     fn send(&self, now: UnixTime, entry: AuditEntry) -> bool {
         let is_refusal = entry.decision == Decision::Refused;
         if is_refusal && self.refused.fetch_add(1, Ordering::Relaxed) >= REFUSED_MAX {
@@ -172,7 +173,7 @@ impl Drop for Audit {
         if let Some(records) = self.records.take() {
             for (quota, class) in quotas.into_iter().zip(Class::ALL) {
                 if quota.lost > 0 {
-                    // The writer takes what waits, and then this: there is nobody else any more.
+                    // The writer takes the waiting records, and then this: no other sender is left.
                     drop(records.send((crate::now(), class.more(quota.lost, TOO_MANY))));
                 }
             }
@@ -200,7 +201,7 @@ impl Quota {
     }
 }
 
-/// The end of the log on the disk, and what the disk does not have yet.
+/// The end of the log on the disk, and the records that are not on the disk yet.
 #[derive(Debug)]
 struct Writer {
     path: PathBuf,
@@ -213,7 +214,7 @@ struct Writer {
     is_torn: bool,
     /// Records that wait, the oldest first.
     waiting: Vec<(UnixTime, AuditEntry)>,
-    /// How many more there would be, of what was done and of what was refused.
+    /// How many more there would be: of actions and of refusals.
     lost: [u32; 2],
 }
 
@@ -226,13 +227,13 @@ impl Writer {
                 return Ok(Self::at(path, log, file, size));
             }
             Ok(None) => {
-                // A node that was killed between two logs has only the one before.
+                // A node that was killed between two logs has only the previous one.
                 let before = read(&path.with_extension("1")).ok().flatten().filter(|log| log.of() == (team, node));
                 return Self::begin(path, (team, node), before.as_ref());
             }
             Ok(Some(_of_another)) => {}
             Err(error) => {
-                // What somebody has worked on is kept, and not gone on with.
+                // A manipulated log is kept, and not continued.
                 tracing::error!(
                     error = format!("{error:#}"),
                     "the audit log is not as it was written; a new one begins"
@@ -270,7 +271,7 @@ impl Writer {
                 records.recv_timeout(AGAIN_AFTER)
             };
             is_open = first != Err(RecvTimeoutError::Disconnected);
-            // Those that wait are one write to the disk.
+            // Waiting records are written together.
             for (at, entry) in first.into_iter().chain(records.try_iter().take(TOGETHER_MAX)) {
                 if entry.decision == Decision::Refused {
                     refused.fetch_sub(1, Ordering::Relaxed);
@@ -295,7 +296,7 @@ impl Writer {
         }
     }
 
-    /// Writes what waits, or leaves the log as it was.
+    /// Writes the waiting records, or leaves the log unchanged.
     fn write(&mut self, positions: &watch::Sender<Option<Position>>) {
         let lost = [Decision::Done, Decision::Refused].into_iter().zip(self.lost).filter(|(_, count)| *count > 0);
         let lost = lost.map(|(decision, count)| (crate::now(), more(decision, count, "the disk has refused them")));
@@ -314,7 +315,7 @@ impl Writer {
         self.log = log;
         self.waiting.clear();
         self.lost = [0; 2];
-        // The first record of a log says where the one before ended: what was signed of that counts.
+        // The first record of a log says where the previous one ended: a signature on that end counts.
         positions.send_replace(log.position());
         if self.size >= SIZE_MAX
             && let Err(error) = self.turn_over()
@@ -323,7 +324,8 @@ impl Writer {
         }
     }
 
-    /// Appends whole records. What a disk has taken of them when it refuses the rest is cut off, now or before the next try.
+    /// Appends whole records. If the disk refuses the rest of them, the part it has taken is cut off, now or before the
+    /// next try.
     fn append(&mut self, lines: &[u8]) -> io::Result<()> {
         self.mend()?;
         self.is_torn = true;
@@ -345,7 +347,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Begins the next log. It is whole before it has the name, so whatever fails, one of them can be gone on with.
+    /// Begins the next log. It is complete before it has the name, so after any failure one of them can be continued.
     fn turn_over(&mut self) -> anyhow::Result<()> {
         let (next, kept) = (self.path.with_extension("next"), self.path.with_extension("1"));
         let begun = Self::begin(next.clone(), self.log.of(), Some(&self.log))?;
@@ -359,8 +361,8 @@ impl Writer {
     }
 }
 
-/// Returns whether a record of a node's log in a folder, or of the one before, has a field that begins so. A log that cannot be read says
-/// nothing, and neither does one that the node has written with earlier keys.
+/// Returns whether a record of a node's log in a folder, or of the previous log, has a field with this beginning. An
+/// unreadable log has none, and neither has one that the node wrote with earlier keys.
 pub fn mentions(folder: &Path, node: KeyId, what: &str) -> bool {
     let path = folder.join(FILE);
     let what = format!("\t{what}");
@@ -425,7 +427,7 @@ mod tests {
         }
         let log = read(&folder.join(FILE)).unwrap().unwrap();
         assert_eq!((log.last(), log.of()), (3, (team, node)));
-        // What somebody has worked on is kept beside a new one.
+        // A manipulated log is kept beside a new one.
         let changed = lines(&folder).join("\n").replace("somebody 1", "somebody 9") + "\n";
         fs::write(folder.join(FILE), changed).unwrap();
         drop(Audit::open(&folder, team, node).unwrap());
@@ -459,7 +461,7 @@ mod tests {
         writer.file = disk;
         give(&mut writer, "after");
         let (lines, log) = (lines(&folder), read(&folder.join(FILE)).unwrap().unwrap());
-        // The beginning, the one before, those that there was room for, and how many there was none for.
+        // The beginning, the first record, the records for which there was room, and the count of the others.
         assert_eq!((lines.len(), log.last()), (2 + 128 + 1, 130));
         assert!(lines[130].contains("73 more that were refused\t") && lines[130].contains("the disk has refused"));
         assert_eq!(positions.borrow().map(|position| position.number), Some(130));
@@ -482,14 +484,14 @@ mod tests {
             writer.write(&positions);
             writer.size %= SIZE_MAX;
         };
-        // A folder in the way does what a full disk does.
+        // A folder in the way has the same effect as a full disk.
         fs::create_dir(folder.join("audit.next")).unwrap();
         give(&mut writer);
         assert_eq!((lines(&folder).len(), folder.join("audit.1").exists()), (2, false));
         fs::remove_dir(folder.join("audit.next")).unwrap();
         give(&mut writer);
         assert_eq!(lines(&folder).len(), 1);
-        // A node that is killed between the two names has the one before, and goes on from that.
+        // A node that is killed between the two names has the previous log, and continues from it.
         drop(writer);
         fs::remove_file(folder.join(FILE)).unwrap();
         let writer = Writer::open(folder.join(FILE), KeyId([1; 32]), KeyId([2; 32])).unwrap();
@@ -513,7 +515,7 @@ mod tests {
         let lines = lines(&folder);
         assert_eq!(lines.iter().filter(|line| line.contains("\tdan\t")).count(), 10);
         let strangers = lines.iter().filter(|line| line.contains("a stranger")).count();
-        // A minute may have ended meanwhile.
+        // A minute may have ended in between.
         let more = |line: &String| -> Option<usize> {
             line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
@@ -543,7 +545,7 @@ mod tests {
             line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
         let counts: Vec<usize> = sums.filter_map(counted).collect();
-        // A minute may have ended meanwhile.
+        // A minute may have ended in between.
         assert!(strangers <= 8 * counts.len() && counts.len() <= 2, "{strangers} {counts:?}");
         assert_eq!(strangers + counts.iter().sum::<usize>(), 10_000, "all are counted");
         fs::remove_dir_all(&folder).unwrap();

@@ -1,4 +1,4 @@
-//! The credentials that others have shown, by the keys that sign: so that what they say later need not bring them along.
+//! The credentials of others, by their signing keys, so that later messages need not contain them.
 
 use comms::io::session::{Author, Digest, PublicKey};
 use comms::logic::proof::Proof;
@@ -11,9 +11,9 @@ use trust::role::Kind;
 use trust::statement;
 use trust::team::{Credential, Judge};
 
-/// How many are kept. Only those of the team are, so there are no more of them than nodes.
+/// How many are kept. Only credentials of the team are, so there are no more of them than nodes.
 const CARDS_MAX: usize = 1024;
-/// For how many seconds somebody who was trusted is trusted without another look at the certificate.
+/// For how many seconds a trusted member is trusted without another check of the certificate.
 const JUDGED_FOR: u64 = 5;
 
 /// The credentials of others.
@@ -37,7 +37,7 @@ impl Cards {
         }
     }
 
-    /// Returns what its holder has shown since and is valid for longer, if something is.
+    /// Returns the holder's newer credential that is valid for longer, if there is one.
     pub(crate) fn newer(&self, credential: &Credential, judge: &Judge<'_>) -> Option<Credential> {
         let key = *credential.certificate().claims().keys.signing();
         let known = self.cards().get(&key)?.credential.clone();
@@ -50,7 +50,7 @@ impl Cards {
         self.cards().values().map(|card| card.credential.clone()).collect()
     }
 
-    /// Has everybody judged again: somebody was revoked.
+    /// Makes every credential be checked again, because a key was revoked.
     pub(crate) fn judge_again(&self) {
         self.cards().values_mut().for_each(|card| card.judged = None);
     }
@@ -74,7 +74,7 @@ impl Cards {
         }
     }
 
-    /// Returns its name; nothing if nobody has shown whose key it is.
+    /// Returns its name; none if the owner of the key is unknown.
     fn name(
         &self,
         proof: &Proof,

@@ -1,4 +1,5 @@
-//! Files that only their owner may read. One that others may read or write is refused, not mended: who knows who has.
+//! Files that only their owner may read. Files with wider permissions are rejected rather than fixed, because another
+//! user may already have read them.
 
 use anyhow::{Context as _, ensure};
 use rustix::fs::OFlags;
@@ -36,11 +37,11 @@ pub fn write_for_group(path: &Path, bytes: &[u8], gid: u32) -> anyhow::Result<()
     })
 }
 
-/// The file has its rights before it has its name: nobody finds one that cannot be read.
+/// The file has its rights before it has its name, so no reader finds an unreadable file.
 fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result<()>) -> anyhow::Result<()> {
     let part = path.with_extension(format!("part-{}", std::process::id()));
     let write = || {
-        // What is left of a process with the same id may have another mode.
+        // A leftover of a process with the same id may have another mode.
         drop(fs::remove_file(&part));
         let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&part)?;
         file.write_all(bytes)?;
@@ -49,17 +50,17 @@ fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result
         fs::rename(&part, path)?;
         File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
     };
-    // A full disk is not to keep what is of no use.
+    // A useless part of a file must not fill the disk further.
     let written = write().inspect_err(|_| drop(fs::remove_file(&part)));
     written.with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Space on a disk that is held until it is needed, so that what has to be written then finds room.
+/// Space on a disk that is reserved for a later write that must succeed.
 #[derive(Debug)]
 pub struct Reserve(PathBuf);
 
 impl Reserve {
-    /// Holds so many bytes in a folder, which is made if it is not there.
+    /// Reserves `size` bytes in a folder, which is made if it does not exist.
     ///
     /// # Errors
     /// The disk refuses.
@@ -77,10 +78,10 @@ impl Drop for Reserve {
     }
 }
 
-/// Reads a file of at most so many bytes; nothing if there is none.
+/// Reads a file of at most `bytes_max` bytes; none if there is no file.
 ///
 /// # Errors
-/// It cannot be read, is no file or longer, or somebody else may read or write it.
+/// It cannot be read, is not a file or is too long, or another user may read or write it.
 pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     read_with(path, bytes_max, 0o077)
 }
@@ -88,14 +89,14 @@ pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Ve
 /// Reads a file in which nothing is secret, as [`read`] does: others may read it.
 ///
 /// # Errors
-/// It cannot be read, is no file or longer, or somebody else may write it.
+/// It cannot be read, is not a file or is too long, or another user may write it.
 pub fn read_open(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     read_with(path, bytes_max, 0o022)
 }
 
 fn read_with(path: &Path, bytes_max: usize, closed: u32) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     let reading = || format!("reading `{}`", path.display());
-    // Whatever lies there is opened without a wait: a pipe has no end.
+    // Opened without waiting, whatever it is: a pipe may have no writer.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
     let file = match opened {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -133,17 +134,17 @@ mod tests {
         assert_eq!(read(&path("keys"), 6).unwrap().unwrap().as_slice(), b"secret");
         assert!(read(&path("keys"), 5).unwrap_err().to_string().ends_with("is too long"));
         assert!(read(&path("none"), 5).unwrap().is_none());
-        // What could not be written leaves nothing.
+        // A failed write leaves no file.
         fs::create_dir_all(path("full/of")).unwrap();
         assert!(write(&path("full"), b"secret").is_err());
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
-        // What others may read is no secret, and what they may write is nobody's.
+        // A file that others may read is not secret, and one that they may write cannot be trusted.
         let mode = |mode| fs::set_permissions(path("keys"), Permissions::from_mode(mode)).unwrap();
         mode(0o644);
         assert!(read(&path("keys"), 6).is_err() && read_open(&path("keys"), 6).unwrap().is_some());
         mode(0o664);
         assert!(read_open(&path("keys"), 6).is_err());
-        // Nobody writes into this pipe: to wait for that would be for ever.
+        // This pipe has no writer: to wait for one would take for ever.
         rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
         assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is no file"));
         assert!(read(&folder, 5).unwrap_err().to_string().ends_with("is no file"));

@@ -1,7 +1,7 @@
 //! Joining over the network: the messages of [`trust::invite`], each with its length before it, over a TCP connection.
 //!
-//! It needs no encryption of its own: the joiner knows the team by the line, and the secret is sealed to who has signed. Whoever
-//! listens in learns that somebody joins, and under which name.
+//! It needs no encryption: the joiner knows the team from the line, and the secret is sealed to the signer. A listener
+//! learns that a robot joins, and under which name.
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use comms::io::{clock, entropy, stream};
@@ -30,7 +30,7 @@ const WRONG_STAYS: Duration = Duration::from_secs(1);
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
 /// # Errors
-/// Nobody answers, it is not the team of the line, or the inviter refuses.
+/// There is no answer, it is not the team of the line, or the inviter refuses.
 ///
 /// # Cancellation
 /// The invitation may have been used.
@@ -77,18 +77,19 @@ async fn talk(
 /// Something that happens while an inviter waits.
 #[derive(Debug)]
 pub enum Event {
-    /// Somebody has joined; the certificate is kept.
+    /// A robot has joined; the certificate is kept.
     Joined(Box<Certificate>),
-    /// Somebody was refused, and why.
+    /// A robot was refused; the reason.
     Refused(SocketAddr, String),
-    /// A certificate could not be kept, and why: nobody has joined, and the invitation is spent.
+    /// A certificate could not be kept; the reason. No robot has joined, and the invitation is spent.
     Failed(String),
 }
 
-/// Answers those who want to join, until `events` is closed. `keep` puts a certificate on the disk; before that nobody is welcome.
+/// Answers robots that want to join, until `events` is closed. `keep` puts a certificate on the disk; before that no
+/// robot is accepted.
 ///
 /// # Cancellation
-/// Whoever is joining is left.
+/// A join in progress is cut off.
 pub async fn invite(
     listeners: Vec<TcpListener>,
     inviter: Inviter,

@@ -1,8 +1,9 @@
-//! A process as a member of a team: what `trust` decides, on the disk and on the network of `comms`.
+//! A process as a member of a team: the decisions of `trust`, on the disk and on the network of `comms`.
 //!
-//! A node is a [`member::Member`]: its keys and its certificate are in the folder of its state. It vouches for each of its programs,
-//! a [`program::ProgramIdentity`], and for those who look from its machine, a [`visitor::VisitorIdentity`]; none of them has the node's key.
-//! All are identities of tunnels ([`comms::io::session::Identity`]). [`join`] is how a robot comes into a team.
+//! A node is a [`member::Member`]: its keys and its certificate are in the folder of its state. It vouches for each of
+//! its programs, a [`program::ProgramIdentity`], and for visitors from its machine, a [`visitor::VisitorIdentity`];
+//! none of them has the node's key. All are identities of tunnels ([`comms::io::session::Identity`]). With [`join`] a
+//! robot becomes a member of a team.
 
 pub mod audit;
 mod cards;

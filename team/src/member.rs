@@ -39,7 +39,7 @@ use trust::statement;
 use trust::team::{CREDENTIAL_MAX, Credential, Judge, OFFLINE_GRACE, TEAM_MAX, Team};
 use zeroize::Zeroizing;
 
-/// The folder below that of a node's state.
+/// The folder below the node's state.
 pub const FOLDER: &str = "team";
 const KEYS: &str = "keys";
 const TEAM: &str = "team";
@@ -61,12 +61,12 @@ pub struct Member {
     credential: Credential,
     /// The same, with the newest renewal.
     newest: Mutex<Credential>,
-    /// What its programs show to others, and where they read that.
+    /// The credentials of its programs, and the files from which they read them.
     vouched: Mutex<Option<Vouched>>,
     /// The file that programs of another user read, and the group of that.
     shared: Mutex<Option<(PathBuf, u32)>>,
     revoked: Mutex<Revocations>,
-    /// What others have shown.
+    /// The credentials that others have shown.
     cards: Cards,
     changes: watch::Sender<()>,
     /// None where the disk takes none.
@@ -79,11 +79,11 @@ impl Member {
     /// Returns the member that a node is, by the folder of its state; nothing if it is in no team.
     ///
     /// # Errors
-    /// A file cannot be read, or is not what it should be. Such a node must not run as if it were in no team.
+    /// A file cannot be read, or is invalid. Such a node must not run as if it were not in a team.
     pub fn open(state: &Path) -> anyhow::Result<Option<Self>> {
         let folder = state.join(FOLDER);
         let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else {
-            // Whatever is there is something of a team: also a link that leads nowhere, as of a disk that is not mounted.
+            // Any entry there belongs to a team, even a dangling link, for example to a disk that is not mounted.
             ensure!(
                 folder.symlink_metadata().is_err(),
                 "`{}` is that of a node whose joining was cut short, or leads nowhere: join again with `dca team join`, or remove it \
@@ -140,11 +140,11 @@ impl Member {
         state.join(FOLDER).join(CREDENTIAL).exists()
     }
 
-    /// Writes down what a node is from now on, and whether it `founds`: it is the first of its team, whose database it begins when it
-    /// starts.
+    /// Writes the new identity of a node, and whether it `founds`: the first node of its team begins the team's
+    /// database when it starts.
     ///
     /// # Errors
-    /// The disk refuses; then the node is what it was before.
+    /// The disk refuses; then the node keeps its previous identity.
     pub fn begin(
         state: &Path,
         keys: &SecretKeys,
@@ -204,7 +204,7 @@ impl Member {
         &self.folder
     }
 
-    /// Has somebody judged by the team, whom it has revoked, and the time.
+    /// Passes the team, its revocations and the time to `judge`.
     pub fn with_judge<T>(&self, judge: impl FnOnce(&Judge<'_>) -> T) -> T {
         let revoked = self.revoked().clone();
         judge(&self.by(&revoked))
@@ -229,8 +229,8 @@ impl Member {
         self.newest().to_bytes()
     }
 
-    /// Returns the node of the team that has a credential, however old that is, and whether or not it was revoked since: what it has
-    /// written before stays written.
+    /// Returns the node of the team that has a credential, however old it is, and whether or not it was revoked since:
+    /// its earlier transactions stay valid.
     ///
     /// # Errors
     /// It is none of a node of the team; for a person.
@@ -259,7 +259,7 @@ impl Member {
         self.audit.iter().for_each(|audit| audit.record(entry.clone()));
     }
 
-    /// Hears of each change of who is revoked.
+    /// Reports each change of the revocations.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changes.subscribe()
     }

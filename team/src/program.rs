@@ -1,5 +1,5 @@
-//! What the data sessions of programs show to those of other hosts, and whom they let in: a program that has a wire with this one, and
-//! who looks at programs from a machine of the team ([`crate::visitor`]).
+//! The identity of a program's data session toward other hosts, and the clients it lets in: programs with a wire to
+//! this one, and visitors from a machine of the team ([`crate::visitor`]).
 //!
 //! A program makes its keys when it starts; they never leave it. Its node vouches for the public one, and names the program. The node
 //! writes what else a program needs to a file of its run folder, in which nothing is secret.
@@ -25,21 +25,21 @@ use zeroize::Zeroizing;
 const FILE_MAX: usize = 16 << 10;
 /// How many keys of others a program remembers: each start of a program at the other end of a wire is another one.
 const PARTNERS_MAX: usize = 1 << 16;
-/// Why somebody is refused who has no wire with this program.
+/// The reason for refusing a program that has no wire with this one.
 const NO_WIRE: &str = "it has no wire with this program";
 
-/// What a node tells its programs about the team.
+/// The information about the team that a node gives to its programs.
 #[derive(Debug)]
 pub(crate) struct Circle {
     pub(crate) team: Team,
     /// The credential of the node.
     node: Credential,
-    /// Where the node writes down who is revoked.
+    /// The file to which the node writes the revocations.
     revoked: PathBuf,
 }
 
 impl Circle {
-    /// Returns what stands in the file that programs are told of.
+    /// Returns the content of the file that programs are told of.
     pub(crate) fn bytes(team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<Vec<u8>> {
         let revoked = revoked.to_str().context("a folder has a name that is no text")?;
         Ok(postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
@@ -58,7 +58,7 @@ impl Circle {
         Self { team, node, revoked }
     }
 
-    /// Returns what shows that a node of the team vouches for a key.
+    /// Returns the proof that a node of the team vouches for a key.
     pub(crate) fn delegation(&self, key: &PublicKey, credential: &[u8]) -> Result<Delegation, String> {
         let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
         if delegation.key() != key {
@@ -69,7 +69,7 @@ impl Circle {
         Ok(delegation)
     }
 
-    /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
+    /// Returns the revocations last written by the node. An unreadable file must not lead to trust.
     pub(crate) fn revocations_now(&self) -> Result<Revocations, String> {
         let read = folder::read_open(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
@@ -77,7 +77,7 @@ impl Circle {
     }
 }
 
-/// Hears who was refused, because it has no wire with this program.
+/// Gets each refused program that has no wire with this one.
 type OnStranger = Box<dyn Fn(String) + Send + Sync>;
 
 /// A program of a team, as others see it.
@@ -86,10 +86,10 @@ pub struct ProgramIdentity {
     path: PathBuf,
     circle: Circle,
     keys: ProgramKeys,
-    /// What its node has signed; none before it has.
+    /// The signature of its node; none before it has one.
     delegation: Mutex<Option<Delegation>>,
-    /// The keys of programs that have, or had, wires with this one. Who has lost its wire is told nothing any more, and its link is
-    /// left to end by itself: it may still be needed for a value under way.
+    /// The keys of programs that have, or had, wires with this one. A program that has lost its wire is told nothing
+    /// any more, and its link is left to end by itself: it may still be needed for a value in transit.
     partners: Mutex<BTreeSet<PublicKey>>,
     /// Says that there are more of them.
     news: watch::Sender<()>,
@@ -103,11 +103,11 @@ impl fmt::Debug for ProgramIdentity {
 }
 
 impl ProgramIdentity {
-    /// Makes keys, and reads what the node has written for its programs. `on_stranger` hears who was refused because it has no wire with
-    /// this program, for a person.
+    /// Makes keys, and reads the credentials that the node has written for its programs. `on_stranger` gets each
+    /// refused program that has no wire with this one, for a person.
     ///
     /// # Errors
-    /// There is no such file, or it is not what it should be; or the system has no random bytes.
+    /// There is no such file, or it is invalid, or the system has no random bytes.
     pub fn open(path: &Path, on_stranger: impl Fn(String) + Send + Sync + 'static) -> anyhow::Result<Self> {
         Ok(Self {
             path: path.to_owned(),
@@ -125,7 +125,7 @@ impl ProgramIdentity {
         &self.keys
     }
 
-    /// Takes what its node has signed for its key.
+    /// Takes its node's signature on its key.
     pub fn take_delegation(&self, bytes: &[u8]) {
         match Delegation::from_bytes(bytes) {
             Ok(delegation) if *delegation.key() == self.keys.signing().1 => *self.delegation() = Some(delegation),
@@ -134,7 +134,7 @@ impl ProgramIdentity {
         }
     }
 
-    /// Lets programs with these public keys link, too.
+    /// Also lets programs with these public keys link.
     pub fn let_in<'a>(&self, keys: impl Iterator<Item = &'a [u8]>) {
         let mut partners = self.partners();
         partners.extend(keys.filter_map(ProgramKeys::signing_of).take(PARTNERS_MAX));
@@ -145,7 +145,7 @@ impl ProgramIdentity {
         self.news.send_replace(());
     }
 
-    /// Returns why a digest is not signed by who may visit programs; nothing if it is.
+    /// Returns the reason why a digest is not signed by a permitted visitor; none if it is.
     pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
         let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
         match self.circle.delegation(&proof.key, credential) {
@@ -170,7 +170,7 @@ impl ProgramIdentity {
     }
 }
 
-/// Returns who a node vouches for, for a person.
+/// Returns the owner of the key that a node vouches for, for a person.
 fn named(delegation: &Delegation) -> String {
     let node = &delegation.node().certificate().claims().name;
     delegation.program().map_or_else(|| format!("a visitor from {node}"), |program| format!("{program} on {node}"))
@@ -183,7 +183,7 @@ impl Identity for ProgramIdentity {
 
     fn credential(&self) -> Vec<u8> {
         let Some(delegation) = self.delegation().clone() else { return Vec::new() };
-        // The one that it was given is good for a while, if the newest cannot be read.
+        // If the newest delegation cannot be read, the one it was given is valid for a while.
         let newest = Circle::open(&self.path).ok().and_then(|circle| delegation.renewed(circle.node));
         newest.as_ref().unwrap_or(&delegation).to_bytes()
     }
@@ -198,7 +198,7 @@ impl Identity for ProgramIdentity {
     }
 
     fn awaits(&self, key: &PublicKey, credential: &[u8]) -> Option<watch::Receiver<()>> {
-        // Before the look: what changes after it is heard.
+        // Before the look, so that later changes are heard.
         let news = self.news.subscribe();
         let delegation = self.circle.delegation(key, credential).ok()?;
         (!self.may_link(&delegation)).then_some(news)

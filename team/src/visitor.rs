@@ -1,4 +1,5 @@
-//! Somebody who looks at programs, or calls them, from a machine of the team: `dca`, with what the node there gives to all of its machine.
+//! A visitor, which watches or calls programs from a machine of the team: `dca`, with the credentials that the node
+//! there gives to all clients on its machine.
 //!
 //! The node writes it to a file of its run folder. It has a key that was made when the node started, and never the node's own.
 
@@ -21,7 +22,7 @@ use zeroize::Zeroizing;
 /// The longest file.
 const FILE_MAX: usize = 16 << 10;
 
-/// The identity of those who look from one machine.
+/// The identity of visitors from one machine.
 #[derive(Debug)]
 pub struct VisitorIdentity {
     /// Where it was read, and is read again: its node's certificate may be renewed.
@@ -29,12 +30,13 @@ pub struct VisitorIdentity {
     keys: SecretKeys,
     circle: Circle,
     delegation: Delegation,
-    /// What nodes have shown.
+    /// The credentials that nodes have shown.
     cards: Cards,
 }
 
 impl VisitorIdentity {
-    /// Writes what visitors read: their keys, what shows that the node vouches for them, and where it writes who is revoked.
+    /// Writes the file for visitors: their keys, the proof that the node vouches for them, and the place of its
+    /// revocations.
     pub(crate) fn keep(
         path: &Path,
         keys: &SecretKeys,
@@ -47,10 +49,10 @@ impl VisitorIdentity {
         folder::write(path, &Zeroizing::new(postcard::to_stdvec(&fields)?))
     }
 
-    /// Reads what a node has written for those who look.
+    /// Reads the file that a node has written for visitors.
     ///
     /// # Errors
-    /// There is no such file, or it is not what it should be.
+    /// There is no such file, or it is invalid.
     pub fn open(path: &Path) -> anyhow::Result<Self> {
         let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
@@ -63,14 +65,14 @@ impl VisitorIdentity {
         Ok(Self { path: path.to_owned(), keys, circle, delegation, cards: Cards::default() })
     }
 
-    /// Signs what somebody says who looks at programs, or calls them, by way of the node of this machine.
+    /// Signs a visitor's message or call, through the node of this machine.
     pub fn sign_visit(&self, digest: &Digest) -> Proof {
         let signature = statement::sign(digest, &self.keys).to_vec();
         Proof { key: *self.delegation.key(), signature, credential: Some(self.credential()) }
     }
 
-    /// Returns the names of nodes whose keys are all revoked, by what nodes have shown: one that has been given new keys is not among
-    /// them. Nobody is, if it cannot be read who is revoked.
+    /// Returns the names of nodes whose known keys are all revoked: a node with new keys is not among them. Empty if
+    /// the revocations cannot be read.
     pub fn revoked(&self, shown: &[Vec<u8>]) -> BTreeSet<String> {
         let Ok(revoked) = self.circle.revocations_now() else { return BTreeSet::new() };
         let (mut gone, mut there) = (BTreeSet::new(), BTreeSet::new());
@@ -93,7 +95,7 @@ impl Identity for VisitorIdentity {
     }
 
     fn credential(&self) -> Vec<u8> {
-        // The one that it was started with is good for a while, if that cannot be read.
+        // If that cannot be read, the delegation from its start is valid for a while.
         let newest = Self::open(&self.path).ok().filter(|newest| newest.delegation.key() == self.delegation.key());
         newest.as_ref().unwrap_or(self).delegation.to_bytes()
     }
@@ -117,7 +119,7 @@ impl Identity for VisitorIdentity {
     }
 }
 
-/// A command line speaks for no node, and checks what nodes answer as a program of its machine would.
+/// A command line does not speak for a node, and checks the answers of nodes like a program of its machine.
 impl Authenticator for VisitorIdentity {
     fn sign(&self, _: &Digest, _: bool) -> Option<Proof> {
         None

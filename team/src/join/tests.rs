@@ -6,7 +6,7 @@ use trust::name::UnixTime;
 use trust::role::Role;
 use zeroize::Zeroizing;
 
-/// An inviter that waits on a port of this machine for one who is called `r1`.
+/// An inviter that waits on a port of this machine for a robot called `r1`.
 struct Waiting {
     line: String,
     at: SocketAddr,
@@ -71,7 +71,7 @@ async fn nobody_joins_whose_certificate_cannot_be_kept() {
     assert_eq!(why, "the certificate cannot be kept: no space");
 }
 
-/// Who talks nonsense, or nothing, keeps nobody out.
+/// Clients that send nonsense, or nothing, keep no robot out.
 #[tokio::test]
 async fn others_do_not_disturb() {
     let waiting = waiting(60).await;

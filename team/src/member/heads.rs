@@ -1,4 +1,4 @@
-//! The signed heads of audit logs that a node keeps: of the logs of others, signed by itself, and of its own, signed by others.
+//! The signed heads of audit logs that a node keeps: those of others, signed by itself, and its own, signed by others.
 
 use super::{HEADS, Member};
 use crate::audit::Audit;
@@ -11,7 +11,7 @@ use trust::audit::{Head, Position};
 use trust::heads::{Heads, TEXT_MAX};
 use trust::name::Name;
 
-/// Returns the signed heads of audit logs that were kept. Without them nothing is taken for what it is not: others have theirs.
+/// Returns the stored signed heads of audit logs. If they are lost, nothing is mistaken: others have theirs.
 pub(super) fn open(folder: &Path) -> Heads {
     let path = folder.join(HEADS);
     let read = folder::read(&path, TEXT_MAX).and_then(|bytes| {
@@ -28,17 +28,17 @@ pub(super) fn open(folder: &Path) -> Heads {
 }
 
 impl Member {
-    /// Tells where the audit log of this node has come to; nothing where there is no log.
+    /// Publishes the position of this node's audit log; none if there is no log.
     pub fn audit_position(&self) -> Option<watch::Receiver<Option<Position>>> {
         self.audit.as_ref().map(Audit::position)
     }
 
-    /// Signs where the audit log of this node has come to, for others to countersign.
+    /// Signs the position of this node's audit log, for others to countersign.
     pub fn sign_position(&self, position: Position) -> Head {
         Head::sign(position, crate::now(), &self.keys)
     }
 
-    /// Signs where the audit log of another node has come to, as that node itself has signed. Blocks.
+    /// Signs the position of another node's audit log, as signed by that node. Blocks.
     ///
     /// # Errors
     /// The log was cut off or rewritten since this node has signed it last, it is not that node's own, or the disk refuses.
@@ -48,17 +48,17 @@ impl Member {
         let mut with = heads.clone();
         let (head, is_new) = with.countersign((head, of), crate::now(), (self.name(), &self.keys))?;
         if is_new {
-            // On the disk first: what was signed is not signed in another way after a restart.
+            // On the disk first, so that a restart cannot lead to a different signature for the same position.
             folder::write(&self.folder.join(HEADS), with.to_text().as_bytes())?;
             *heads = with;
         }
         Ok(head)
     }
 
-    /// Keeps what another node has signed of this one's audit log. Blocks.
+    /// Keeps another node's signature on this one's audit log. Blocks.
     ///
     /// # Errors
-    /// It is of another log, there is no room, or the disk refuses.
+    /// It belongs to another log, there is no room, or the disk refuses.
     pub fn keep_head(&self, head: Head, name: &Name) -> anyhow::Result<()> {
         ensure!(head.position().log == self.id() && head.by() != self.id(), "it is the head of another log");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,4 +1,4 @@
-//! Takes note of what a member refuses, so that who goes on and on fills no log: a line a minute for each reason.
+//! Notes the refusals of a member, so that repeated attempts do not fill the log: one line a minute for each reason.
 
 use super::Member;
 use crate::audit::AuditEntry;
@@ -8,11 +8,11 @@ use std::sync::{MutexGuard, PoisonError};
 use trust::audit::Decision;
 use trust::team::TrustError;
 
-/// So many addresses and reasons are told apart in a minute; beyond that each refusal is counted.
+/// The most addresses and reasons that are distinguished in a minute; beyond that each refusal is counted.
 const LINKS_MAX: usize = 256;
 /// How many reasons against members are known.
 const OF_MEMBERS_MAX: usize = 256;
-/// For so many reasons messages are refused aloud in a minute.
+/// The number of reasons for which refusals are recorded in a minute.
 const REASONS_MAX: usize = 32;
 
 /// The refusals of this minute.
@@ -22,14 +22,14 @@ pub(super) struct Refusals {
     links: (u64, BTreeSet<(IpAddr, String)>),
     /// The minute, and the reasons of messages.
     messages: (u64, BTreeSet<String>),
-    /// Reasons against those who have a certificate of the team.
+    /// Reasons against holders of a certificate of the team.
     of_members: BTreeSet<String>,
 }
 
 impl Member {
     /// Takes note that a link was refused.
     pub(super) fn refuse_link(&self, from: SocketAddr, why: &str) {
-        // Who comes again and again, as a revoked robot does, fills no log.
+        // A client that keeps coming, like a revoked robot, must not fill the log.
         if !self.is_news(from.ip(), why) {
             return;
         }
@@ -49,7 +49,7 @@ impl Member {
         }
     }
 
-    /// Returns why a credential is not valid, and takes note of the reason if the credential is one of this team.
+    /// Returns the reason why a credential is not valid, and notes it if the credential belongs to this team.
     pub(super) fn judged(&self, error: &TrustError) -> String {
         let (why, mut refusals) = (error.to_string(), self.refusals());
         let is_stranger = matches!(error, TrustError::OtherTeam(_) | TrustError::Issuer(_) | TrustError::Signature(_));
@@ -60,11 +60,11 @@ impl Member {
     }
 
     fn refusals(&self) -> MutexGuard<'_, Refusals> {
-        // Sets of plain values are valid whatever happened to the thread that held them.
+        // Sets of plain values are valid even if the thread that held them panicked.
         self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns whether nobody was refused at this address for this reason in this minute.
+    /// Returns whether this is the first refusal at this address for this reason in this minute.
     fn is_news(&self, from: IpAddr, why: &str) -> bool {
         let minute = crate::now().0 / 60;
         let told = &mut self.refusals().links;
@@ -74,8 +74,9 @@ impl Member {
         told.1.len() >= LINKS_MAX || told.1.insert((from, why.to_owned()))
     }
 
-    /// Takes note that a message was refused: what it was to do, and why it may not. Says whether that is worth a word: who goes on
-    /// and on fills no disk, with a line a minute for each reason, and no more than a few.
+    /// Notes that a message was refused: its intended effect, and the reason. Returns whether the refusal should be
+    /// recorded: one line a minute for each reason, and only a few reasons, so that repeated attempts do not fill the
+    /// disk.
     pub fn refuse_message(&self, what: &str, why: &str) -> bool {
         let mut refusals = self.refusals();
         let (told, minute) = (&mut refusals.messages, crate::now().0 / 60);

@@ -1,4 +1,5 @@
-//! Certificates that members renew for each other: this node's by others, and those of others by this node, if its role allows it.
+//! Certificates that members renew for each other: this node's by others, and others' by this node, if its role allows
+//! it.
 
 use super::{CREDENTIAL, Member};
 use crate::audit::AuditEntry;
@@ -16,18 +17,18 @@ use trust::renewal;
 use trust::role::{Action, Kind};
 use trust::team::Credential;
 
-/// What this node gives to others of its machine.
+/// The credentials that this node gives to others on its machine.
 #[derive(Debug)]
 pub(super) struct Vouched {
-    /// The keys of those who look at programs.
+    /// The keys of visitors.
     keys: SecretKeys,
-    /// The file that those read, and the one that programs read.
+    /// The file for visitors, and the file for programs.
     files: [PathBuf; 2],
 }
 
 impl Member {
-    /// Makes an identity for those who look at programs from this machine, and writes it to a file that they are told of; what its
-    /// programs need it writes to another one. Both are written anew when this node's own certificate is renewed.
+    /// Makes an identity for visitors from this machine, and writes it to a file whose place they are told; writes the
+    /// credentials of its programs to another file. Both are rewritten when this node's certificate is renewed.
     ///
     /// # Errors
     /// The disk refuses, or the system has no random bytes.
@@ -47,8 +48,9 @@ impl Member {
         VisitorIdentity::keep(visitors, keys, (&self.team, &delegation), &revoked)
     }
 
-    /// Writes what programs need also to this file, and who is revoked beside it, for the group of the user as whom they run: that one does
-    /// not enter the folders of the node. From then on both are kept as new as they are here. Blocks.
+    /// Also writes the programs' credentials to this file, with the revocations beside it, for the group of the user
+    /// that the programs run as: this user cannot enter the folders of the node. From then on both are kept up to date.
+    /// Blocks.
     ///
     /// # Errors
     /// The disk refuses, or this is not root.
@@ -59,7 +61,7 @@ impl Member {
         if is_known { Ok(()) } else { self.share_again() }
     }
 
-    /// Writes anew what is shared with programs of another user, if something is.
+    /// Rewrites the files shared with programs of another user, if there are any.
     pub(super) fn share_again(&self) -> anyhow::Result<()> {
         let Some((file, gid)) = self.shared().clone() else { return Ok(()) };
         let (newest, revoked) = (self.newest().clone(), file.with_file_name(super::REVOKED));
@@ -109,10 +111,11 @@ impl Member {
         Ok(renewed.to_bytes())
     }
 
-    /// Renews the certificate of a user, who has signed that it asks; returns the form of its credential.
+    /// Renews the certificate of a user who has signed the request; returns the form of its credential.
     ///
     /// # Errors
-    /// This node may not, or it is not the user who asks, or one that is not trusted or is valid for long enough.
+    /// This node may not renew, or the request is not signed by the user, or the user is not trusted or is valid for
+    /// long enough.
     pub fn renew_user(&self, ask: &[u8]) -> anyhow::Result<Vec<u8>> {
         ensure!(self.may_renew(), "`{}` may not renew", self.name());
         let asker = renewal::asked(ask, crate::now())?;
@@ -122,10 +125,10 @@ impl Member {
         Ok(renewed.to_bytes())
     }
 
-    /// Takes in what another node has renewed for this one. Says whether it is valid for longer now. Blocks.
+    /// Takes a renewal that another node has made for this one. Returns whether it is valid for longer now. Blocks.
     ///
     /// # Errors
-    /// It is no better than what there is, or the disk refuses.
+    /// It is no better than the present one, or the disk refuses.
     pub fn take_renewal(&self, offered: &[u8], by: &str) -> anyhow::Result<bool> {
         let offered = Credential::from_bytes(offered).context("it is no credential")?;
         let own = self.newest().clone();
@@ -136,7 +139,7 @@ impl Member {
         folder::write(&self.folder.join(CREDENTIAL), &offered.to_bytes())?;
         *self.newest() = offered.clone();
         self.note_renewal(by, &offered);
-        // What their programs show to others has this node's credential in it.
+        // The credentials of its programs contain this node's credential.
         let vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
         vouched.as_ref().map_or(Ok(()), |vouched| self.write(vouched))?;
         Ok(true)
@@ -150,7 +153,7 @@ impl Member {
         self.record(AuditEntry { decision: Decision::Done, who, what, reason });
     }
 
-    /// Returns the forms of the newest credentials that are known: its own, and those that others have shown.
+    /// Returns the forms of the newest known credentials: its own, and those that others have shown.
     pub fn known_credentials(&self) -> Vec<Vec<u8>> {
         let own = self.newest().to_bytes();
         std::iter::once(own).chain(self.cards.all().iter().map(Credential::to_bytes)).collect()

@@ -1,5 +1,5 @@
-//! Whom the team has revoked: what this node hears, keeps and tells. Its memory and its disk hold the same sets, unless the disk refuses:
-//! then what it has heard counts all the same, and is written when it hears or is told something again.
+//! The revocations of a team: those that this node hears, keeps and passes on. Its memory and its disk hold the same
+//! sets, unless the disk refuses: then the heard sets still count, and are written at the next message.
 
 use super::{Member, REVOKED, judge};
 use crate::audit::{self, AuditEntry};
@@ -13,16 +13,17 @@ use trust::team::Team;
 
 /// The most bytes of revocations that are kept or heard at once.
 pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
-// Whatever a member holds can be read again, with the bytes that say how long each set is.
+// Everything that a member holds can be read again, including the length of each set.
 const _: () = assert!(SETS_MAX * SET_MAX + ADMINS_BYTES_MAX + (128 << 10) <= REVOKED_BYTES_MAX);
 
-/// How the audit log begins to say what was revoked.
+/// The beginning of an audit record about a revocation.
 const REVOKE: &str = "revoke: number ";
 
-/// Returns whom the team has revoked, as it was kept.
+/// Returns the stored revocations of the team.
 ///
 /// # Errors
-/// The file cannot be read, is broken, or is missing although this node has heard of revocations: it would trust those who are revoked.
+/// The file cannot be read, is broken, or is missing although this node has heard of revocations: without it the node
+/// would trust revoked members.
 pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
     let path = folder.join(REVOKED);
     let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
@@ -39,10 +40,11 @@ pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Re
 }
 
 impl Member {
-    /// Takes in what the team, or an admin, has revoked. Says whether it was new.
+    /// Takes in a set of revocations by the team or an admin. Returns whether it was new.
     ///
     /// # Errors
-    /// It is not theirs, or there is no room for it: then nothing has changed. Or the disk refuses: then it counts, until the node ends.
+    /// It is not validly signed, or there is no room for it: then nothing has changed. Or the disk refuses: then it
+    /// counts until the node ends.
     pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
         let (number, count) = (set.number(), set.keys().len());
         let mut revoked = self.revoked();
@@ -63,10 +65,10 @@ impl Member {
         written.map(|()| true)
     }
 
-    /// Has the disk hold what is held, where it does not.
+    /// Writes the held sets to the disk, if they differ.
     fn keep(&self, revoked: &Revocations) -> anyhow::Result<()> {
         let (path, bytes) = (self.folder.join(REVOKED), form(revoked));
-        // Somebody may have put an older file there, or the disk has refused.
+        // An older file may have been put there, or the disk has refused.
         let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
         if is_kept || revoked.sets().is_empty() { Ok(()) } else { folder::write(&path, &bytes) }
     }
@@ -74,10 +76,10 @@ impl Member {
     /// Takes in these sets; returns all that are held. They are on the disk when this returns.
     ///
     /// # Errors
-    /// As of [`Self::revoke()`], of any of them; the others are taken in all the same.
+    /// The reasons of [`Self::revoke()`], for any set; the other sets are still taken in.
     pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
         let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
-        // Each is taken in, whatever becomes of the others.
+        // Each is taken in, even if others fail.
         let mut all = Ok(());
         for set in told {
             all = all.and(taken(set).map(drop));
@@ -98,7 +100,7 @@ impl Member {
         for set in sets {
             match self.revoke(set) {
                 Ok(_) => {}
-                // Of signers who are revoked here: that is no loss.
+                // From a signer that is revoked here: such a set may be lost.
                 Err(error)
                     if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
                 {
@@ -117,7 +119,7 @@ impl Member {
     }
 }
 
-/// Returns the form in which sets of revocations are kept and told.
+/// Returns the form in which sets of revocations are stored and sent.
 pub(super) fn form(revoked: &Revocations) -> Vec<u8> {
     let sets: Vec<Vec<u8>> = revoked.sets().iter().map(RevokedSet::to_bytes).collect();
     postcard::to_stdvec(&sets).unwrap_or_default()
@@ -143,7 +145,7 @@ fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
 pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocations> {
     let mut revoked = Revocations::default();
     for set in from_form(bytes)? {
-        // Those of a team that the node was in before are nothing here.
+        // Sets of an earlier team of this node do not count.
         if let Err(error) = revoked.restore(set, team) {
             tracing::warn!(%error, "a set of revocations that was kept counts no more");
         }

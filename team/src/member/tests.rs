@@ -44,7 +44,7 @@ impl Desk {
         Credential::new(Certificate::issue(claims, &self.root).unwrap(), None)
     }
 
-    /// A node whose certificate begins and ends so many days from now.
+    /// A node whose certificate begins and ends this many days from now.
     fn node(&self, name: &str, begins: i64, ends: i64) -> Member {
         let (keys, state) = (keys(), self.folder.join(name));
         let at = |days: i64| crate::now().0.saturating_add_signed(days * i64::try_from(DAY).unwrap());
@@ -82,7 +82,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     check(&acme.node("old", -40, -10), "has ended");
     check(&acme.node("early", 2, 30), "not valid yet");
     assert_eq!(judged(&own, &acme.node("offline", -30, -5)), Ok("r1".to_owned()), "within the grace");
-    // Somebody else's credential, a user's, and a program's.
+    // The credential of another node, of a user, and of a program.
     let stolen = own.judge(&keys_of(&keys()), &friend.credential()).unwrap_err();
     assert!(stolen.contains("of another key"), "{stolen}");
     let user = keys();
@@ -128,13 +128,13 @@ fn a_program_lets_those_link_who_have_a_wire_with_it_and_those_who_look() {
     // Its key with the words of another one, and a node itself.
     assert!(own.judge(&third.key().1, &partner.credential()).unwrap_err().contains("of another key"));
     assert!(judged(&there).is_err() && awaits(&there).is_none());
-    // Whoever looks comes from a machine, and calls with what the node there has given to all of it.
+    // A visitor comes from a machine, and calls with the credentials that the node there gives to all clients on it.
     let visitor = VisitorIdentity::open(&acme.folder.join("third.visitors")).unwrap();
     assert_eq!(judged(&visitor), Ok("a visitor from r1".to_owned()));
     assert_eq!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[3; 32]), None);
     assert!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[4; 32]).is_some());
     assert!(visitor.judge(&third.key().1, &third.credential()).is_ok());
-    // Nobody has vouched for it yet, or for another key.
+    // No node has vouched for it yet, or only for another key.
     let unknown = ProgramIdentity::open(&acme.folder.join("p"), |_| ()).unwrap();
     unknown.take_delegation(&here.vouch_for(&third.keys().public(), "unknown").unwrap());
     own.let_in([&unknown.keys().public()[..]].into_iter());
@@ -184,14 +184,14 @@ fn two_sets_of_one_number_are_both_kept() {
     assert!(second.hear(&first.revocations()) && first.hear(&second.revocations()));
     assert!(!second.hear(&first.revocations()) && !first.hear(&second.revocations()), "they know the same");
     assert_eq!(first.revocations(), second.revocations());
-    // A later one that lacks a key takes nobody back, also not by a restart.
+    // A later set without a key does not undo its revocation, not even over a restart.
     let held = first.tell_revoked(&[set(4, &[lost]).to_bytes(), set(1, &[]).to_bytes()]).unwrap();
     assert_eq!(held.len(), 2, "the one with number 3 that is in number 4 is not needed");
     for member in [&first, &at("first"), &second, &at("second")] {
         assert!(member.with_judge(|judge| judge.revoked.has(&gone) && judge.revoked.has(&lost)));
     }
     assert_eq!(first.revocations(), at("first").revocations(), "memory and disk");
-    // Whoever takes the file away is mended by the next who tells.
+    // A removed file is rewritten at the next message.
     std::fs::remove_file(acme.folder.join("first").join(FOLDER).join(REVOKED)).unwrap();
     assert_eq!(first.tell_revoked(&[]).unwrap(), held);
     assert_eq!(first.revocations(), at("first").revocations());
@@ -199,7 +199,7 @@ fn two_sets_of_one_number_are_both_kept() {
     assert_eq!(first.tell_revoked(std::slice::from_ref(&joined)).unwrap(), [joined], "it stands for all before");
 }
 
-/// What is not on the disk is not said to be known.
+/// A set that is not on the disk is not reported as known.
 #[test]
 fn a_disk_that_refuses_is_told() {
     let acme = Desk::new("acme");
@@ -208,7 +208,7 @@ fn a_disk_that_refuses_is_told() {
     let (folder, away) = (acme.folder.join("first").join(FOLDER), acme.folder.join("away"));
     std::fs::rename(&folder, &away).unwrap();
     assert!(first.tell_revoked(&[set.to_bytes()]).is_err() && first.tell_revoked(&[]).is_err());
-    // It counts all the same, and is kept once the disk takes it.
+    // It still counts, and is kept once the disk takes it.
     assert!(first.with_judge(|judge| set.keys().keys().all(|key| judge.revoked.has(key))));
     std::fs::rename(&away, &folder).unwrap();
     assert_eq!(first.tell_revoked(&[]).unwrap(), [set.to_bytes()]);
@@ -219,7 +219,8 @@ fn a_disk_that_refuses_is_told() {
     std::fs::rename(&away, &folder).unwrap();
 }
 
-/// A node whose disk is full when it hears of a revocation trusts the revoked no more; it keeps what it has heard when it hears again.
+/// A node whose disk is full when it hears of a revocation no longer trusts the revoked member; it keeps the set when
+/// it hears it again.
 #[test]
 fn a_disk_that_refuses_takes_no_revocation_away() {
     let acme = Desk::new("acme");
@@ -237,7 +238,7 @@ fn a_disk_that_refuses_takes_no_revocation_away() {
     assert!(again.with_judge(|judge| judge.revoked.has(&gone)));
 }
 
-/// Who takes the file away has the node trust nobody again: it does not start.
+/// Removing the file does not make a node trust revoked members again: it does not start.
 #[test]
 fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let acme = Desk::new("acme");
@@ -245,7 +246,7 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let (state, path) = (acme.folder.join("first"), acme.folder.join("first").join(FOLDER).join(REVOKED));
     let why = || format!("{:#}", Member::open(&state).unwrap_err());
     assert!(path.is_file(), "it begins with none, which is written");
-    // Without the file nobody is revoked, and nothing says that anybody was.
+    // Without the file no key is revoked, and nothing says that any was.
     std::fs::remove_file(&path).unwrap();
     drop(Member::open(&state).unwrap().unwrap());
     std::os::unix::fs::symlink("/nowhere/revoked", &path).unwrap();
