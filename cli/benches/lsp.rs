@@ -1,7 +1,7 @@
 //! How long an editor waits: `cargo bench -p cli --bench lsp`.
 //!
-//! Starts the real server, opens a spec of 5,000 lines, and types: a letter at a time, at places all over the text, each
-//! sent when the diagnostics of the one before are here. Prints the time from keystroke to diagnostics.
+//! Starts the real server, opens a spec of 5,000 lines, and types: a letter at a time, at places all over the text,
+//! each sent when the diagnostics of the previous one have arrived. Prints the time from keystroke to diagnostics.
 
 #![expect(clippy::print_stdout, reason = "the figures are the result")]
 

@@ -1,4 +1,4 @@
-//! Puts together what all nodes say of hosts that do not answer.
+//! Combines the reports of all nodes about hosts that do not answer.
 
 use crate::client::{ANSWER_WITHIN, Client, Statuses};
 use crate::logic::process_name::{DeploymentName, ProcessName};
@@ -15,7 +15,7 @@ use node::logic::protocol::{
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// Hosts that do not answer, and what may run there.
+/// Hosts that do not answer, and the processes that may run there.
 #[derive(Debug, Default)]
 pub(crate) struct Absences {
     pub(crate) hosts: Vec<AbsentHost>,
@@ -27,7 +27,7 @@ pub(crate) struct Absences {
     pub(crate) duplicates: Vec<Duplicate>,
     /// Hosts that did not answer, and that no node misses.
     pub(crate) silent: BTreeSet<String>,
-    /// Those of them that have just come back: they were missed a moment before.
+    /// Those of them that have just returned: they were missed a moment before.
     pub(crate) back: BTreeSet<String>,
     /// Hosts that are not waited for: their keys are revoked.
     pub(crate) revoked: BTreeSet<String>,
@@ -35,7 +35,7 @@ pub(crate) struct Absences {
     pub(crate) outlawed: BTreeSet<String>,
 }
 
-/// Asks every node that has said how it is. One of an older version knows of nobody.
+/// Asks every node that has given its status. A node of an older version reports no absent host.
 pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut asked = Vec::new();
     for (client, statuses) in found {
@@ -69,7 +69,8 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut away = Absences::new(told, &there);
     away.duplicates = duplicates.into_values().map(|(_, one)| one).collect();
     let is_told = |host: &&String| away.hosts.iter().any(|one| one.host == **host);
-    // Who was missed when the nodes were asked how they are, and is not any more, has come back since, and has not been asked.
+    // A host that was missed when the nodes gave their status, and is not missed any more, has returned since, and has
+    // not been asked.
     let back = found.iter().flat_map(|(_, statuses)| &statuses.missed).filter(|host| !is_told(host));
     away.back = back.filter(|host| !there.contains(*host)).cloned().collect();
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent).filter(|host| !is_told(host));
@@ -152,7 +153,8 @@ pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Status
 }
 
 impl Absences {
-    /// Puts together what nodes say of others. Who answers is not away, and a home that answers speaks for itself.
+    /// Combines the nodes' reports about others. A host that answers is not away, and a home that answers reports for
+    /// itself.
     fn new(told: BTreeMap<String, Absent>, there: &BTreeSet<String>) -> Self {
         let mut hosts: BTreeMap<&str, &AbsentHost> = BTreeMap::new();
         let mut ends: BTreeMap<&Deployment, (bool, &OpenEnd)> = BTreeMap::new();
@@ -200,7 +202,7 @@ impl Absences {
         }
     }
 
-    /// Returns that hosts that do not answer may have what no node that answers has, if there are such hosts.
+    /// Returns the failure that unreachable hosts may have `what`, if there are such hosts.
     pub(crate) fn may_have(&self, what: &str) -> Option<Failure> {
         let hosts: BTreeSet<&str> =
             self.silent.iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
@@ -213,7 +215,7 @@ impl Absences {
         })
     }
 
-    /// Returns what people have to mind: hosts of which nothing is known, and ends that may be none.
+    /// Returns warnings for people: hosts with unknown state, and ends that may not be complete.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let host = |one: &AbsentHost| {
             let how = if one.lost { "is lost" } else { "does not answer" };
@@ -263,13 +265,13 @@ pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String
     )
 }
 
-/// Returns who has not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.
+/// Returns the hosts that have not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.
 pub(crate) fn confirmers(end: &OpenEnd) -> String {
     let hosts: Vec<String> = end.hosts.iter().map(|one| format!("`{}` ({})", one.host, why(one, &end.home))).collect();
     format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
 }
 
-/// Returns who has not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
+/// Returns the hosts that have not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
 pub(crate) fn open_hosts(end: &OpenEnd) -> String {
     let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, why(one, &end.home))).collect();
     hosts.join(", ")
@@ -314,7 +316,7 @@ mod tests {
     fn who_answers_is_not_away_and_a_home_speaks_for_itself() {
         let absent = |hosts: Vec<AbsentHost>, ends: Vec<OpenEnd>| Absent { hosts, ends, processes: vec![] };
         let there = |hosts: &[&str]| hosts.iter().map(|host| (*host).to_owned()).collect::<BTreeSet<_>>();
-        // c3 does not see c1, which answers all the same; the end that c1 keeps counts.
+        // c3 does not see c1, which still answers; the end in c1's report counts.
         let c1 = absent(vec![lost("c2", 50)], vec![end("c1", "c2")]);
         let c3 = absent(vec![lost("c1", 9), lost("c2", 40)], vec![end("c1", "c1")]);
         let told = BTreeMap::from([("c1".to_owned(), c1), ("c3".to_owned(), c3.clone())]);
@@ -323,7 +325,7 @@ mod tests {
         let warnings = away.warnings();
         assert_eq!(warnings[0], "warning: `c2` is lost, it was heard 40 s ago: what runs there is not known");
         assert!(warnings[1].starts_with("warning: `c2` (lost, heard 40 s ago) has not confirmed"), "{warnings:?}");
-        // Without its home, who took part speaks for it.
+        // Without its home, a participant reports for it.
         let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
         assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
     }

@@ -1,6 +1,6 @@
-//! `dca attach`: watches a deployment whose terminal was lost, as `dca deploy` would have done.
+//! `dca attach`: watches a deployment whose terminal was lost, with the output of `dca deploy`.
 //!
-//! What has been seen of it so far is told again by its home. There is no record: that ended with the command that made it.
+//! Its home repeats the events so far. There is no record: it ended with the command that made it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 /// The arguments of `dca attach`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The deployment; the only one that runs if none is named
+    /// The deployment; may be left out if only one runs
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
     #[command(flatten)]

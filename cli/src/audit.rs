@@ -1,7 +1,7 @@
-//! `dca audit`: the log of a node, and whether a file is such a log that nobody has worked on.
+//! `dca audit`: the log of a node, and whether a file is an unchanged log.
 //!
-//! Other members sign where a log has come to. What they have signed is in the folder of each node's state, `team/heads`: those of this
-//! machine are looked at without being named.
+//! Other members sign the positions of a log. Their signatures are in the folder of each node's state, `team/heads`:
+//! those on this machine are checked without being named.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow, ensure};
@@ -32,8 +32,9 @@ pub struct Arguments {
     /// A file to verify instead
     #[arg(long, value_name = "FILE")]
     verify: Option<PathBuf>,
-    /// A file of signed heads, such as `team/heads` in the state of another node: what they cover must be there. May be given more
-    /// than once; those that nodes of this machine have are looked at, too. Their signatures are checked, not who the signers are
+    /// A file of signed heads, such as `team/heads` in the state of another node: the records that they cover must be
+    /// there. May be given more than once; the files of nodes on this machine are checked as well. Their signatures are
+    /// checked, but not the signers' membership
     #[arg(long, value_name = "FILE", requires = "verify")]
     heads: Vec<PathBuf>,
 }
@@ -47,7 +48,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Returns the folder with the state of a node: below the one that was given, else where the node itself says.
+/// Returns the folder with the state of a node: below the given one, else the one in the node's run folder.
 fn state(node: &Name, arguments: &Arguments) -> anyhow::Result<PathBuf> {
     let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
     let told = || state_dir::told(&base, node.as_str());
@@ -123,9 +124,9 @@ fn of_this_machine(base: Option<&Path>) -> Vec<PathBuf> {
 struct Signed(Vec<(Name, Head)>);
 
 impl Signed {
-    /// Returns those of the log with this text that are in files. Those that are `named` have to have some.
+    /// Returns the heads of the log with this text. Each of the `named` files has to have some.
     fn of(text: &str, named: &[PathBuf], found: &[PathBuf]) -> anyhow::Result<Self> {
-        // What is no log is said by who reads all of it.
+        // The reader of the whole log reports a text that is not a log.
         let Some(log) = text.lines().next().and_then(Log::node_of) else { return Ok(Self(Vec::new())) };
         let (mut all, mut known) = (Vec::new(), BTreeSet::new());
         for (path, is_named) in named.iter().map(|path| (path, true)).chain(found.iter().map(|path| (path, false))) {
@@ -138,7 +139,7 @@ impl Signed {
             };
             let mut of_log = heads.into_iter().filter(|(_, head)| head.position().log == log).peekable();
             ensure!(!is_named || of_log.peek().is_some(), "`{}` has no signed head of this log", path.display());
-            // One may be in several files: with who has signed it, and with whose log it is of.
+            // A head may be in several files: with its signer, and with the owner of the log.
             all.extend(of_log.filter(|(_, head)| known.insert(head.to_bytes())));
         }
         Ok(Self(all))
@@ -152,7 +153,7 @@ impl Signed {
         self.last().map(|(name, _)| name)
     }
 
-    /// Says what they cover.
+    /// Describes the records that they cover.
     fn told(&self) -> String {
         match self.last() {
             None => "no signed heads: records may be missing at the end".to_owned(),

@@ -1,5 +1,5 @@
-//! A deployment that changes while it runs: `dca plan` says what a spec would change, `dca deploy` changes it, and `dca replace`
-//! starts programs anew from the files as they are now.
+//! A deployment that changes while it runs: `dca plan` shows the changes that a spec would make, `dca deploy` makes
+//! them, and `dca replace` restarts programs from their present files.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
 use crate::complete;
@@ -56,7 +56,7 @@ pub struct ReplaceArguments {
 /// How long a new program is watched.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Probation {
-    /// How many seconds a new program must stay healthy; else the one before is put back
+    /// How many seconds a new program must stay healthy; otherwise the previous one is put back
     #[arg(
         long = "probation", value_name = "SECONDS", default_value_t = 8.0, allow_negative_numbers = true,
         value_parser = |text: &str| crate::seconds(text, &(0.0..=600.0)),
@@ -110,7 +110,7 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
 /// How many programs are named where one is not known.
 const PROGRAMS_TOLD: usize = 20;
 
-/// Returns the path of the one program that is meant, or of the one of these groups.
+/// Returns the path of the one matching program, or of the one matching group.
 pub(crate) fn meant<'a>(
     plan: &'a Plan,
     groups: impl Iterator<Item = &'a String>,
@@ -152,7 +152,7 @@ pub struct Rollout {
     canary: Option<String>,
 }
 
-/// Changes what runs under the name of a spec to that spec. Returns whether something ran.
+/// Changes the running deployment of a spec's name to that spec. Returns whether there was one.
 pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollout) -> Result<bool, Failure> {
     let (home, probation) = (home(&spec.plan)?, rollout.probation);
     let Some(running) = revision(client, &home, &spec.plan.name).await? else {
@@ -214,7 +214,7 @@ async fn change_by_canary(
     Err(failure)
 }
 
-/// Returns what runs under the name of a plan, as the node of its home says.
+/// Returns the running revision under the name of a plan, from the node of its home.
 async fn running(client: &Client, plan: &Plan) -> Result<Option<Revision>, Failure> {
     let home = home(plan)?;
     client.refuse_revoked(std::slice::from_ref(&home)).await?;
@@ -239,7 +239,7 @@ pub(crate) async fn revision(client: &Client, home: &str, name: &str) -> Result<
     if matches!(answer, Answer::Refused(_)) { Ok(None) } else { Err(unasked(home, &answer)) }
 }
 
-/// Has the home make a change, and says what it has led to.
+/// Makes the home carry out a change, and reports the result.
 pub(crate) async fn change(
     client: &Client,
     home: &str,
@@ -271,7 +271,7 @@ pub(crate) async fn change(
     Ok(())
 }
 
-/// Returns what a person is told who does not wait for the end of a change.
+/// Returns the text for a person who does not wait for the end of a change.
 fn left_alone(name: &str) -> anyhow::Error {
     anyhow!(
         "left before the home said what became of the change of `{name}`, which goes on without this command; `dca plan` shows \
@@ -328,7 +328,7 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
     Ok(())
 }
 
-/// Returns what a person is told who looks at a deployment while it is changed.
+/// Returns the text for a person who looks at a deployment while it is changed.
 fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
     let ChangeUnderway { revision: next, by, stage } = change;
     match stage {

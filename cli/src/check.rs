@@ -35,7 +35,8 @@ pub struct Arguments {
     /// The form of the diagnostics: text goes to standard error, the others to standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
-    /// The spec of another deployment whose processes the spec uses (`runs_in`): are they there, and what do they export?
+    /// The spec of another deployment whose processes the spec uses (`runs_in`): checks that they exist, and what they
+    /// export
     #[arg(long, value_name = "SPEC")]
     with: Vec<PathBuf>,
     #[command(flatten)]
@@ -55,7 +56,7 @@ enum Format {
     Sarif,
 }
 
-/// A spec with all that is to be said about it.
+/// A spec with all of its diagnostics.
 struct Checked {
     spec: Source,
     interfaces: Vec<Source>,
@@ -101,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     compare(&as_spec(&arguments.file, (checked.spec, checked.interfaces), plan), arguments)
 }
 
-/// Compares what the spec uses of other deployments with their specs.
+/// Compares the processes that the spec uses of other deployments with the specs of those.
 fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
     let mut problems = Vec::new();
     for file in &arguments.with {
@@ -181,7 +182,7 @@ pub(crate) fn fix(file: &Path, controllers: &Controllers) -> Result<bool, Failur
     Ok(is_changed)
 }
 
-/// Returns whether a path stands for standard input.
+/// Returns whether a path means standard input.
 pub(crate) fn is_standard_input(file: &Path) -> bool {
     file == Path::new("-")
 }
@@ -274,7 +275,7 @@ pub(crate) fn content(path: &str, read: impl FnOnce(&str) -> Result<String, Stri
     }
 }
 
-/// The names of what is in a folder; nothing if the path names no folder.
+/// The names of a folder's entries; none if the path is not a folder.
 fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
     let told = |error: std::io::Error| error.to_string();
     let folder = Path::new(path).is_dir().then(|| std::fs::read_dir(path))?;

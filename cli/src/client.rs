@@ -27,9 +27,9 @@ use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// How long until the node of this machine is asked again whom it reaches.
+/// How long until the node of this machine is asked again for the nodes it reaches.
 const ASK_AGAIN: Duration = Duration::from_millis(200);
-/// How long a node takes at the most to find the others.
+/// How long a node takes at most to find the others.
 const KNOWS_AFTER: Duration = Duration::from_secs(2);
 /// How long nodes are looked for on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
@@ -42,7 +42,7 @@ const HEARD_WITHIN: Duration = Duration::from_secs(4);
 const SHOWN_WITHIN: Duration = Duration::from_secs(4);
 /// How long such a command waits at most: four round trips after the first word.
 const LINKED_WITHIN: Duration = Duration::from_secs(20);
-/// The verb of every request: the request itself says what is asked.
+/// The verb of every request: the request itself has the action.
 const VERB: &str = "request";
 
 /// A connection to the nodes.
@@ -53,7 +53,7 @@ pub(crate) struct Client {
     local: Option<String>,
     /// Folder with the sockets of this machine's nodes.
     base: Option<PathBuf>,
-    /// Signs what nodes in a team do for a user alone.
+    /// Signs requests to nodes in a team, which act only for a user.
     signing: Signing,
 }
 
@@ -64,8 +64,8 @@ pub(crate) struct Answers {
     replies: Replies,
 }
 
-/// Connections to all nodes that can be reached: one to those that stay, and one to those inside each `dca run`. These do
-/// not know of each other.
+/// Connections to all nodes that can be reached: one to the permanent ones, and one to those inside each `dca run`.
+/// These do not know of each other.
 #[derive(Debug)]
 pub(crate) struct Clients {
     clients: Vec<Arc<Client>>,
@@ -82,7 +82,7 @@ impl Clients {
         for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
             match Client::through(folder, &keys).await {
                 Ok(client) => clients.extend(client),
-                // A command that has just begun or ended is left out, and so is one that hangs beside others.
+                // A command that has just begun or ended is left out, and so is one that hangs while others answer.
                 Err(failure) => hanging = Some(failure),
             }
         }
@@ -107,7 +107,8 @@ impl Clients {
         self.clients.iter().map(|client| &**client)
     }
 
-    /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted.
+    /// Asks every node at once for its status; each answer is paired with its connection. Nodes that do not answer are
+    /// noted.
     pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
         self.ask_all(console::note).await
     }
@@ -147,7 +148,7 @@ impl Clients {
     }
 }
 
-/// Says that this user has no node here; `other` is the user whose node the service manager has started.
+/// Returns the failure that this user has no node here; `other` is the user whose node the service manager has started.
 fn no_node(other: Option<u32>) -> anyhow::Error {
     match other {
         Some(user) => anyhow!(
@@ -226,7 +227,7 @@ impl Client {
                 Err(error @ OpenError::NoNode { .. }) => {
                     problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
                 }
-                // It takes the connection and says nothing.
+                // The socket accepts the connection and does not answer.
                 Err(_) => {
                     problem = Some(anyhow!(
                         "the node `{name}` runs on this machine and does not answer: it may be suspended, or short of processor time"
@@ -254,23 +255,24 @@ impl Client {
         self.local.as_deref()
     }
 
-    /// Returns the file with what somebody of this machine shows to programs on other hosts of the team, if there is a team.
+    /// Returns the file with the credentials that clients on this machine show to programs on other hosts of the team,
+    /// if there is a team.
     pub(crate) fn team(&self) -> Option<PathBuf> {
         run_dir::visitors_identity(self.base.as_deref()?, self.local.as_deref()?)
     }
 
-    /// Returns what shows the node `host` that this command runs on its machine, if it does.
+    /// Returns the proof for the node `host`, if this command runs it on its machine.
     pub(crate) fn proof(&self, host: &str) -> Option<String> {
         run_dir::proof(self.base.as_deref()?, host)
     }
 
-    /// Returns whether a node can be reached: at once when it is there, else after it had its time to be found.
+    /// Returns whether a node can be reached: at once if it is there, else after the time for discovery.
     pub(crate) async fn finds(&self, host: &str) -> Result<bool, Failure> {
         Ok(self.look(&[host.to_owned()], FIND_NAMED_WITHIN).await?.contains(host))
     }
 
-    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. What the node of
-    /// this machine has heard of counts, too: a token alone can be lost.
+    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. Nodes that
+    /// this machine's node has heard of also count: a token alone can be lost.
     pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
         self.look(wanted, FIND_WITHIN).await
     }
@@ -283,7 +285,7 @@ impl Client {
             begun + if self.local.is_none() && !wanted.is_empty() { within.max(HEARD_WITHIN) } else { within };
         let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
         loop {
-            // The node at the other end is there, also if it is too busy to say so in time.
+            // The node at the other end is there, even if it is too busy to answer in time.
             heard.extend(self.linked_node());
             if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
                 return Ok(&tokens | &heard);
@@ -325,14 +327,15 @@ impl Client {
         self.session.at_the_other_end(&key::rpc(local, VERB)).map(|_| local.clone())
     }
 
-    /// Asks the node of this machine, at some time, whom it reaches: nobody if it does not answer. Without one it never says.
+    /// Asks the node of this machine, at some time, for the nodes it reaches: none if it does not answer. Without such
+    /// a node the future never ends.
     async fn heard_here(&self, at: Time) -> BTreeSet<String> {
         clock::sleep_until(at).await;
         let Some(local) = &self.local else { return std::future::pending().await };
         self.reached_by(local).await.map(|(hosts, _)| hosts).unwrap_or_default()
     }
 
-    /// Asks a node whom it reaches, itself included, and how long it is up; nothing if it does not answer.
+    /// Asks a node for the nodes it reaches, including itself, and its uptime; none if it does not answer.
     async fn reached_by(&self, host: &str) -> Option<(BTreeSet<String>, Duration)> {
         let answer = self.ask(host, &Request::Status, ANSWER_WITHIN).await.ok()?;
         let Answer::Status(status) = answer else { return None };
@@ -360,8 +363,8 @@ impl Client {
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
-    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look. Those that it
-    /// knows to be revoked are left out, which it lists until it counts them as lost.
+    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to
+    /// look. Revoked nodes, which it lists until it counts them as lost, are left out.
     pub(crate) async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         if let Some(local) = &self.local
             && let Some((hosts, up)) = self.reached_by(local).await
@@ -384,7 +387,7 @@ impl Client {
 }
 
 impl Answers {
-    /// Returns the next answer; none when the node has said everything. A node that is gone before is an error.
+    /// Returns the next answer; none after the last one. A node that is gone before that is an error.
     ///
     /// # Cancellation
     /// Safe.
@@ -393,8 +396,8 @@ impl Answers {
         Some(reply.map_err(|error| call_failure(&self.host, error)).and_then(|bytes| read(&self.host, &bytes)))
     }
 
-    /// Returns the next answer as [`Answers::next`] does; none either if it has not come by the deadline. One that is there
-    /// counts, however late it is looked at.
+    /// Returns the next answer like [`Answers::next`]; none if it has not come by the deadline. An answer that is
+    /// already there counts, however late.
     ///
     /// # Cancellation
     /// Safe.
@@ -412,7 +415,7 @@ fn extended(begun: Time, deadline: Time, now: Time) -> Time {
     deadline.max((now + SHOWN_WITHIN).min(begun + LINKED_WITHIN))
 }
 
-/// Has answers of nodes in a team checked by what the node with this socket gives to all of its machine.
+/// Checks the answers of nodes in a team with the credentials that the node with this socket gives to its machine.
 fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
     let file = socket.with_file_name(run_dir::VISITORS);
     if !file.is_file() {
@@ -426,7 +429,7 @@ fn read(host: &str, bytes: &[u8]) -> Result<Answer, Failure> {
     Ok(codec::decode(bytes).with_context(|| format!("reading an answer of the node `{host}`"))?)
 }
 
-/// Says that a node answered something that was not asked; its own refusals are passed on as they are.
+/// Returns the failure for an unexpected answer of a node; its own refusals are passed on unchanged.
 pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
     if let Answer::Refused(why) = answer {
         return anyhow!("host `{host}`: {why}").into();
@@ -434,7 +437,7 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
     anyhow!("host `{host}` answered something that was not asked").into()
 }
 
-/// Returns what a failure says.
+/// Returns the text of a failure.
 pub(crate) fn words(failure: &Failure) -> String {
     match failure {
         Failure::Refused(error) | Failure::Usage(error) | Failure::Unreachable(error) => format!("{error:#}"),
@@ -465,7 +468,7 @@ mod tests {
         let name = HostName::parse("c1").unwrap();
         let options = NodeOptions { name, socket: socket.clone(), reach: Reach::Host, port: 0, peers: Vec::new() };
         let nodes = Session::open_node(options).await.unwrap();
-        // One that is well, one that refuses, one that is announced and serves nothing.
+        // A healthy node, one that refuses, and one that is announced and serves nothing.
         let announced = ["c1", "c2", "c3"].map(|host| nodes.announce(&key::live(host, 1)).unwrap());
         let mut well = nodes.serve(&key::rpc_any("c1")).unwrap();
         let mut full = nodes.serve(&key::rpc_any("c2")).unwrap();

@@ -45,8 +45,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Err(Failure::Unreachable(anyhow!("`{hosts}` could not be asked; `dca nodes` says since when")))
 }
 
-/// Asks every host that answers, one after the other: questions that wait for each other would look like long links. Returns
-/// who does not answer, too.
+/// Asks every answering host, one after the other: questions that wait for each other would look like long links. Also
+/// returns the hosts that do not answer.
 async fn asked(clients: &Clients) -> Result<(Vec<HostClock>, Vec<String>), Failure> {
     let found = clients.look().await?;
     let away = absent::ask(&found).await;

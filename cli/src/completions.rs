@@ -12,7 +12,7 @@ use node::console::{self, Failure};
 pub struct Arguments {
     /// The shell; for bash, its words go to `~/.local/share/bash-completion/completions/dca`
     shell: Shell,
-    /// The program whose words they are
+    /// The program to complete
     #[arg(long, value_name = "PROGRAM", default_value = "dca")]
     of: Program,
 }

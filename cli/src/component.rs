@@ -1,7 +1,7 @@
 //! `dca add` and `dca remove`: one program more, or one process less, of a deployment that runs.
 //!
-//! What is added is written as in a spec, and checked as a spec of its own: the new instance, beside stand-ins for the programs that
-//! it is connected to. So ports, types and arguments are checked by the same rules as ever.
+//! The new instance is written as in a spec, and checked as a separate spec, together with stand-ins for the programs
+//! that it is connected to. So the usual rules check ports, types and arguments.
 
 use crate::change::{Probation, change, meant, revision};
 use crate::client::Clients;
@@ -30,10 +30,10 @@ pub struct AddArguments {
     /// A connection between it and a program of its group, as in a spec: `sensor, Out -> logger, In`; may be given more than once
     #[arg(long = "connect", value_name = "CONNECTION")]
     connections: Vec<String>,
-    /// The group that it becomes a process of, beside all that is in it
+    /// The group that the new process joins
     #[arg(long = "in", value_name = "GROUP", default_value = "main")]
     group: String,
-    /// Let the group go on when it fails
+    /// Let the group continue when the new process fails
     #[arg(long)]
     optional: bool,
     /// The spec that the deployment was made from, or another file: its types and constants are known, too
@@ -80,7 +80,7 @@ pub(crate) fn remove(arguments: &RemoveArguments) -> Result<(), Failure> {
     })
 }
 
-/// Changes what runs to what becomes of its plan.
+/// Changes the running deployment to a changed version of its plan.
 fn changed(
     name: &DeploymentName,
     connect: &ConnectArgs,
@@ -104,11 +104,11 @@ fn changed(
     })
 }
 
-/// Compiles the spec of the new program; what is wrong with it is told.
+/// Compiles the spec of the new program; mistakes in it are reported.
 fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Plan, Failure> {
-    // Arguments of stand-ins do not matter, but for types without defaults.
+    // Arguments of stand-ins do not matter, except for types without defaults.
     let (bare, with_arguments) = (text(arguments, (name, running), false), text(arguments, (name, running), true));
-    // What the spec runs is running: its types count.
+    // The spec of the deployment is the running one: its types count.
     let is_spec = |path: &str| arguments.spec.as_ref().is_some_and(|spec| named_file::are_same(spec, Path::new(path)));
     let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
     let others = check::others_with(&Source::new("<dca add>", bare.as_str()), &arguments.controllers, &types_of)?;
@@ -134,7 +134,7 @@ fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Pla
     Ok(plan)
 }
 
-/// Returns the spec of the new program and what it is connected to.
+/// Returns the spec of the new program and its connections.
 fn text(arguments: &AddArguments, (name, running): (&str, &Plan), has_arguments: bool) -> String {
     let live = running.live_leaves();
     let leaves = live.iter().filter_map(|number| running.leaves.get(*number as usize));

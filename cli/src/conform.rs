@@ -1,4 +1,4 @@
-//! `dca conform`: compares what supervisors did in a recorded run with a spec.
+//! `dca conform`: compares a recorded run of supervisors with a spec.
 
 mod difference;
 mod numbered;
@@ -40,11 +40,11 @@ struct Recorded {
     lives: Vec<Vec<Steps>>,
     /// How many steps were recorded and cannot be compared, since others before them are missing.
     omitted: usize,
-    /// Whether the plan was changed while it ran: what came then is not looked at.
+    /// Whether the plan was changed during the run: later steps are not compared.
     is_changed: bool,
     /// The groups that have begun and whose end is not among the steps.
     endless: Vec<String>,
-    /// The groups in which something has begun and of whose supervisors there is no step.
+    /// The groups in which something has begun, but whose supervisors recorded no step.
     unseen: Vec<String>,
 }
 
@@ -126,7 +126,7 @@ impl Recorded {
                 Entry::Report(Report::Stepped { path, number, steps, .. }) => {
                     let group = groups.iter().position(|group| group.path == *path);
                     let Some(lives) = group.map(|group| &mut recorded.lives[group]) else { continue };
-                    // Where a host is back, its supervisors begin anew.
+                    // If a host has returned, its supervisors start again.
                     if *number == 0 {
                         lives.push(Vec::new());
                     }
@@ -138,7 +138,7 @@ impl Recorded {
                 Entry::Report(_) | Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => {}
             }
         }
-        // A supervisor sends its steps in batches: what it did last is missing where its node has died or was cut off.
+        // A supervisor sends its steps in batches: its last steps are missing if its node has died or was cut off.
         let of_groups = groups.iter().zip(&recorded.lives);
         let endless = of_groups.filter(|(_, lives)| lives.iter().any(is_endless));
         recorded.endless = endless.map(|(group, _)| group.path.clone()).collect();
@@ -149,13 +149,13 @@ impl Recorded {
     }
 }
 
-/// Whether an entry says that a member of a group was started: that its supervisor has done.
+/// Whether an entry reports that a member of a group was started, which its supervisor has done.
 fn is_begun_in(entry: &Entry, group: &str) -> bool {
     let Entry::Report(Report::Process { path, change: Change::Activated, .. }) = entry else { return false };
     path.rsplit_once('/').is_some_and(|(around, _)| around == group)
 }
 
-/// Whether a supervisor has begun what none of its steps ends.
+/// Whether a supervisor has begun a run that none of its steps ends.
 fn is_endless(steps: &Steps) -> bool {
     steps.iter().fold(false, |runs, step| (runs || matches!(step.event, Event::Start(_))) && step.outcome.is_none())
 }
@@ -190,7 +190,7 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
     format!("{text}{steps} of {supervisors}: {deviations}")
 }
 
-/// What of the behaviour of a group was seen.
+/// The part of a group's behaviour that was seen.
 fn line(one: &Coverage) -> String {
     let at_least = if one.is_limited { "at least " } else { "" };
     let (states, transitions) = (one.states, one.transitions);

@@ -24,42 +24,42 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Print what a key holds; of a prefix that ends in `/`, all keys below it
+    /// Print the value of a key; for a prefix that ends in `/`, all keys below it
     Get(read::Get),
     /// Write a value
     Put(write::Put),
     /// Delete keys
     Delete(write::Delete),
-    /// Write several keys at once, if what is required of them holds
+    /// Write several keys at once, if their conditions hold
     Tx(file::Tx),
-    /// Show what happens to keys, as it happens
+    /// Show changes of keys as they happen
     Watch(watch::Watch),
     /// Print keys as a file, to be read, edited, compared and imported
     Export(file::Export),
-    /// Make keys what a file says
+    /// Make keys equal to the content of a file
     Import(import::Import),
-    /// Show who has changed what, when and why
+    /// Show the changes of keys: who made them, when and why
     History(past::History),
-    /// List writes that did not see each other, and nobody has settled
+    /// List concurrent writes whose conflict is not settled
     Conflicts(past::Conflicts),
     /// Settle a key with such writes, everywhere
     Resolve(past::Resolve),
-    /// Show what has changed between two moments
+    /// Show the changes between two moments
     Diff(past::Diff),
-    /// Print what keys held at another moment
+    /// Print the values of keys at another moment
     At(past::At),
-    /// Print which transactions are there now, or were at a date: a moment for `at` and `diff`
+    /// Print the version of the database now, or at a date: a moment for `at` and `diff`
     #[command(alias = "cut")]
     Version(past::VersionAt),
-    /// Show who is in the team, who is behind, and how this robot's copy is
+    /// Show the members of the team, the copies that are behind, and the state of this robot's copy
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
     Found(team::TeamArgs),
-    /// Move this robot from its team to another one of the same name that was begun apart, with what was written
+    /// Move this robot from its team to another one of the same name that was founded separately, with its data
     Join(team::Join),
-    /// Show or change the owners of keys, who alone write there
+    /// Show or change the owners of keys; only the owner may write them
     Own(own::Own),
-    /// Retire a robot that is gone for good: nobody waits for it any more
+    /// Retire a robot that is gone for good: the others no longer wait for it
     Retire(team::Retire),
     /// Begin a new epoch of timestamps, above all that were dated wrongly
     HealClock(team::TeamArgs),

@@ -1,4 +1,5 @@
-//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended; or changes what runs to it, and says so.
+//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended; or changes the running deployment to
+//! it, and reports the result.
 
 use crate::change::{Rollout, change_running};
 use crate::client::Client;
@@ -45,8 +46,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     })
 }
 
-/// Deploys a spec once every host of it answers, and stays until it has ended. With a rollout, what runs under its name is
-/// changed to it.
+/// Deploys a spec once every host of it answers, and stays until it has ended. With a rollout, the running deployment
+/// of its name is changed to it.
 pub(crate) async fn deploy(
     client: &Client,
     spec: Spec,

@@ -15,14 +15,14 @@ pub struct Display {
 }
 
 impl Display {
-    /// Shows what is new. To be called after each report and every [`UPDATE_EVERY`]; not after each sample.
+    /// Shows the changes. To be called after each report and every [`UPDATE_EVERY`]; not after each sample.
     pub fn update(&mut self, mission: &Mission, output: &mut Output) {
         for line in self.progress.lines(mission, output.style()) {
             output.line(&line);
         }
     }
 
-    /// Shows what is left to show and then the summary, which is the command's result.
+    /// Shows the remaining changes and then the summary, which is the command's result.
     ///
     /// # Errors
     /// When standard output does not take it.

@@ -12,7 +12,7 @@ use serde_json::json;
 pub struct Arguments {
     #[command(flatten)]
     tap: TapArgs,
-    /// End after so many values
+    /// End after this many values
     #[arg(short = 'n', long, value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
 }

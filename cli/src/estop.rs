@@ -1,7 +1,7 @@
 //! `dca estop`: stops everything on every host at once. Nothing begins there before `dca estop --release`.
 //!
-//! It asks each node itself, so no home and no other host has to be there. What it says of a host is that host's own word that none
-//! of its programs runs any more. A host that does not answer is named, and the exit code is 3.
+//! It asks each node itself, so no home and no other host has to be there. A host is reported as stopped only if the
+//! host itself confirms that none of its programs runs. A host that does not answer is named, and the exit code is 3.
 
 use crate::ConnectArgs;
 use crate::absent;
@@ -16,41 +16,41 @@ use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long programs may take to stop before their host counts as one that does not answer.
+/// How long programs may take to stop before their host counts as not answering.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
 
 /// The arguments of `dca estop`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Why, for everybody who looks
+    /// The reason, shown to every user
     #[arg(conflicts_with = "release")]
     reason: Option<String>,
     /// Let programs begin again
     #[arg(long)]
     release: bool,
-    /// Print what has become of each host as JSON
+    /// Print the result of each host as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     connect: ConnectArgs,
 }
 
-/// What has become of a host.
+/// The result of a host.
 enum Outcome {
-    /// Nothing of it runs, but for what is named.
+    /// Nothing runs there, except for the named processes.
     Stopped(Estopped),
     /// Programs may begin there; whether they might not before, and why its disk does not have that.
     Released(bool, Option<String>),
     /// It has refused.
     Refused(String),
-    /// What runs there nobody knows.
+    /// Its state is unknown.
     Unknown(String),
     /// Its keys are revoked: no node of the team links to it.
     Revoked,
 }
 
 impl Outcome {
-    /// Says why the disk of the host does not have what it has done, if that is so.
+    /// Returns why the disk of the host does not have the stop, if so.
     fn unwritten(&self) -> Option<&str> {
         match self {
             Self::Stopped(there) => there.unwritten.as_deref(),
@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks each host that anybody knows of.
+/// Asks each known host.
 async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
     let mut hosts = BTreeMap::new();
     let mut all = Vec::new();
@@ -117,7 +117,7 @@ async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<Str
     for (client, known) in &all {
         hosts.extend(wave(client, known, request).await);
     }
-    // Who has come meanwhile, or is known to others alone.
+    // Hosts that have come in the meantime, or that only others know.
     let found = clients.look().await?;
     for (client, statuses) in &found {
         let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();

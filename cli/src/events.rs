@@ -1,4 +1,4 @@
-//! `dca events`: what happens, on all hosts, in all deployments.
+//! `dca events`: the events on all hosts, in all deployments.
 
 use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode};
@@ -37,13 +37,13 @@ pub struct Arguments {
 /// How the stream has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
-    /// All that is known was told.
+    /// All known events were printed.
     Complete,
-    /// Some node has not told what it knows.
+    /// A node has not sent its events.
     Incomplete,
     /// A person has ended it.
     Interrupted,
-    /// Nobody reads it any more.
+    /// The output has no reader any more.
     Unread,
 }
 
@@ -51,8 +51,8 @@ enum End {
 #[derive(Debug)]
 struct Printer<'a> {
     arguments: &'a Arguments,
-    /// The events that were known at the beginning, each with when it was on a clock that nobody sets: they are printed in that
-    /// order, since the clocks of two homes may differ, and may have been set.
+    /// The events from before the beginning, each with its time on a boot clock. They are printed in that order, since
+    /// the clocks of two homes may differ, and may have been set.
     waiting: Option<Vec<(Duration, Event)>>,
     /// When the first event of each deployment came. A home counts the age of all of them from one moment.
     arrived: BTreeMap<Deployment, Time>,
@@ -93,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Printer<'_> {
-    /// Prints what is said; returns how the stream ends, if it does.
+    /// Prints an item; returns how the stream ends, if it does.
     fn take(&mut self, said: FeedItem) -> anyhow::Result<Option<End>> {
         let is_read = match said {
             FeedItem::Event(event) => self.event(*event)?,
@@ -155,7 +155,7 @@ impl Printer<'_> {
         console::pass(format!("{line}\n").as_bytes())
     }
 
-    /// Tells what has become of a node: among the objects, or beside the lines.
+    /// Reports a change of a node: among the objects, or beside the lines.
     fn mark(&self, key: &str, host: &str, words: &str, why: Option<&str>) -> anyhow::Result<bool> {
         if !self.arguments.json {
             let why = why.map_or(String::new(), |why| format!(": {why}"));
@@ -194,7 +194,7 @@ impl Printer<'_> {
     }
 }
 
-/// Returns an event as a line: when, where, what.
+/// Returns an event as a line: its time, place and content.
 fn line(event: &Event) -> String {
     let text = if let Report::Process { path, change, .. } = &event.report {
         format!("{path}  {}", change_text(change))

@@ -13,7 +13,7 @@ pub struct Arguments {
     controllers: Controllers,
 }
 
-/// Runs the verb; what is left to say about the spec is said.
+/// Runs the verb, and prints the remaining diagnostics of the spec.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_changed = check::fix(&arguments.file, &arguments.controllers)?;
     check::load(&arguments.file, &arguments.controllers, &Values::default(), false)?;

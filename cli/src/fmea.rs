@@ -1,4 +1,4 @@
-//! `dca fmea`: what each single fault of each program, host and link does, and each two of them.
+//! `dca fmea`: the effects of each single fault of each program, host and link, and of each pair of faults.
 
 use crate::logic::page::text::escape;
 use crate::verify::{LimitArgs, Refusal, load, story};

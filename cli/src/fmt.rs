@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// The arguments of `dca fmt`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The specs; `-` is standard input, whose form goes to standard output
+    /// The specs; `-` is standard input, formatted to standard output
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Change nothing; name the files that would change, and fail if there are any
@@ -45,7 +45,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_fine { Ok(()) } else { Err(Failure::Reported) }
 }
 
-/// The text in its one form; says why there is none.
+/// The formatted text; prints the reason if there is none.
 fn formatted(source: &Source) -> Option<String> {
     match format(source) {
         Ok(text) => Some(text),

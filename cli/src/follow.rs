@@ -37,11 +37,11 @@ const OBSERVED_MAX: usize = 4096;
 const PORTS_MAX: usize = 64;
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
 const BACK_WITHIN: Duration = Duration::from_secs(5);
-/// How long its answers have to go on, although it has none, for it to count as back: then the next cut is another one.
+/// How long its streams have to last for the home to count as back; a later cut is then a new one.
 const STEADY: Duration = Duration::from_secs(1);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// How long hosts may pause while they send what is left of their programs' output once all is over.
+/// How long hosts may pause while they send the rest of their programs' output once all is over.
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
 /// How a mission is watched.
 #[derive(Clone, Debug, clap::Args)]
@@ -52,7 +52,7 @@ pub struct FollowArgs {
     /// Keep no record
     #[arg(long, conflicts_with = "ports")]
     no_record: bool,
-    /// Record what goes over ports, too: `all`, or outputs such as `Out` or `force.Out`
+    /// Also record the values of ports: `all`, or outputs such as `Out` or `force.Out`
     #[arg(long = "record", value_name = "all|PORT", value_delimiter = ',')]
     ports: Vec<String>,
 }
@@ -102,7 +102,7 @@ struct Watch {
     cut_off: Option<Time>,
     /// When the home was asked again last.
     resumed: Option<Time>,
-    /// Whose output is not recorded whole.
+    /// The processes whose output is not recorded completely.
     lacking: BTreeSet<String>,
 }
 
@@ -119,7 +119,7 @@ pub(crate) async fn follow(
     let ports = ports(&spec.plan, wanted, &messages).map_err(|why| anyhow!(why))?;
     let (request, plan, by) = (entropy::number()?, spec.plan.clone(), user::name_and_host());
     let request = Request::Deploy { request, plan, by, start };
-    let request = client.signed(&home, request, 0).await?; // Who cannot sign leaves no record.
+    let request = client.signed(&home, request, 0).await?; // A user who cannot sign leaves no record.
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
     let answers = client.ask_on(&home, &request)?;
@@ -239,7 +239,7 @@ impl Watch {
                         self.resumed = Some(clock::now());
                         return self.missed(client, deployment).map(Some);
                     }
-                    // The session may go with the node of this machine, which may be the one that is looked for.
+                    // The session may end with the node of this machine, which may be the one that is looked for.
                     Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
                 },
                 () = clock::sleep_until(deadline) => {}
@@ -248,12 +248,12 @@ impl Watch {
         Err(self.lost())
     }
 
-    /// Asks for what has been missed, and all that comes after it.
+    /// Asks for the missed events, and all later ones.
     fn missed(&self, client: &Client, deployment: Deployment) -> Result<Answers, Failure> {
         client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
     }
 
-    /// Returns the failure for a home node that is out of reach, so that nobody can be asked for an end either.
+    /// Returns the failure for an unreachable home node, which cannot be asked for an end either.
     fn lost(&self) -> Failure {
         let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(
@@ -262,7 +262,7 @@ impl Watch {
         ))
     }
 
-    /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
+    /// Asks for the end once; the mission's own reports say when it has come. The second request does not wait.
     async fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
         if asked.is_some() {
             return Err(anyhow!(Left { name: self.name.clone() }).into());
@@ -272,7 +272,7 @@ impl Watch {
         Ok(())
     }
 
-    /// Says so when the end that was asked for is not taken on. If it is, the mission's own reports say the rest.
+    /// Prints a note when the requested end is refused. Otherwise the mission's own reports tell the rest.
     fn stop_answered(&mut self, answer: Result<Answer, Failure>) {
         let why = match answer {
             Ok(Answer::Stop(StopReply::Stopped | StopReply::Unknown)) => return,
@@ -298,7 +298,7 @@ impl Watch {
             self.hearing.signals(signals);
         }
         if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
-            // Who comes later is told of GO later: what has happened since says when it was.
+            // A command that attaches later is told of GO later: the time since GO gives its moment.
             let begun = clock::now().since(Time::ZERO).saturating_sub(*at);
             self.go_at = Some(go.min(Time::ZERO + begun));
         }
@@ -308,7 +308,7 @@ impl Watch {
         }
         self.hear_outputs(client, &report);
         if let (Report::Changed { .. } | Report::Unchanged { .. }, Some(go)) = (&report, self.go_at) {
-            // These have no time of their own.
+            // These have no time.
             self.mission.tick(clock::now() - go);
         }
         self.mission.report(&report);
@@ -333,8 +333,8 @@ impl Watch {
         self.record(Entry::Signals { path, at, sample: signals });
     }
 
-    /// Hears what programs write, on each host as soon as they are there; where they never came up at the end. Without a record
-    /// it is asked for at the end alone, if a deadline may have ended them.
+    /// Receives the output of programs, from each host as soon as they are there; if they never started, at the end.
+    /// Without a record the output is only requested at the end, if a deadline may have ended them.
     fn hear_outputs(&mut self, client: &Client, report: &Report) {
         let is_wanted = self.recorder.is_some() || is_failed_on_purpose(report);
         let Some(deployment) = self.deployment.as_ref().filter(|_| is_wanted) else { return };
@@ -374,7 +374,7 @@ impl Watch {
         self.record(Entry::Output { path, at, text });
     }
 
-    /// Says once that the record breaks off, when it does: the mission goes on.
+    /// Prints once that the record breaks off, if it does: the mission continues.
     fn watch_record(&mut self) {
         if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
             self.is_broken_off = true;
@@ -390,12 +390,12 @@ impl Watch {
 
     async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
         self.hearing.close().await;
-        // Who leaves in the middle does not wait.
+        // A user who leaves in the middle does not wait.
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
         let (files, kept) = match self.recorder.take() {
-            // Nobody has taken it on: there is nothing to be kept.
+            // No host has accepted it: there is nothing to keep.
             Some(recorder) if watched.is_err() && self.deployment.is_none() => {
                 recorder.discard();
                 (Files::default(), Ok(()))
@@ -405,7 +405,7 @@ impl Watch {
         };
         self.output.clear();
         if let Err(why) = watched {
-            // What was seen is worth showing all the same.
+            // The part that was seen is still worth showing.
             if self.go_at.is_some() {
                 self.display.finish(&self.mission, &files, &mut self.output)?;
             }

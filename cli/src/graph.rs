@@ -24,7 +24,7 @@ pub struct Arguments {
     values: Values,
 }
 
-/// Runs the verb; of what there is to say about the spec only errors are said.
+/// Runs the verb; of the diagnostics of the spec only errors are printed.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let spec = check::read_with(&arguments.file, &arguments.values)?;
     let interfaces = check::others(&spec, &arguments.controllers)?;

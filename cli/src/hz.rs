@@ -1,4 +1,4 @@
-//! `dca hz`: says how often values leave an output, how regularly, and how many bytes they are.
+//! `dca hz`: prints how often values leave an output, how regularly, and how large they are.
 
 use crate::logic::tap::Rate;
 use crate::tapped::{End, TapArgs, TapEvent, follow};
@@ -13,7 +13,7 @@ use std::time::Duration;
 pub struct Arguments {
     #[command(flatten)]
     tap: TapArgs,
-    /// End after so many seconds; without it, Ctrl-C ends it
+    /// End after this many seconds; without it, Ctrl-C ends it
     #[arg(long = "for", value_name = "SECONDS", value_parser = |text: &str| crate::seconds(text, &(0.1..=86_400.0)), allow_negative_numbers = true)]
     seconds: Option<f64>,
 }

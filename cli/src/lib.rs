@@ -72,8 +72,8 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// A distributed control architecture for robots: one text file says what runs where, how it is wired, and what happens
-/// next.
+/// A distributed control architecture for robots: one text file defines which programs run where, how they are wired,
+/// and what happens next.
 #[derive(Debug, Parser)]
 #[command(name = "dca", version)]
 struct Command {
@@ -89,9 +89,9 @@ enum Verb {
     Deploy(deploy::Arguments),
     /// Watch a deployment that runs, as `deploy` does
     Attach(attach::Arguments),
-    /// Say what a spec would change of the deployment of its name that runs
+    /// Show the changes that a spec would make to the running deployment of its name
     Plan(change::PlanArguments),
-    /// Start programs of a deployment anew while it runs
+    /// Restart programs of a running deployment
     Replace(change::ReplaceArguments),
     /// Add a program to a deployment while it runs
     Add(component::AddArguments),
@@ -99,17 +99,17 @@ enum Verb {
     Remove(component::RemoveArguments),
     /// Give a message to an activity that runs
     Ctl(ctl::Arguments),
-    /// Switch a process that runs to other connection sets of its own
+    /// Switch a running process to other connection sets of its own
     Switch(switch::Arguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
-    /// Prove what holds of a spec in every order of events, and show how what does not hold fails
+    /// Prove the properties of a spec for every order of events, and show how the others fail
     Verify(verify::Arguments),
     /// Say whether mistakes that `dca verify --test` has kept are in their specs again
     Test(test::Arguments),
-    /// Say what each single fault of each program of a spec does
+    /// Show the effects of each single fault of each program of a spec
     Fmea(fmea::Arguments),
-    /// Compare what supervisors did in a recorded run with a spec
+    /// Compare a recorded run of supervisors with a spec
     Conform(conform::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
@@ -157,11 +157,11 @@ enum Verb {
     Call(object::CallArguments),
     /// Read a state that a running program exports
     Get(object::GetArguments),
-    /// Show the queues of running programs: what waits, and what was dropped or rejected
+    /// Show the queues of running programs: waiting messages, and those dropped or rejected
     Queue(shown::Arguments),
-    /// Show the routers of running programs: who has subscribed, with which filters, and what was lost
+    /// Show the routers of running programs: subscribers, filters and losses
     Router(shown::Arguments),
-    /// Show the resource locks of running programs: who holds them, for how long, and who waits
+    /// Show the resource locks of running programs: holders, leases and waiting clients
     Lock(shown::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
@@ -171,7 +171,7 @@ enum Verb {
     Param(param::Arguments),
     /// Read and write the database that every robot of a team has a copy of
     Db(db::Arguments),
-    /// Begin a team, and say who may do what in it
+    /// Begin a team, and manage the rights of its members
     Team(team::Arguments),
     /// Verify the audit log of a node
     Audit(audit::Arguments),

@@ -1,6 +1,6 @@
-//! `dca list`: what running programs have: ports, procedures, states and inner wires, with their types.
+//! `dca list`: the ports, procedures, states and inner wires of running programs, with their types.
 //!
-//! The nodes say where the programs are; each is asked itself.
+//! The nodes give the places of the programs; each program is asked itself.
 
 use crate::ConnectArgs;
 use crate::absent;
@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     whole(&silent)
 }
 
-/// A list without those who have not answered is not the whole one.
+/// A list is incomplete if hosts have not answered.
 fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
     if silent.is_empty() {
         return Ok(());
@@ -72,7 +72,7 @@ fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
     Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")))
 }
 
-/// Returns what all programs have that are meant, and who did not answer.
+/// Returns the entries of all matching programs, and the hosts that did not answer.
 async fn listed(
     clients: &Clients,
     taps: &Arc<Taps>,
@@ -120,7 +120,7 @@ async fn listed(
         exported.extend(found.iter().map(|row| (row.process.clone(), row.name.clone())));
         rows.extend(found);
     }
-    // A procedure is the end of a connection, too.
+    // A procedure is also the end of a connection.
     let is_input = |row: &Listed| row.kind == ListedKind::Input;
     rows.retain(|row| instance.is_none_or(|name| name.is_state(&row.name)));
     rows.retain(|row| !is_input(row) || !exported.contains(&(row.process.clone(), row.name.clone())));
@@ -140,7 +140,7 @@ fn input(port: PortName) -> Listed {
     }
 }
 
-/// Asks one program; returns its name, what it has, and what people have to know.
+/// Asks one program; returns its name, its entries, and notes for people.
 async fn program(
     taps: Arc<Taps>,
     deployment: Deployment,

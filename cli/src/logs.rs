@@ -34,7 +34,7 @@ pub struct Arguments {
     /// List the processes as JSON
     #[arg(long, conflicts_with_all = ["follow", "raw"])]
     json: bool,
-    /// Pass its bytes on as they are: control characters may do anything to a terminal
+    /// Print its bytes unchanged: control characters may do anything to a terminal
     #[arg(long)]
     raw: bool,
     /// Where records are, for a process that runs no more
@@ -58,11 +58,11 @@ impl Arguments {
     }
 }
 
-/// Why no node has what a process writes.
+/// The reason why no node has the output of a process.
 enum NoOutput {
     /// Every node has answered, or none runs: it is over.
     Over(Failure),
-    /// The process may run where nobody answers.
+    /// The process may run on a host that does not answer.
     Unknown(Failure),
 }
 
@@ -76,9 +76,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     match without {
         None => Ok(()),
-        // A run is over, and its nodes with it: what its programs wrote is in its record.
+        // The run is over, and its nodes are gone: the output of its programs is in its record.
         Some(NoOutput::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
-        // The record of another run is no answer.
+        // The record of another run is not an answer.
         Some(NoOutput::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
             "{}; `--recorded` reads the latest record in `{}` instead",
             words(&failure),
@@ -87,7 +87,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Prints what nodes have; returns why not if none has it.
+/// Prints the output that nodes have; returns the reason if no node has it.
 async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
     let clients = match Clients::open(&arguments.connect).await {
         Ok(clients) => clients,
@@ -115,7 +115,7 @@ fn runs_any(connect: &ConnectArgs) -> bool {
     run_dir::groups(&connect.base()).iter().any(runs)
 }
 
-/// Prints what the process writes; returns why not if nobody has it.
+/// Prints the output of the process; returns the reason if no node has it.
 async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
     let all = clients.statuses().await?;
     let meant = |(client, statuses): &(_, Statuses)| {
@@ -154,8 +154,8 @@ fn request(arguments: &Arguments, deployment: Option<String>, process: String) -
     Request::Logs { deployment, process, follow: arguments.follow }
 }
 
-/// Prints what a process wrote that has ended with its deployment, from the first node that still has it. Returns whether
-/// one has.
+/// Prints the output of a process that has ended with its deployment, from the first node that still has it. Returns
+/// whether one has.
 async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure> {
     for client in clients.iter() {
         for host in client.hosts(&[]).await? {
@@ -194,7 +194,7 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
     Ok(())
 }
 
-/// Prints what a process wrote from the latest record that has it; nothing if none has.
+/// Prints the output of a process from the latest record that has it; none if no record has.
 fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     if let Err(why) = folder::check(&arguments.runs, RUNS) {
         return Some(Err(anyhow!(why).into()));

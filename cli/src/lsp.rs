@@ -35,16 +35,16 @@ const QUEUE_MAX: usize = 256;
 pub struct Arguments {
     #[command(flatten)]
     controllers: Controllers,
-    /// Taken for granted; some editors say it anyway
+    /// The default; some editors pass it anyway
     #[arg(long, hide = true)]
     stdio: bool,
 }
 
-/// Runs the verb, until the editor says `exit` or goes away.
+/// Runs the verb, until the editor sends `exit` or goes away.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (events_tx, events) = sync_channel(QUEUE_MAX);
     let reader_tx = events_tx.clone();
-    // Nobody joins it: it ends with standard input, or with the process.
+    // The thread is not joined: it ends with standard input, or with the process.
     std::thread::Builder::new().name("reader".to_owned()).spawn(move || read(&reader_tx))?;
     let proofs = Proofs::new(events_tx.clone());
     let interfaces = Interfaces::new(programs::chosen(&arguments.controllers.programs), events_tx);
@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Hands on what the editor says, until it says no more.
+/// Hands on the editor's messages, until there are no more.
 fn read(events: &SyncSender<Event>) {
     let mut input = BufReader::new(io::stdin().lock());
     loop {

@@ -1,4 +1,4 @@
-//! `dca names`: every name that is given out, and who holds it.
+//! `dca names`: every name that is given out, and its holder.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences};
@@ -35,7 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks every node for its names. Commands have nodes of their own, which are partitions of their own.
+/// Asks every node for its names. Commands run their own nodes, which are separate partitions.
 async fn asked(clients: &Clients) -> Result<(Vec<Partition>, Absences), Failure> {
     let found = clients.statuses().await?;
     let away = absent::ask(&found).await;

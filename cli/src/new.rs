@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// The folder, which is made; its name becomes that of the spec and of the program
     folder: PathBuf,
-    /// Begin a program with controllers of one's own, too; DIR is a clone of DCA [default: the one that `dca` was built in]
+    /// Also begin a program with your own controllers; DIR is a clone of DCA [default: the one that `dca` was built in]
     #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true)]
     sdk: Option<Option<PathBuf>>,
     /// Also begin controllers in Python and their tests; DIR is a clone of DCA, whose package `dca` they need
@@ -145,7 +145,7 @@ fn python(name: &str) -> Vec<File> {
 
 fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
     let path = sdk.path.to_str().with_context(|| format!("the path of `{}` is no text", sdk.path.display()))?;
-    // A string of TOML is one of JSON.
+    // A JSON string is also a TOML string.
     let manifest = MANIFEST.replace("NAME", &format!("\"{name}\"")).replace("SDK", &serde_json::to_string(path)?);
     let mut files = vec![
         (format!("{name}.dca").into(), SDK_SPEC.to_owned()),
@@ -183,14 +183,14 @@ fn make(folder: &Path, files: &[File]) -> Result<(), Failure> {
         made.and_then(|()| fs::write(&file, text)).with_context(|| format!("writing `{}`", file.display()))
     });
     if written.is_err() {
-        // What is left of it is of no use to anybody; the error that counts is the first.
+        // The remains are useless; the first error counts.
         drop(fs::remove_dir_all(folder));
     }
     Ok(written?)
 }
 
 impl Sdk {
-    /// Looks where it is said to be, else where this program was built.
+    /// Looks in the given place, else where this program was built.
     fn find(given: Option<&Path>) -> Result<Self, Failure> {
         if let Some(given) = given {
             let looking = || format!("looking for DCA at `{}`", given.display());
@@ -208,7 +208,7 @@ impl Sdk {
         Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
     }
 
-    /// The crate in a clone of DCA; none if that is no clone.
+    /// The crate in a clone of DCA; none if the folder is not a clone.
     fn at(clone: &Path) -> Option<Self> {
         let path = clone.join("controllers");
         let manifest = fs::read_to_string(path.join("Cargo.toml")).ok()?;
@@ -217,7 +217,7 @@ impl Sdk {
     }
 }
 
-/// The name of the folder, which has to be one that Cargo takes.
+/// The name of the folder, which has to be valid for Cargo.
 fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
     let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let is_good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';

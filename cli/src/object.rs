@@ -1,6 +1,6 @@
-//! `dca call` and `dca get`: what running programs export, from any host.
+//! `dca call` and `dca get`: the exports of running programs, from any host.
 //!
-//! The nodes say where a program is; the call goes straight to it.
+//! The nodes give the place of a program; the call goes directly to it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;
@@ -26,7 +26,7 @@ use std::time::Duration;
 /// The options that calls and reads have in common.
 #[derive(Debug, clap::Args)]
 struct ObjectArgs {
-    /// What is meant: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; of the path of the instance its end is enough
+    /// The export: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; the end of the instance's path is enough
     #[arg(value_parser = ObjectName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: ObjectName,
     /// How many seconds the program has to answer
@@ -60,7 +60,7 @@ pub struct CallArguments {
 pub struct GetArguments {
     #[command(flatten)]
     object: ObjectArgs,
-    /// Go on, and print the state whenever it has changed; looks ten times in a second
+    /// Go on, and print the state after each change; looks ten times in a second
     #[arg(long)]
     watch: bool,
 }
@@ -71,13 +71,13 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 /// How often the node of a program that does not answer is asked whether it still runs.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
-/// A program that is meant, with what it exports.
+/// A matching program, with its exports.
 struct Found<'a> {
     program: Program<'a>,
     exports: Exports,
 }
 
-/// A program that is meant, and whom to ask about it.
+/// A matching program, and the node to ask about it.
 #[derive(Clone, Copy)]
 struct Program<'a> {
     client: &'a Client,
@@ -147,7 +147,8 @@ async fn with_taps(
     done
 }
 
-/// Returns the processes that are meant, each once. One that stands for a process of another deployment is that process.
+/// Returns the matching processes, each once. A process that stands for one of another deployment counts as that
+/// process.
 fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Program<'a>> {
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
@@ -171,7 +172,7 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
     meant
 }
 
-/// Finds the one program that is meant, and asks it what it exports.
+/// Finds the one matching program, and asks it for its exports.
 async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ObjectName) -> Result<Found<'a>, Failure> {
     let meant = meant(all, name);
     let program = match meant.as_slice() {
@@ -243,7 +244,7 @@ impl Program<'_> {
     async fn place(&self) -> Result<Place, Failure> {
         let located = match locations(self.client, self.at.host, self.at.deployment).await {
             Ok(located) => located,
-            // Its node knows nothing of the deployment any more.
+            // Its node does not know the deployment any more.
             Err(Failure::Refused(why)) => return Ok(Place::Gone(why.to_string())),
             Err(failure) => return Err(failure),
         };
@@ -264,7 +265,7 @@ impl Program<'_> {
         })
     }
 
-    /// Returns where it is; nowhere, if it is asked nothing. One that is being started is waited for.
+    /// Returns its address; none if it does not run. A program that is being started is waited for.
     async fn located(&self, within: Duration) -> Result<Option<Dial>, Failure> {
         let until = clock::now() + within;
         loop {
@@ -280,7 +281,7 @@ impl Program<'_> {
         }
     }
 
-    /// Waits until it is not in this session any more. A node that does not answer says nothing about it.
+    /// Waits until it has left this session. A missing answer of a node does not count.
     ///
     /// # Cancellation
     /// Safe.
@@ -343,7 +344,7 @@ fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, (value, 
     }
 }
 
-/// Says in one sentence why there is no result. Where nobody can know whether it was carried out, nobody was reached.
+/// Returns the failure in one sentence. An unknown outcome counts as unreachable.
 fn failure(found: &Found<'_>, name: &str, error: &ObjectError) -> Failure {
     let hint = if error.hint().is_empty() { String::new() } else { format!("; {}", error.hint()) };
     let why = anyhow!("`{name}` of `{}`: {error}{hint}", found.program.path());

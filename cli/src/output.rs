@@ -1,12 +1,12 @@
-//! The streams of a command with a live line, which is taken away before anything else is written. What needs none of that goes
-//! through `node::console`.
+//! The streams of a command with a live line, which is removed before anything else is written. Output without a live
+//! line goes through `node::console`.
 
 use crate::logic::mission::{Line, Style};
 use node::console;
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 
-/// Rows and columns of a terminal that does not tell.
+/// Rows and columns of a terminal that does not report its size.
 pub const SCREEN_DEFAULT: (usize, usize) = (24, 80);
 
 /// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
@@ -19,7 +19,7 @@ fn is_dumb() -> bool {
     std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb")
 }
 
-/// Returns standard output, to see whether anybody reads it.
+/// Returns standard output, to check whether it has a reader.
 pub(crate) fn results() -> io::Stdout {
     io::stdout()
 }
@@ -38,7 +38,7 @@ pub fn screen() -> Option<(usize, usize)> {
     Some((if rows == 0 { SCREEN_DEFAULT.0 } else { rows }, columns(io::stdout())))
 }
 
-/// Both streams of a command, and whether a live line stands on the second.
+/// Both streams of a command, and whether the second shows a live line.
 pub struct Output {
     results: Box<dyn Write + Send>,
     notes: Box<dyn Write + Send>,
@@ -55,7 +55,7 @@ impl fmt::Debug for Output {
 impl Output {
     /// Returns the process's own streams.
     pub fn standard() -> Self {
-        // A terminal that cannot draw a line again is told apart by nothing else.
+        // Nothing else shows that a terminal cannot redraw a line.
         let terminal = io::stderr().is_terminal() && !is_dumb();
         Self { results: Box::new(console::results()), notes: Box::new(io::stderr()), terminal, live: false }
     }
@@ -76,13 +76,13 @@ impl Output {
     /// Writes a result, with a line feed if it has none.
     ///
     /// # Errors
-    /// When nobody reads standard output any more: then there is no reason to go on.
+    /// When standard output has no reader any more: then there is no reason to go on.
     pub fn result(&mut self, text: &str) -> io::Result<()> {
         self.clear();
         console::write_result(&mut self.results, text)
     }
 
-    /// Writes bytes as they are: the output of a program.
+    /// Writes bytes unchanged: the output of a program.
     ///
     /// # Errors
     /// As [`Output::result`].
@@ -104,7 +104,7 @@ impl Output {
         self.write(question);
     }
 
-    /// Writes a line of a [`crate::logic::mission::Progress`]; on a terminal a live line takes the place of the one before.
+    /// Writes a line of a [`crate::logic::mission::Progress`]; on a terminal a live line replaces the previous one.
     pub fn line(&mut self, line: &Line) {
         match line {
             Line::Live(text) if self.terminal => {
@@ -125,7 +125,7 @@ impl Output {
     }
 
     fn write(&mut self, text: &str) {
-        // Where should one say that standard error is gone?
+        // There is no place to report that standard error is gone.
         let written = self.notes.write_all(text.as_bytes()).and_then(|()| self.notes.flush());
         drop(written);
     }

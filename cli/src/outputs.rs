@@ -10,13 +10,13 @@ use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
 
-/// How many pieces wait to be recorded; who sends more waits.
+/// How many pieces wait to be recorded; further senders wait.
 const PIECES_MAX: usize = 256;
 
 /// The output of a program: its path, and bytes or lines.
 type OutputOf<T> = (String, T);
 
-/// The streams of what programs write, one of each host.
+/// The streams of programs' output, one of each host.
 #[derive(Debug)]
 pub(crate) struct Outputs {
     asked: BTreeSet<String>,
@@ -59,7 +59,7 @@ impl Outputs {
         }
     }
 
-    /// Takes all that is still to come, for as long as something comes: at the most `pause_max` after what came last.
+    /// Takes the remaining output, for as long as some arrives: at most `pause_max` after the last piece.
     pub(crate) async fn rest(mut self, pause_max: Duration, mut take: impl FnMut(String, String)) {
         drop(self.sink);
         loop {
@@ -92,7 +92,7 @@ async fn hear(host: String, mut answers: Answers, sink: Sender<OutputOf<Vec<u8>>
                 }
                 continue;
             }
-            // A host that has never taken part has nothing to say.
+            // A host that never took part has no output.
             Ok(Answer::Refused(_)) => return,
             Ok(other) => unasked(&host, &other),
             Err(why) => why,
@@ -105,7 +105,7 @@ fn incomplete(host: &str, why: &Failure) -> String {
     format!("warning: not all that programs of `{host}` write is recorded: {}", words(why))
 }
 
-/// Returns whether the spec itself says that it has failed, as a deadline does.
+/// Returns whether the failure comes from the spec itself, such as a deadline.
 pub(crate) fn is_failed_on_purpose(report: &Report) -> bool {
     let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
     matches!(failure.cause, FailureCause::Failed(_))

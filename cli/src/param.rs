@@ -29,9 +29,9 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// List the parameters of the programs that run, with what they take and what they are now
+    /// List the parameters of the running programs, with their types and present values
     List(List),
-    /// Print what a parameter is now
+    /// Print the present value of a parameter
     Get(Get),
     /// Change a parameter, also while its program runs
     Set(Set),
@@ -88,15 +88,15 @@ struct Unset {
     commit: CommitArgs,
 }
 
-/// A program, its robot, and what the database of that says of its parameters.
+/// A program, its robot, and the parameters in that robot's database.
 struct Program {
     host: String,
     told: InstanceParameters,
-    /// By parameter: the keys that name it, the one that counts last, with their values.
+    /// By parameter: the keys that set it, the one with precedence last, with their values.
     set: BTreeMap<String, Vec<(String, Datum)>>,
 }
 
-/// The programs of the nodes that answer, and who does not.
+/// The programs of the nodes that answer, and the hosts that do not.
 struct Found {
     programs: Vec<Program>,
     away: Absences,
@@ -186,7 +186,7 @@ impl Unset {
         let found = programs(&self.commit.database)?;
         let program = match found.one(&self.instance) {
             Ok(program) => program,
-            // A change stays when nothing of it runs any more, and so does the way to take it back.
+            // A change outlives the program, and so does the way to undo it.
             Err(none) => return self.delete(&stored(&self.commit.database, &self.instance, &self.parameter)?, none),
         };
         let parameter = program.parameter(&self.parameter)?;
@@ -197,7 +197,7 @@ impl Unset {
         self.delete(std::slice::from_ref(key), anyhow!("nothing is to be deleted").into())
     }
 
-    /// Deletes the one key that is meant; `none` says why not if there is none.
+    /// Deletes the one matching key; `none` is the failure if there is none.
     fn delete(&self, keys: &[String], none: Failure) -> Result<(), Failure> {
         match keys {
             [key] => {
@@ -232,14 +232,14 @@ impl Program {
         Ok(&found.parameter)
     }
 
-    /// Where a change is written: the key that counts now, else one with the whole path.
+    /// The key under which a change is written: the effective key, else one with the whole path.
     fn key(&self, parameter: &str) -> String {
         let set = self.set.get(parameter).and_then(|set| set.last());
         let own = || key_of_parameter(&self.host, &self.told.deployment.name, &self.told.path, parameter);
         set.map_or_else(own, |(key, _)| key.clone())
     }
 
-    /// Returns the present value of a parameter: that of the database, if the program takes it, else that of the spec.
+    /// Returns the present value of a parameter: the database's, if the program takes it, else the spec's.
     fn value(&self, parameter: &str) -> Option<Datum> {
         let status = self.told.parameters.iter().flatten().find(|status| status.parameter.name == parameter)?;
         let set = self.set.get(parameter).and_then(|set| set.last()).map(|(_, datum)| datum);
@@ -353,12 +353,12 @@ fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
     let name = name.strip_prefix("main/").unwrap_or(name);
     let is_end =
         |short: &str, long: &str| long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
-    // The key may name less of the path than the person does, and the other way round.
+    // The key may name less of the path than the person, or more.
     let path = name.strip_prefix(deployment).and_then(|rest| rest.strip_prefix('/'));
     of == parameter && (is_end(name, &whole) || path.is_some_and(|path| is_end(instance, path)))
 }
 
-/// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
+/// Asks every node that can be reached for its programs, and its database for the values that replace their arguments.
 fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
         let mut programs = Vec::new();
@@ -382,7 +382,7 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     })
 }
 
-/// The keys that name the parameters of a program, by parameter; the one that names most of its path last.
+/// The keys that set the parameters of a program, by parameter; the one that names most of its path last.
 fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, Vec<(String, Datum)>> {
     let mut set: BTreeMap<String, Vec<(String, Datum)>> = BTreeMap::new();
     for (key, datum) in keys {
@@ -395,7 +395,7 @@ fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, 
     set
 }
 
-/// A value that was typed, as what the parameter takes.
+/// A typed value in the type of the parameter.
 fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
     let is_text = match accepts {
         Accepts::Number | Accepts::Between { .. } | Accepts::Quantity { .. } => {
@@ -403,7 +403,7 @@ fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
         }
         Accepts::Text => true,
         Accepts::OneOf(all) => all.iter().all(|one| matches!(one, Constant::Text(_))),
-        // What is no value of TOML is a text.
+        // A text that is not a TOML value is taken as a string.
         Accepts::Any => Datum::from_toml(text).is_err(),
         Accepts::Truth => false,
         Accepts::Secret => {

@@ -1,4 +1,4 @@
-//! Who reads what a command prints that goes on until somebody ends it.
+//! The reader of an endless command's output.
 
 use crate::output;
 use node::console;
@@ -24,7 +24,7 @@ impl Leave {
         Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
     }
 
-    /// Waits until somebody wants the command to end.
+    /// Waits until the command is asked to end.
     ///
     /// # Cancellation
     /// Safe.
@@ -40,12 +40,12 @@ impl Leave {
 #[derive(Debug)]
 pub(crate) struct Reader {
     leave: Leave,
-    /// Has a word once nobody reads standard output any more.
+    /// Gets a message once standard output has no reader any more.
     hung_up: oneshot::Receiver<()>,
 }
 
 impl Reader {
-    /// Looks for what a reader does from now on.
+    /// Watches the reader from now on.
     ///
     /// # Errors
     /// The system gives no signals, or no thread.
@@ -73,10 +73,10 @@ impl Reader {
 /// Blocks until the other end of standard output is closed. A file has no other end.
 fn wait_for_hang_up(hung_up: oneshot::Sender<()>) {
     loop {
-        // Errors and the end are told whatever is asked for. Source: poll(2).
+        // Errors and the end are reported for any requested events. Source: poll(2).
         match poll(&mut [PollFd::new(&output::results(), PollFlags::empty())], None) {
             Ok(0) | Err(Errno::INTR) => {}
-            // Whoever waited may have left.
+            // The waiting task may have ended.
             Ok(_) => return hung_up.send(()).unwrap_or_default(),
             // It cannot look; the next word that is written fails.
             Err(_) => std::thread::park(),

@@ -15,7 +15,7 @@ pub const FILE: &str = "report.html";
 pub struct Arguments {
     /// The record, or the folder it is in
     record: PathBuf,
-    /// Where the page goes [default: report.html beside the record]
+    /// The place of the page [default: report.html beside the record]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -26,11 +26,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
     let damage = write(&record, &file)?;
     console::say(&file.display().to_string());
-    // The page shows what is whole.
+    // The page shows the undamaged part.
     damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
 }
 
-/// Reads a record and writes its page. Returns what the record lacks, which a person has been told.
+/// Reads a record and writes its page. Returns the missing part of the record, which has been reported to the user.
 ///
 /// # Errors
 /// When the record cannot be read, or the page cannot be written.

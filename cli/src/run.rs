@@ -96,7 +96,7 @@ impl Nodes {
             let mut is_ready = ready.subscribe();
             nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
             tokio::select! {
-                // A node that ends at once is never ready: why it ended says more.
+                // A node that ends at once is never ready; the reason of its end is more helpful.
                 Ok(_) = is_ready.wait_for(|ready| *ready) => {}
                 why = ended(&mut nodes.running) => {
                     nodes.leave(LEAVE_WITHIN).await;

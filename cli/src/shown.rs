@@ -1,6 +1,6 @@
-//! Finds what running programs show in states of one type, and reads it: for `dca queue`, `dca router` and `dca lock`.
+//! Finds states of one type in running programs, and reads them: for `dca queue`, `dca router` and `dca lock`.
 //!
-//! The nodes say where the programs are; each is asked itself.
+//! The nodes give the places of the programs; each program is asked itself.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, words};
 use crate::complete;
@@ -29,10 +29,10 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 /// The arguments of `dca queue`, `dca router` and `dca lock`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME], of the path its end is enough [default: all]
+    /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME]; the end of the path is enough [default: all]
     #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: Option<ShownName>,
-    /// Go on, and print them whenever something has changed; looks ten times in a second
+    /// Go on, and print them after each change; looks ten times in a second
     #[arg(long)]
     watch: bool,
     /// How many seconds each program has to answer
@@ -45,7 +45,7 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
-/// What is looked for.
+/// The searched entries.
 pub(crate) struct Wanted {
     /// The type of the states.
     pub(crate) type_name: &'static str,
@@ -64,7 +64,7 @@ struct Place {
     states: Vec<Exported>,
 }
 
-/// What was found, and who did not answer.
+/// The entries found, and the hosts that did not answer.
 #[derive(Default)]
 struct Found {
     places: Vec<Place>,
@@ -146,7 +146,7 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
     }
 }
 
-/// Asks all programs that are meant what they export.
+/// Asks all matching programs for their exports.
 async fn find(
     clients: &Clients,
     taps: &Arc<Taps>,

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use verify::{PlayResult, Script};
 
-/// As many things may happen by chance, unless the command line says otherwise.
+/// The number of random events, unless the command line sets another.
 const STEPS: u64 = 1000;
 
 /// The arguments of `dca sim`.
@@ -36,7 +36,7 @@ pub struct Arguments {
     /// How many things may happen by chance
     #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
     steps: u64,
-    /// Draw what ran when, as SVG
+    /// Draw the activity over time, as SVG
     #[arg(long, value_name = "FILE")]
     chart: Option<PathBuf>,
     #[command(flatten)]
@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Plays a story; fails unless it comes to the same.
+/// Plays a story; fails unless it has the same result.
 fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     let text = named_file::text(file, named_file::TEXT_MAX);
     let text = text.with_context(|| format!("reading the story `{}`", file.display()))?;
@@ -171,7 +171,7 @@ fn from_keyboard(simulation: &mut Simulation<'_>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints what has happened, and what runs now.
+/// Prints the past events, and the running processes.
 fn show(simulation: &mut Simulation<'_>) {
     let happenings = simulation.take_happenings();
     if happenings.is_empty() {

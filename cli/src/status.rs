@@ -1,7 +1,7 @@
 //! `dca status`: lists the processes of all hosts.
 //!
-//! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
-//! still run. A status is an answer, so the exit code is 0 all the same.
+//! It reports only answers: hosts that do not answer are named, and so are deployments that such a host may still run.
+//! A status is still an answer, so the exit code is 0.
 
 mod watch;
 
@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Print everything as JSON; with `--watch` each state on one line
     #[arg(long)]
     json: bool,
-    /// Show it again whenever something changes, until Ctrl-C
+    /// Show it again after each change, until Ctrl-C
     #[arg(short, long)]
     watch: bool,
     #[command(flatten)]
@@ -92,7 +92,7 @@ fn find(name: &DeploymentName, statuses: &[NodeStatus], away: &Absences, connect
     Err(Failure::Usage(anyhow!("no node knows a {what}; {hint}")))
 }
 
-/// Leaves out what is not of the deployment, if one is named.
+/// Leaves out other deployments, if one is named.
 fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&DeploymentName>) {
     let Some(name) = name else { return };
     for status in statuses {
@@ -107,7 +107,7 @@ fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&Deployme
     }
 }
 
-/// Asks the nodes that say what runs there also which others they miss.
+/// Also asks the nodes that give their status which others they miss.
 async fn asked(found: Result<Vec<(&Client, Statuses)>, Failure>) -> Result<(Vec<NodeStatus>, Absences), Failure> {
     let found = found?;
     let away = absent::ask(&found).await;
@@ -169,7 +169,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>)
     blocks.join("\n\n")
 }
 
-/// Returns whom a node lets come over the network, and which policy says what runs there.
+/// Returns the peers that a node accepts over the network, and the policy for its programs.
 fn guard(status: &NodeStatus) -> String {
     let policy = status.policy.as_ref().map(ToString::to_string);
     let words = [status.network.to_string(), policy.unwrap_or_default()];

@@ -1,8 +1,8 @@
 //! `dca stop`: ends a deployment on every host.
 //!
-//! What it says rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
-//! What a host has not confirmed stays on the list of the deployment's home: a second stop says so, too.
-//! A link that is lost meanwhile is not an answer: the node is asked again.
+//! The result rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
+//! An unconfirmed end stays on the list of the deployment's home, so a second stop reports it as well. A link that is
+//! lost in the meantime is not an answer: the node is asked again.
 
 mod away;
 
@@ -20,7 +20,7 @@ use node::logic::protocol::{Answer, Deployment, Report, Request};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long it may be out of reach before a person is told.
+/// How long the node may be out of reach before this is printed.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
 /// How long the deployment's node may be out of reach. A node that starts or ends hundreds of programs answers late.
 const SILENT_MAX: Duration = Duration::from_secs(30);
@@ -35,13 +35,13 @@ pub struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
-    /// Take it off the list of ends that hosts have not confirmed: nobody asks them any more
+    /// Take it off the list of ends that hosts have not confirmed: they are not asked any more
     #[arg(long)]
     forget: bool,
-    /// Stop it although its home HOST does not answer: the others tell that when it is there again
+    /// Stop it although its home HOST does not answer: the others inform the home when it is back
     #[arg(long, value_name = "HOST", conflicts_with_all = ["forget", "json"], add = ArgValueCompleter::new(complete::hosts))]
     away: Option<String>,
-    /// Print what has become of it as JSON
+    /// Print the result as JSON
     #[arg(long, conflicts_with = "forget")]
     json: bool,
     #[command(flatten)]
@@ -136,7 +136,7 @@ pub(crate) struct Located<'a> {
     pub(crate) home: String,
 }
 
-/// Finds the deployment of that name among what all nodes say.
+/// Finds the deployment of that name in the reports of all nodes.
 pub(crate) async fn locate<'a>(
     all: Vec<(&'a Client, Statuses)>,
     name: &DeploymentName,
@@ -230,7 +230,8 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
     }
 }
 
-/// Returns whether the deployment runs, as far as its home and the others say. Who does not answer is told once, by whoever asks.
+/// Returns whether the deployment runs, as far as its home and the others report. A host that does not answer is
+/// mentioned once, by the caller.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
     let Ok(Statuses { nodes, silent, .. }) = client.statuses_noted(|_| {}).await else { return false };
     let mut parts = nodes.iter().flat_map(|node| &node.deployments);
@@ -246,7 +247,7 @@ async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Resu
     let refused = async {
         match stopping.next().await {
             Some(Ok(Answer::Refused(why))) => Failure::Refused(anyhow!("host `{home}`: {why}")),
-            // The last report says the rest.
+            // The last report has the rest.
             _ => std::future::pending().await,
         }
     };
@@ -257,7 +258,7 @@ async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Resu
 }
 
 fn watch(deployment: &Deployment) -> Request {
-    // Only the reports to come, and the last one if it is there.
+    // Only future reports, and the last one if it is already there.
     Request::Watch { deployment: deployment.clone(), seen: u64::MAX }
 }
 

@@ -15,8 +15,8 @@ use std::collections::BTreeMap;
 /// The parameters of each module, by the interfaces of programs; none where no program declares the module.
 type Declared = BTreeMap<String, Option<Vec<Parameter>>>;
 
-/// Refuses a spec to whose programs the database of some robot says something that they do not take: a key that was
-/// misspelt while nothing ran would do nothing, and nobody would know.
+/// Refuses a spec if the database of a robot has parameters for its programs that they do not take: a key that was
+/// misspelt while nothing ran would have no effect, unnoticed.
 pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
     let declared = language::parameters(&spec.modules);
     let name = &spec.plan.name;
@@ -51,14 +51,14 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
     .into())
 }
 
-/// Returns the programs of a plan on a host, as its node will tell them.
+/// Returns the programs of a plan on a host, in the form that its node would report.
 fn known(plan: &Plan, host: &str, declared: &Declared) -> Vec<InstanceParameters> {
     let here = |leaf: &&language::plan::Leaf| plan.hosts.get(leaf.host as usize).is_some_and(|name| name == host);
     let deployment = Deployment { name: plan.name.clone(), epoch: 0 };
     let leaves = plan.leaves.iter().filter(here).map(|leaf| {
         let declared = match leaf.kind {
             LeafKind::Controller => declared.get(&leaf.module).and_then(Option::as_deref),
-            // A plain program is told nothing while it runs.
+            // The parameters of a plain program cannot be changed while it runs.
             LeafKind::Plain => Some(&[][..]),
         };
         let parameters = declared.map(|declared| parameters::given(declared, &leaf.arguments));

@@ -99,7 +99,7 @@ fn path(plan: Option<&Plan>, deployment: &Deployment, process: &ProcessName) -> 
     Ok(if let [one] = all[..] { one.clone() } else { end() })
 }
 
-/// Returns what was switched, one line for each wire, and how long it took.
+/// Returns the switched wires, one line for each, and how long it took.
 fn text(plan: Option<&Plan>, switched: &SetsSwitched) -> String {
     let SetsSwitched { closed, opened, .. } = switched;
     if closed.is_empty() && opened.is_empty() {

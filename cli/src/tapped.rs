@@ -49,11 +49,11 @@ pub(crate) struct FollowedOutput {
     pub(crate) name: String,
     /// The type of its values, by the word of its program.
     pub(crate) type_name: String,
-    /// What is in them, if the program says it.
+    /// Their fields, if the program lists them.
     pub(crate) message: Option<Message>,
 }
 
-/// What happens to the outputs.
+/// An event of the outputs.
 pub(crate) enum TapEvent {
     /// The outputs are heard from now on.
     Begun(Vec<FollowedOutput>),
@@ -88,7 +88,7 @@ impl End {
 /// The programs that are meant: path, host, and where to dial them.
 type Programs = Vec<(String, String, Dial)>;
 
-/// Follows what is asked for until `take` returns how it ends, Ctrl-C comes or the deployment is over.
+/// Follows the requested outputs until `take` returns an end, Ctrl-C comes or the deployment is over.
 pub(crate) async fn follow(
     arguments: &TapArgs,
     mut take: impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
@@ -128,7 +128,7 @@ async fn follow_with(
                 second = second + SECOND;
                 if reports.is_none() {
                     reports = client.ask_on(&home, &watch).ok();
-                    // What was started again meanwhile was not told.
+                    // Programs that were restarted in the meantime were not reported.
                     for program in &mut programs {
                         if found_again(client, taps, &deployment, program).await.is_err() {
                             break;
@@ -252,7 +252,7 @@ async fn found_again(
     Ok(())
 }
 
-/// Asks the programs for their outputs, and hears those that are meant.
+/// Asks the programs for their outputs, and hears the matching ones.
 async fn hear(
     taps: &mut Taps,
     arguments: &TapArgs,

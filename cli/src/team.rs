@@ -22,7 +22,7 @@ use trust::renewal;
 use trust::team::{Credential, Judge, OFFLINE_GRACE, Standing, TrustError};
 use zeroize::Zeroizing;
 
-/// How long the node of this machine has to say whose certificates were renewed.
+/// How long the node of this machine has to list the renewed certificates.
 const SOON: Duration = Duration::from_secs(2);
 
 /// The arguments of `dca team`.
@@ -46,15 +46,15 @@ enum Verb {
     Invite(invite::InviteArgs),
     /// Take this machine into the team of an invitation
     Join(invite::JoinArgs),
-    /// Revoke the keys of a robot or a user, for ever
+    /// Revoke the keys of a robot or a user permanently
     Revoke(revoke::RevokeArgs),
     /// Give a robot or a user new keys under the same name, and revoke the old ones
     Rotate(rotate::RotateArgs),
     /// Have a node that may renew prolong your own certificate, without the operator
     Renew(renew::RenewArgs),
-    /// Print what everybody may know of the team: its certificates and revocations
+    /// Print the public part of the team: its certificates and revocations
     Export,
-    /// Take in what `dca team export` has printed elsewhere: so your own certificate comes to this machine
+    /// Import the output of `dca team export` from elsewhere: this brings your own certificate to this machine
     Import(import::ImportArgs),
 }
 
@@ -70,7 +70,7 @@ struct KeysArgs {
     /// A file of mode 0600 whose first line is the passphrase [default: standard input]
     #[arg(long, value_name = "FILE", global = true)]
     passphrase: Option<PathBuf>,
-    /// Folder with the sockets of this machine's nodes, which are told of revocations
+    /// Folder with the sockets of this machine's nodes, which get the revocations
     #[arg(long, value_name = "DIR", global = true)]
     run_dir: Option<PathBuf>,
 }
@@ -128,7 +128,7 @@ fn renewed(keys: &KeysArgs) -> Vec<Credential> {
     shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()).collect()
 }
 
-/// Returns a team as a person reads it. Who was `renewed` is valid for longer than the certificate says.
+/// Returns a team for a person. A member that was `renewed` is valid for longer than the certificate shows.
 fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let team = bundle.team();
     let mut text = format!("team {}: {}\nid {}\n", team.name(), team.id().fingerprint(), team.id());

@@ -76,7 +76,7 @@ fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     Ok(files)
 }
 
-/// Runs one test and says how it went.
+/// Runs one test and prints its result.
 fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     let name = file.display();
     let text =
@@ -101,7 +101,7 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
                     PlayResult::Other(_)
                     | PlayResult::Ends(ReplayError::Impossible { .. } | ReplayError::Unknown { .. }),
                 ) => "it comes to it in another way",
-                // A story about a lost host cannot be played, so nobody knows which way it takes.
+                // A story about a lost host cannot be played, so its way is unknown.
                 Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it is there again",
             };
             let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
@@ -137,7 +137,7 @@ fn load(test: &StoryTest, path: &Path, controllers: &Controllers) -> Result<Load
     }
 }
 
-/// Writes a test for each finding that does not hold; says which.
+/// Writes a test for each finding that does not hold; prints their names.
 pub(crate) fn write(folder: &Path, loaded: &Loaded, findings: &[Finding]) -> Result<(), Failure> {
     let fails: Vec<&Finding> = findings.iter().filter(|finding| finding.verdict == Verdict::Fails).collect();
     if fails.is_empty() {

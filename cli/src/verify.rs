@@ -1,4 +1,4 @@
-//! `dca verify`: proves what holds of a spec in every order of events.
+//! `dca verify`: proves the properties of a spec for every order of events.
 
 mod repair;
 
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use verify::{Assumption, Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, WorkDone, told};
 
-/// As many states of one exploration are looked at, unless the command line says otherwise.
+/// The number of states in one exploration, unless the command line sets another.
 const STATES: u32 = 20_000_000;
 /// As much memory may one exploration take, in MiB.
 const MEMORY: usize = 2048;
@@ -42,10 +42,10 @@ pub struct Arguments {
     /// explores itself (JANI, mCRL2)
     #[arg(long, value_name = "FORMAT", conflicts_with = "json")]
     export: Option<Export>,
-    /// Draw the first story of what does not hold, a lane for each process; nothing is written if everything holds
+    /// Draw the story of the first failure, a lane for each process; nothing is written if everything holds
     #[arg(long, value_name = "FILE", conflicts_with = "export")]
     svg: Option<PathBuf>,
-    /// Show edits that repair what does not hold; each was verified before it is shown
+    /// Show edits that repair failing properties; each was verified before it is shown
     #[arg(long, conflicts_with_all = ["json", "export", "set"])]
     fix: bool,
     /// Write these edits into the spec
@@ -71,7 +71,7 @@ enum Export {
     Mcrl2,
 }
 
-/// What may be spent.
+/// The limits of a verification.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct LimitArgs {
     /// The most states of one exploration
@@ -97,8 +97,8 @@ pub struct Proof {
 }
 
 impl Proof {
-    /// Refuses a spec of which something does not hold, or is not decided within the limits. Looks at the texts that were read, and
-    /// reads none again: what runs is what is proved.
+    /// Refuses a spec with a sentence that fails, or that is not decided within the limits. Checks the texts that were
+    /// read, and reads none again: so the text that runs is the one that is proved.
     pub(crate) fn require(self, spec: &Spec) -> Result<(), Failure> {
         if !self.require_verified {
             return Ok(());
@@ -150,7 +150,7 @@ impl Threads for Cores {
     fn run(&self, work: &(dyn Fn(usize) + Sync)) {
         std::thread::scope(|scope| {
             for thread in 1..self.0 {
-                // Fewer do the same, so who gets no more goes on with those that there are.
+                // Fewer threads give the same result, so if no more can be started the present ones go on.
                 if std::thread::Builder::new().spawn_scoped(scope, move || work(thread)).is_err() {
                     break;
                 }
@@ -170,7 +170,7 @@ impl LimitArgs {
     }
 }
 
-/// A spec with what a verifier needs.
+/// A spec with its sites for a verifier.
 pub(crate) struct Loaded {
     pub(crate) spec: Source,
     pub(crate) interfaces: Vec<Source>,
@@ -180,7 +180,7 @@ pub(crate) struct Loaded {
     pub(crate) lacks_interfaces: bool,
 }
 
-/// How it is said why a spec is refused.
+/// The form in which the refusal of a spec is reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
     /// To a person.
@@ -189,7 +189,7 @@ pub(crate) enum Refusal {
     Json,
 }
 
-/// Reads and compiles a spec; of what there is to say about it only errors are said.
+/// Reads and compiles a spec; of its diagnostics only errors are printed.
 pub(crate) fn load(
     file: &Path,
     controllers: &Controllers,
@@ -199,7 +199,7 @@ pub(crate) fn load(
     compiled(check::read_with(file, values)?, file, controllers, refusal)
 }
 
-/// Compiles the text of a spec that stands in a file.
+/// Compiles the text of a spec from a file.
 pub(crate) fn compiled(
     spec: Source,
     file: &Path,
@@ -272,7 +272,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
 }
 
-/// The time and memory that a verdict took; its text says the states.
+/// The time and memory that a verdict took; the text of the report has the states.
 fn effort(report: &Report, took: Duration) -> String {
     let seconds = took.as_secs_f64();
     #[expect(clippy::cast_precision_loss, reason = "a rate is rounded")]
@@ -280,7 +280,7 @@ fn effort(report: &Report, took: Duration) -> String {
     format!("it took {seconds:.2} s: {rate:.0} states a second, {} of memory at most", size(report.memory as u64))
 }
 
-/// Prints the model, or the transition system; one that is not whole is not printed.
+/// Prints the model, or the transition system; an incomplete one is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
     let Loaded { plan, sites, .. } = loaded;
     let is_model = matches!(format, Export::Jani | Export::Mcrl2);
@@ -308,10 +308,10 @@ fn say(text: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}],
-/// "states", "transitions", "memory_bytes", "assumed"}`. `assumes` is what one proof rests on, `{"text", "story"}`. A verdict is
-/// `proved`, `fails` or `open`; diagnostics are those of `dca check --format json`; what a limit has left open has neither
-/// diagnostic nor story.
+/// The whole report for a program:
+/// `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}], "states", "transitions", "memory_bytes", "assumed"}`.
+/// `assumes` is the assumption of one proof, `{"text", "story"}`. A verdict is `proved`, `fails` or `open`; diagnostics
+/// are those of `dca check --format json`; a question that a limit has left open has neither diagnostic nor story.
 fn json(loaded: &Loaded, report: &Report) -> String {
     let texts = Texts::new(&loaded.spec, &loaded.interfaces);
     let finding = |found: &Finding| {

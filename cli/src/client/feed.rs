@@ -1,7 +1,8 @@
-//! The events of all nodes that can be reached, as one stream; nodes that come later are heard, too.
+//! The events of all nodes that can be reached, as one stream; nodes that join later are included.
 //!
-//! A node tells what it knows, then that this was all up to now, and then what happens. A stream that breaks off is asked for
-//! again as soon as its node is found; what was told before is left out, by its number.
+//! A node sends its known events, then a mark that these were all up to now, and then the new ones. A stream that
+//! breaks off is requested again as soon as its node is found; events that were already received are left out, by their
+//! number.
 
 use super::signer::KeyPlace;
 use super::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
@@ -21,7 +22,7 @@ use tokio::task::JoinSet;
 
 /// How often nodes are looked for that are not heard.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How many messages wait for the reader; who tells more waits.
+/// How many messages wait for the reader; further senders wait.
 const MESSAGES_MAX: usize = 64;
 
 /// Whether a feed ends.
@@ -29,7 +30,7 @@ const MESSAGES_MAX: usize = 64;
 pub(crate) enum Mode {
     /// The feed ends with the events that are known.
     Snapshot,
-    /// The feed goes on as events happen, and as nodes come and go.
+    /// The feed continues as events happen, and as nodes come and go.
     Follow,
 }
 
@@ -38,17 +39,17 @@ pub(crate) enum Mode {
 pub(crate) enum FeedItem {
     /// Something has happened.
     Event(Box<Event>),
-    /// All that the nodes knew when the feed began has been told; but for nodes that are lost.
+    /// All events that the nodes knew when the feed began have been sent, except those of lost nodes.
     Current,
-    /// A node has told everything, and ends.
+    /// A node has sent all events, and ends.
     Left(String),
-    /// A node is not heard any more, and why.
+    /// The connection to a node is lost; the reason.
     Lost(String, String),
     /// A node is heard again.
     Back(String),
 }
 
-/// A node, by its connection and its name: commands have nodes of their own, which may have the same names.
+/// A node, by its connection and its name: nodes inside commands may have the same names.
 type Place = (usize, String);
 
 /// How it is with a node.
@@ -68,11 +69,11 @@ enum SourceMessage {
     Client(Arc<Client>),
     Found(usize, BTreeSet<String>),
     Events(Place, Vec<Event>),
-    /// The node has told what it knows, and has not heard everything of these hosts.
+    /// The node has sent its known events, which lack those of these hosts.
     Behind(Place, Vec<String>),
     Ended(Place),
     Broken(Place, String),
-    /// Nobody is waited for any longer.
+    /// The wait for the others is over.
     Late,
 }
 
@@ -82,7 +83,7 @@ pub(crate) struct Feed {
     mode: Mode,
     clients: Vec<Arc<Client>>,
     places: BTreeMap<Place, State>,
-    /// The nodes that have not told yet what they knew at the beginning; none once everybody has.
+    /// The nodes that have not yet sent the events from before the beginning; none once all have.
     catching_up: Option<BTreeSet<Place>>,
     /// The number of the next event of each deployment.
     next: BTreeMap<(usize, Deployment), u64>,
@@ -111,7 +112,7 @@ impl Feed {
     pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {
         let Clients { clients, hanging } = Clients::open(connect).await?;
         let mut feed = Self::new(mode);
-        // What runs on this machine and cannot be asked has something to tell, too.
+        // A command on this machine that cannot be asked may have events as well.
         let hanging = hanging.map(|failure| FeedItem::Lost("this machine".to_owned(), words(&failure)));
         feed.ready.extend(hanging.filter(|_| mode == Mode::Snapshot));
         let known: Vec<PathBuf> = clients.iter().filter_map(|client| client.base.clone()).collect();
@@ -135,8 +136,8 @@ impl Feed {
         Ok(feed)
     }
 
-    /// Asks those who have come since the first question, and says of all others that anybody knows of that they are lost: the home of a
-    /// deployment alone knows its events. So who ends up with all events has asked every host that is known.
+    /// Asks the nodes that have come since the first question, and reports all other known hosts as lost: only the home
+    /// of a deployment knows its events. So a client with all events has asked every known host.
     async fn ask_everybody(&mut self) {
         let clients = self.clients();
         let found = match clients.look().await {
@@ -168,7 +169,7 @@ impl Feed {
             lost.entry(part.home.clone()).or_insert_with(why);
         }
         for (host, why) in lost {
-            // One that is asked speaks for itself.
+            // A node that is asked reports for itself.
             if self.places.keys().all(|(_, asked)| *asked != host) {
                 self.ready.push_back(FeedItem::Lost(host, why));
             }
@@ -190,7 +191,7 @@ impl Feed {
         }
     }
 
-    /// Returns what is said next.
+    /// Returns the next item.
     ///
     /// # Cancellation
     /// Safe.
@@ -260,7 +261,7 @@ impl Feed {
         }
     }
 
-    /// Says that a node is lost, unless that was said.
+    /// Reports that a node is lost, unless that was already reported.
     fn lost(&mut self, place: &Place, why: String) {
         if self.places.get(place) != Some(&State::Asked { was_lost: true }) {
             self.ready.push_back(FeedItem::Lost(place.1.clone(), why));
@@ -299,7 +300,7 @@ impl Feed {
         if self.places.insert(place.clone(), State::Heard) == Some(State::Asked { was_lost: true }) {
             self.ready.push_back(FeedItem::Back(place.1.clone()));
         }
-        // Without events it says that these were all up to now.
+        // Without events it marks that these were all up to now.
         if events.is_empty() {
             self.told(&place);
         }
@@ -312,7 +313,7 @@ impl Feed {
         }
     }
 
-    /// Says what a home has not heard from others, or from programs of its own that its node takes over.
+    /// Reports the hosts, or programs adopted by its node, from which a home has not heard.
     fn behind(&mut self, home: &Place, hosts: Vec<String>) {
         for host in hosts {
             let why = if host == home.1 {
@@ -330,7 +331,7 @@ impl Feed {
         self.places.insert(place, state);
     }
 
-    /// Returns whether a node has not told yet what it knew at the beginning.
+    /// Returns whether a node has not yet sent the events from before the beginning.
     fn is_behind(&self, place: &Place) -> bool {
         self.catching_up.as_ref().is_some_and(|waiting| waiting.contains(place))
     }

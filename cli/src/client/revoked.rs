@@ -1,4 +1,4 @@
-//! Robots that nobody asks any more: their keys are revoked, and no node of the team links to them.
+//! Robots that are not asked any more: their keys are revoked, and no node of the team links to them.
 
 use super::{ANSWER_WITHIN, Client};
 use anyhow::anyhow;
@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use team::visitor::VisitorIdentity;
 
 impl Client {
-    /// Returns the hosts whose keys are all revoked, as far as these nodes have met them; nobody without a team.
+    /// Returns the hosts whose keys are all revoked, as far as these nodes have met them; none without a team.
     pub(crate) async fn revoked(&self, nodes: impl Iterator<Item = &str>) -> BTreeSet<String> {
         let identity = self.team().and_then(|file| VisitorIdentity::open(&file).ok());
         let Some(identity) = identity else { return BTreeSet::new() };

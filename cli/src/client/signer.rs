@@ -1,4 +1,4 @@
-//! Signs what a user asks of nodes in a team, with the user's key. A passphrase is asked for once a command.
+//! Signs a user's requests to nodes in a team, with the user's key. A passphrase is asked for once per command.
 
 use super::{ANSWER_WITHIN, Answers, Client, unasked};
 use crate::io::keyring::{Asked, Keyring, passphrase};
@@ -23,7 +23,7 @@ pub(crate) struct KeyPlace {
     pub(crate) passphrase: Option<PathBuf>,
 }
 
-/// What a command knows of who asks, and of the teams of nodes.
+/// A command's knowledge of its user, and of the teams of nodes.
 #[derive(Debug, Default)]
 pub(crate) struct Signing {
     place: KeyPlace,
@@ -36,7 +36,7 @@ struct State {
     signer: Option<Arc<Signer>>,
 }
 
-/// A user whose key is open.
+/// A user with an unlocked key.
 #[derive(Debug)]
 struct Signer {
     team: KeyId,
@@ -59,7 +59,7 @@ impl Signing {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).teams.push((host.to_owned(), team));
     }
 
-    /// Returns the user, whose key is opened the first time.
+    /// Returns the user; the first call unlocks the key.
     fn signer(&self, team: &TeamOfNode) -> anyhow::Result<Arc<Signer>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(signer) = state.signer.as_ref().filter(|signer| signer.team == KeyId(team.id)) {

@@ -13,28 +13,29 @@ use std::collections::BTreeSet;
 pub(crate) struct Statuses {
     /// The state of every node that answers, in order of name.
     pub(crate) nodes: Vec<NodeStatus>,
-    /// The nodes that are there and do not answer.
+    /// The known nodes that do not answer.
     pub(crate) silent: Vec<String>,
-    /// The hosts that some of those which answer miss, and that do not answer either.
+    /// The hosts that do not answer, and that some of the answering nodes miss.
     pub(crate) missed: BTreeSet<String>,
 }
 
 impl Client {
-    /// Asks every node at once how it is, and then those that only others have named; those that do not answer are noted.
+    /// Asks every node at once for its status, and then the nodes that only others have named; nodes that do not answer
+    /// are noted.
     pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
         self.statuses_noted(console::note).await
     }
 
-    /// The same, with `note` for what is to be said of those that do not answer.
+    /// The same, with `note` for the messages about nodes that do not answer.
     pub(crate) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
         let hosts = self.all().await?;
         let mut found = self.statuses_of(&hosts, note).await;
-        // Who has vanished from the network a moment ago is missed by the others a little later.
+        // A node that has just vanished from the network is missed by the others a little later.
         let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
         let Statuses { nodes, silent, .. } = self.statuses_of(&(&named - &hosts), note).await;
         found.nodes.extend(nodes);
         found.silent.extend(silent);
-        // Who is missed may be back by now. What is not is told by those who miss it.
+        // A missed node may be back by now. If not, the nodes that miss it report this.
         let asked = &named | &hosts;
         let missed: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.missing.iter().cloned()).collect();
         let Statuses { nodes, silent, .. } = self.statuses_of(&(&missed - &asked), |_| {}).await;
@@ -76,7 +77,7 @@ impl Client {
     }
 }
 
-/// Waits for a node to say how it is.
+/// Waits for the status of a node.
 async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
     let answer = answers.next_by(deadline).await;
     let host = &answers.host;

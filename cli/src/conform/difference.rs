@@ -20,18 +20,18 @@ pub(super) fn difference(recorded: &Plan, spec: &Plan) -> Option<String> {
         .or_else(|| claims(recorded, spec))
 }
 
-/// What one process, or one connection, differs in; the values only where they are short.
+/// A difference of one process or connection; with the values only if they are short.
 struct Differs {
     what: &'static str,
     values: Option<(String, String)>,
 }
 
-/// Compares what can be said in a word or two.
+/// Compares properties that fit into a word or two.
 fn said<T: PartialEq>(what: &'static str, pair: (&T, &T), words: impl Fn(&T) -> String) -> Option<Differs> {
     (pair.0 != pair.1).then(|| Differs { what, values: Some((words(pair.0), words(pair.1))) })
 }
 
-/// Compares what is too long for that.
+/// Compares properties that are too long for that.
 fn differs<T: PartialEq>(what: &'static str, pair: (&T, &T)) -> Option<Differs> {
     (pair.0 != pair.1).then_some(Differs { what, values: None })
 }
@@ -58,7 +58,8 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
     first((&all(recorded), &all(spec)), who, |kind| format!("is a {kind} in the record alone"))
 }
 
-/// Says which is the first that one side has alone, or that differs; `differs` says how, of that of the record.
+/// Returns the first entry that only one side has, or that differs; `differs` describes a difference of the record's
+/// entry.
 fn first<T: PartialEq>(
     (recorded, spec): (&BTreeMap<String, T>, &BTreeMap<String, T>),
     who: impl Fn(&String) -> String,
@@ -133,7 +134,7 @@ fn owner(group: &Group, owner: Option<u32>) -> Option<String> {
     group.members.get(owner? as usize).map(|member| member.name.clone())
 }
 
-/// A connection set: the owner, the label, whether it is always open, and what is in it.
+/// A connection set: the owner, the label, whether it is always open, and its connections.
 type Set = (Option<String>, Option<String>, bool, Vec<String>);
 
 /// The connection sets of a group.

@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long a database has to answer what it can answer at once. A disk may take a while to write.
+/// How long a database has for an answer that needs no waiting. A disk may take a while to write.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// The robot to ask, and the form of the answer.
@@ -41,7 +41,7 @@ pub(crate) struct Databases<'a> {
     client: &'a Client,
     /// The notes that were printed already.
     noted: Arc<Mutex<BTreeSet<String>>>,
-    /// The one that is asked unless another is named.
+    /// The default robot to ask.
     robot: String,
 }
 
@@ -86,12 +86,12 @@ impl DatabaseArgs {
         self.connect.key_place()
     }
 
-    /// Asks what has one answer.
+    /// Asks a question with one answer.
     pub(crate) fn ask(&self, question: Question) -> Result<Reply, Failure> {
         self.with(async |databases| databases.ask_one(databases.robot(), question).await)
     }
 
-    /// Asks what has an answer in any number of parts.
+    /// Asks a question whose answer has any number of parts.
     pub(crate) fn ask_all(
         &self,
         question: Question,
@@ -100,7 +100,7 @@ impl DatabaseArgs {
         self.with(async |databases| databases.ask_all(question, take).await)
     }
 
-    /// Asks what is answered by one sentence, and prints it.
+    /// Asks a question that is answered by one sentence, and prints it.
     pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
         let reply = self.ask(question)?;
         let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
@@ -108,7 +108,7 @@ impl DatabaseArgs {
         Ok(())
     }
 
-    /// Prints the sentence that says what was done.
+    /// Prints the sentence about the result.
     pub(crate) fn done(&self, sentence: String) {
         console::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
     }
@@ -120,7 +120,7 @@ impl<'a> Databases<'a> {
         Self { client, noted: Arc::default(), robot }
     }
 
-    /// Returns what the database of a robot says below `params/` and `below`, with whole keys.
+    /// Returns the values of a robot's database below `params/` and `below`, with whole keys.
     pub(crate) async fn parameters_of(&self, robot: &str, below: &str) -> Result<Vec<(String, Datum)>, Failure> {
         let prefix = format!("robot/{robot}/params/{below}");
         let mut replies = self.ask(robot, Question::List { prefix, at: AsOf::Now }).await?;
@@ -155,13 +155,13 @@ impl<'a> Databases<'a> {
         Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
     }
 
-    /// Asks one robot's database what has one answer.
+    /// Asks one robot's database a question with one answer.
     pub(crate) async fn ask_one(&self, robot: &str, question: Question) -> Result<Reply, Failure> {
         let mut replies = self.ask(robot, question).await?;
         replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
     }
 
-    /// Asks what has an answer in any number of parts.
+    /// Asks a question whose answer has any number of parts.
     pub(crate) async fn ask_all(
         &self,
         question: Question,
@@ -174,7 +174,7 @@ impl<'a> Databases<'a> {
         Ok(())
     }
 
-    /// Returns what may be told to the programs of a robot.
+    /// Returns the parameters that may be set for the programs of a robot.
     pub(crate) async fn parameters(&self, robot: &str) -> Result<Vec<InstanceParameters>, Failure> {
         let answer = self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await?;
         let Answer::Parameters(all) = answer else { return Err(unasked(robot, &answer)) };
@@ -200,7 +200,7 @@ impl<'a> Databases<'a> {
 }
 
 impl Replies {
-    /// Returns the next answer; nothing after the last. What is for a person is passed on.
+    /// Returns the next answer; none after the last. Messages for a person are passed on.
     pub(crate) async fn next(&mut self, deadline: Time) -> Result<Option<Reply>, Failure> {
         tokio::select! {
             biased;

@@ -1,8 +1,8 @@
-//! `dca db import`: makes keys equal to what a file says.
+//! `dca db import`: makes keys equal to the content of a file.
 //!
-//! What the file changes is worked out here, from the keys that the robot sends: neither the file nor its changes fit into one
-//! message. They are written in as many transactions as it takes, each as large as one may be. A file that is imported again goes
-//! on where the last time ended, since what is written does not differ any more.
+//! The changes are computed here, from the keys that the robot sends: neither the file nor its changes fit into one
+//! message. They are written in as many transactions as necessary, each as large as possible. Importing a file again
+//! continues where the last import ended, since written keys no longer differ.
 
 use super::databases::{Databases, refusal};
 use super::file::read;
@@ -29,7 +29,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How often a person is told how far it has got.
+/// How often the progress is printed.
 const TELL_EVERY: Duration = Duration::from_secs(1);
 
 /// The arguments of `dca db import`.
@@ -40,10 +40,10 @@ pub struct Import {
     /// Delete keys that are not in the file, if they are below its prefix
     #[arg(long)]
     delete: bool,
-    /// Only show what would change
+    /// Only show the changes
     #[arg(long)]
     dry_run: bool,
-    /// Everything in one transaction, and only if nobody writes these keys meanwhile
+    /// Everything in one transaction, and only if no other client writes these keys in the meantime
     #[arg(long)]
     atomic: bool,
     #[command(flatten)]
@@ -55,7 +55,7 @@ pub struct Import {
 struct Done {
     /// The transactions.
     dots: Vec<Dot>,
-    /// Whether one of them has not got as far as asked.
+    /// Whether one of them has not reached the requested level.
     pending: bool,
 }
 
@@ -105,7 +105,7 @@ impl Import {
         Ok(done)
     }
 
-    /// Shows what changes, to a person.
+    /// Shows the changes to a person.
     fn show(&self, import: &transfer::Import) {
         let readers = Readers::of(&self.commit.database);
         if self.commit.database.json {
@@ -121,7 +121,7 @@ impl Import {
         }
     }
 
-    /// Says what was written.
+    /// Reports the writes.
     fn report(&self, import: &transfer::Import, done: &Done) -> Result<(), Failure> {
         let transactions: Vec<String> = done.dots.iter().map(ToString::to_string).collect();
         if self.commit.database.json {
@@ -174,7 +174,7 @@ impl Progress {
     }
 }
 
-/// Returns what the robot that is asked has below a prefix.
+/// Returns the keys of the asked robot below a prefix.
 async fn below_prefix(databases: &Databases<'_>, prefix: String) -> Result<State, Failure> {
     let (mut entries, question) = (Vec::new(), Question::List { prefix, at: AsOf::Now });
     let take = |reply| {
@@ -186,7 +186,7 @@ async fn below_prefix(databases: &Databases<'_>, prefix: String) -> Result<State
     Ok(state_of(entries))
 }
 
-/// Returns who alone writes where.
+/// Returns the owners of prefixes.
 async fn owners(databases: &Databases<'_>) -> Result<Owners, Failure> {
     let mut owners = Vec::new();
     let take = |reply| {
@@ -211,7 +211,7 @@ fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
     groups.into_values().collect()
 }
 
-/// Returns what has to hold for nobody to have written these keys since they were read.
+/// Returns the conditions under which these keys have not been written since they were read.
 fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
     let condition = |key: &Key| match state.versions(key) {
         _ if state.is_conflict(key) => Err(anyhow!(
@@ -231,7 +231,7 @@ fn does_not_fit(parts: &[Vec<Write>], drafts: usize) -> Failure {
     anyhow!("nothing was written: {keys} would change, and {why}; import a part of it, or leave `--atomic` out").into()
 }
 
-/// Says of a transaction that failed what was committed before it.
+/// Adds to the failure of a transaction how much was committed before it.
 fn partly(failure: Failure, done: usize, count: usize) -> Failure {
     let add = |error: anyhow::Error| {
         anyhow!(

@@ -21,16 +21,16 @@ pub struct History {
     /// A key, or a prefix that ends in `/`, or nothing for everything
     #[arg(default_value = "")]
     key: String,
-    /// Only what this robot did
+    /// Only changes by this robot
     #[arg(long, value_name = "ROBOT")]
     by: Option<String>,
-    /// Only what was done from this date on, such as `2026-11-21 10:00`
+    /// Only changes from this date on, such as `2026-11-21 10:00`
     #[arg(long, value_name = "DATE", value_parser = a_date)]
     from: Option<u64>,
-    /// Only what was done before this date
+    /// Only changes before this date
     #[arg(long, value_name = "DATE", value_parser = a_date)]
     until: Option<u64>,
-    /// Only the last so many
+    /// Only the last changes, at most this many
     #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
     limit: usize,
     #[command(flatten)]

@@ -44,7 +44,7 @@ impl Get {
     }
 }
 
-/// Prints what the keys below a prefix hold, or have held.
+/// Prints the present or past values of the keys below a prefix.
 pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<(), Failure> {
     let question = Question::List { prefix, at };
     let mut entries = Vec::new();
@@ -72,7 +72,7 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
     Ok(())
 }
 
-/// Returns what a read shows.
+/// Returns the value that a read shows.
 fn shown(versions: &[Version]) -> Option<Datum> {
     versions.last()?.value.as_ref().map(Datum::of)
 }

@@ -1,4 +1,4 @@
-//! Values as people see them: of a secret who may read it, instead of its sealed bytes.
+//! Values for people: for a secret, its readers instead of its sealed bytes.
 
 use super::databases::DatabaseArgs;
 use crate::io::keyring::Keyring;
@@ -11,22 +11,22 @@ use trust::bundle::Bundle;
 use trust::identity::KeyId;
 use trust::seal::Sealed;
 
-/// How a sealed value begins as TOML. It stands nowhere else: inside of a text, quotes are escaped.
+/// The beginning of a sealed value in TOML. It occurs nowhere else: inside a text, quotes are escaped.
 const BEGIN: &str = "{\"$sealed\" = \"";
 /// How it ends.
 const END: &str = "\"}";
 
-/// The names of those who can read secrets, as far as this machine knows them. They are looked up with the first secret.
+/// The names of the readers of secrets, as far as this machine knows them. They are looked up with the first secret.
 #[derive(Debug)]
 pub(crate) struct Readers {
     keys: Option<PathBuf>,
     names: OnceCell<BTreeMap<KeyId, String>>,
-    /// Whether somebody was told that a name is not known.
+    /// Whether the note about an unknown name has been printed.
     unknown: OnceCell<()>,
 }
 
 impl Readers {
-    /// Returns those in the teams whose keys these arguments name.
+    /// Returns the readers in the teams whose keys these arguments name.
     pub(crate) fn of(database: &DatabaseArgs) -> Self {
         Self { keys: database.key_place().folder, names: OnceCell::new(), unknown: OnceCell::new() }
     }
@@ -53,7 +53,7 @@ impl Readers {
         }
     }
 
-    /// Adds lines of an exported file to a text, and before each with a secret a comment on who may read it: the bytes stay, so
+    /// Adds lines of an exported file to a text, and before each secret a comment with its readers: the bytes stay, so
     /// that the file can be imported.
     pub(crate) fn explain(&self, lines: &str, text: &mut String) {
         for line in lines.split_inclusive('\n') {
@@ -81,7 +81,7 @@ impl Readers {
         text + rest
     }
 
-    /// Returns what is before the first secret in TOML, what is to be said of it, and what is behind it.
+    /// Returns the part of a TOML text before the first secret, the text about the secret, and the part behind it.
     fn next<'a>(&self, toml: &'a str) -> Option<(&'a str, (String, &'a str))> {
         let mut from = 0;
         loop {
@@ -142,7 +142,7 @@ mod tests {
     use trust::identity::{Entropy, SecretKeys};
     use trust::seal::{Place, Secret};
 
-    /// Returns a secret for two robots, of whom only `r2` has a name here; and what is said of it.
+    /// Returns a secret for two robots, of which only `r2` has a name here; and the text about it.
     fn secret() -> (Readers, Datum, String) {
         let mut entropy = Entropy::new(&[7; 32]);
         let robots = [(), ()].map(|()| *SecretKeys::generate(&mut entropy).public());
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(json[1]["value"]["secret"]["generation"], 1);
         assert_eq!(json[1]["value"]["secret"]["for"].as_array().unwrap().len(), 2);
         assert_eq!((&json[0], &json[1]["by"]), (&1.into(), &"r1".into()));
-        // What only looks like a secret is shown as it is.
+        // A value that only looks like a secret is shown unchanged.
         let Datum::Sealed(bytes) = &secret else { panic!("it is sealed") };
         let cut = Datum::Sealed(bytes[1..].to_vec());
         let text = Datum::Text(secret.to_toml());

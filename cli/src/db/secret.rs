@@ -34,7 +34,7 @@ pub struct SecretArgs {
     /// The robots that may read the secret, such as `r2,r7`
     #[arg(long = "for", value_name = "ROBOTS", value_delimiter = ',', requires = "secret")]
     readers: Vec<Name>,
-    /// The secret is in this file, as it is
+    /// Read the secret from this file, unchanged
     #[arg(long, value_name = "FILE", requires = "secret")]
     file: Option<PathBuf>,
 }
@@ -79,9 +79,9 @@ fn value(file: Option<&Path>) -> anyhow::Result<Secret> {
     Ok(Secret::new(bytes)?)
 }
 
-/// Returns what is on standard input, without the end of its last line.
+/// Returns the content of standard input, without the end of its last line.
 fn standard_input() -> anyhow::Result<Zeroizing<Vec<u8>>> {
-    // In one piece from the start: what grows leaves copies behind.
+    // Allocated at full size from the start: a buffer that grows leaves copies behind.
     let mut bytes = Zeroizing::new(Vec::with_capacity(VALUE_SIZE_MAX + 1));
     let limit = u64::try_from(VALUE_SIZE_MAX)?;
     let input = File::from(rustix::io::dup(io::stdin())?);
@@ -112,7 +112,7 @@ fn keys_of(keyring: &Keyring, team: &TeamOfNode, names: &[Name]) -> anyhow::Resu
     Ok(readers)
 }
 
-/// Returns the keys that a robot has now: of several with its name, those that were made last.
+/// Returns the present keys of a robot: if several have its name, the newest.
 fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
     let holders = bundle.holders(::team::now());
     let robots = holders.iter().filter(|holder| {
@@ -127,7 +127,7 @@ fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
     Ok(newest.certificate.claims().keys)
 }
 
-/// Returns what is sealed at a key.
+/// Returns the sealed value of a key.
 async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, Failure> {
     let reply = databases.ask_one(databases.robot(), Question::Get { key: key.clone() }).await?;
     let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
@@ -136,7 +136,7 @@ async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, 
     Ok(value.as_ref().and_then(readers::sealed))
 }
 
-/// Seals a secret; returns the value to write, and what to say of it.
+/// Seals a secret; returns the value to write, and the text about it.
 fn sealed(
     (secret, key): (&Secret, &Key),
     readers: &[PublicKeys],
@@ -163,7 +163,7 @@ fn count(readers: usize) -> String {
     if readers == 1 { "1 robot".to_owned() } else { format!("{readers} robots") }
 }
 
-/// Returns the keys of all secrets that one of these can open, in the database that is asked.
+/// Returns the keys of all secrets in the asked database that one of these can open.
 pub(crate) async fn readable(databases: &Databases<'_>, keys: &[KeyId]) -> Result<Vec<String>, Failure> {
     let question = Question::List { prefix: String::new(), at: AsOf::Now };
     let mut replies = databases.ask(databases.robot(), question).await?;

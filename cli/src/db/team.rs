@@ -23,7 +23,7 @@ pub struct Status {
 /// The arguments of `dca db retire`.
 #[derive(Debug, clap::Args)]
 pub struct Retire {
-    /// The robot, or one of its origins as `dca db status` shows them
+    /// The robot, or one of its origins as listed by `dca db status`
     member: String,
     /// Retire the names that the robot had before its present one, as after its disk was lost or set back
     #[arg(long)]

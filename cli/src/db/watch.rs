@@ -1,4 +1,5 @@
-//! `dca db watch`: prints every change of keys as it happens, also those of a time in which no robot could be reached.
+//! `dca db watch`: prints every change of keys as it happens, including changes from a time in which no robot could be
+//! reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
 use super::readers::Readers;
@@ -65,7 +66,7 @@ impl Watch {
                     *told = Some(version);
                 }
                 Ok(Some(other)) => return Err(refusal(&other)),
-                // It has been there before: it comes back, and tells what was missed.
+                // The robot has answered before: it returns, and sends the missed changes.
                 Ok(None) | Err(Failure::Unreachable(_)) if told.is_some() => {}
                 Ok(None) => return Err(replies.ended()),
                 Err(failure) => return Err(failure),
@@ -78,7 +79,7 @@ impl Watch {
         }
     }
 
-    /// Prints what is told, until nothing more is.
+    /// Prints the news until there are no more.
     async fn take(&self, replies: &mut Replies, told: &mut Option<VersionVector>) -> Result<(), Failure> {
         while let Some(reply) = replies.more().await? {
             let Reply::Notification(told_now) = reply else { return Err(refusal(&reply)) };
@@ -109,7 +110,7 @@ impl Watch {
     }
 
     fn print(&self, event: &Event) -> Result<(), Failure> {
-        // Looked up anew each time: a watch outlives changes of the team.
+        // Looked up again each time: a watch outlives changes of the team.
         let readers = Readers::of(&self.database);
         if self.database.json {
             console::say(&readers.json(serde_json::to_value(event)?).to_string());

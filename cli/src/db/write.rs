@@ -20,7 +20,7 @@ use std::time::Duration;
 /// The arguments of every verb that commits.
 #[derive(Debug, clap::Args)]
 pub struct CommitArgs {
-    /// Why, for whoever looks at the history
+    /// The reason, for the history
     #[arg(long, short = 'm', value_name = "WHY", default_value = "")]
     reason: String,
     /// Wait until it is on disks: `local`, `replicated:2`, `on:r2,r3` or `everywhere`
@@ -41,7 +41,7 @@ pub struct Put {
     /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`; of a parameter also a quantity: `20 N`
     #[arg(allow_hyphen_values = true, required_unless_present = "secret", conflicts_with = "secret")]
     value: Option<String>,
-    /// The value is a text, as it stands
+    /// The value is a text, without quotes
     #[arg(long, conflicts_with_all = ["from_json", "secret"])]
     text: bool,
     /// The value is JSON
@@ -84,7 +84,7 @@ impl Put {
 impl Delete {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        // An earlier version wrote keys that are none any more: they can be deleted.
+        // An earlier version wrote keys that are invalid now: they can be deleted.
         let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::try_from).collect();
         let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
         self.commit.commit(vec![], writes)
@@ -101,19 +101,19 @@ pub(crate) enum CommitProgress {
     Done(String),
 }
 
-/// Returns whether a transaction writes below `local/` only: it is in no log then, and nobody can ask for its name.
+/// Returns whether a transaction writes below `local/` only: then it is in no log, and its name cannot be asked for.
 fn stays_here(question: &Question) -> bool {
     let Question::Commit(commit) = question else { return false };
     commit.writes.iter().all(|write| write.key.namespace() == Namespace::Local)
 }
 
 impl CommitArgs {
-    /// Commits, on the robot whose keys they are, and says how far it has got.
+    /// Commits, on the robot that owns the keys, and reports how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
         self.send(&self.question(self.reason.clone(), requires, writes))
     }
 
-    /// Returns what asks for a commit.
+    /// Returns the question that asks for a commit.
     pub(crate) fn question(&self, reason: String, requires: Vec<Require>, writes: Vec<Write>) -> Question {
         let (level, within) = (self.level.clone(), self.within);
         Question::Commit(Commit { reason, requires, writes, level, within })
@@ -124,7 +124,8 @@ impl CommitArgs {
         if self.reason.is_empty() { otherwise.to_owned() } else { self.reason.clone() }
     }
 
-    /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
+    /// Sends a question that is answered like a transaction, to the robot that owns the keys, and reports how far it
+    /// has got.
     pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
         let (dot, reached) = match self.database.with(async |databases| self.write_on(databases, question).await)? {
             CommitProgress::AckLevel(dot) => (dot, true),
@@ -146,7 +147,7 @@ impl CommitArgs {
         if reached { Ok(()) } else { Err(self.pending()) }
     }
 
-    /// Says that what was written had not got as far as asked.
+    /// Reports that the write had not reached the requested level.
     pub(crate) fn pending(&self) -> Failure {
         Failure::Unreachable(anyhow!(
             "it is committed for good and will go on to the others, but had not got as far as asked within {}; `dca db \
@@ -155,7 +156,7 @@ impl CommitArgs {
         ))
     }
 
-    /// Writes, on the robot whose keys they are.
+    /// Writes, on the robot that owns the keys.
     pub(crate) async fn write_on(
         &self,
         databases: &Databases<'_>,
@@ -191,7 +192,7 @@ impl CommitArgs {
         }
         match replies.next(clock::now() + self.within + ANSWER_WITHIN).await {
             Ok(Some(Reply::Reached(dot))) => Ok(Ok(CommitProgress::AckLevel(dot))),
-            // The transaction is on a disk, whatever has become of who was asked.
+            // The transaction is on a disk, even if the asked robot is gone.
             Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(CommitProgress::Pending(dot))),
             Ok(Some(other)) => Err(refusal(&other)),
             Err(failure) => Err(failure),
@@ -244,7 +245,7 @@ fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Option<S
     ))
 }
 
-/// Reads a value as in TOML; a parameter may be a quantity, which is a text of its own.
+/// Reads a value as in TOML; a parameter may be a quantity, which is a separate text.
 pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
     Datum::from_toml(value).or_else(|error| {
         let is_quantity = parameters::robot_of(key).is_some() && language::is_quantity(value);
@@ -252,7 +253,7 @@ pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
     })
 }
 
-/// Refuses what no running program takes; where nobody can say that, a note does.
+/// Refuses values that no running program takes; prints a note if this cannot be known.
 async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result<(), Failure> {
     let mut known: BTreeMap<&str, Vec<InstanceParameters>> = BTreeMap::new();
     let values = writes.iter().filter_map(|write| Some((write.key.as_str(), write.value.as_ref()?)));
@@ -261,7 +262,7 @@ async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result
         if !known.contains_key(robot) {
             let told = match databases.parameters(robot).await {
                 Ok(told) => told,
-                // Whether it can be written there is said by whoever is asked to.
+                // The robot that gets the write reports whether it can be written there.
                 Err(Failure::Unreachable(_)) => continue,
                 Err(failure) => return Err(failure),
             };

@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tokio::sync::mpsc::Sender;
 
-/// What is heard of a mission.
+/// The streams of a mission that are received.
 pub(super) struct Hearing {
     /// The name of the deployment.
     name: String,
-    /// What this command shows to programs on other hosts of a team.
+    /// The credentials that this command shows to programs on other hosts of a team.
     team: Option<PathBuf>,
     /// The wires that are recorded.
     ports: Vec<Port>,
@@ -21,7 +21,7 @@ pub(super) struct Hearing {
     sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
     /// Look at signals, and at wires; each from when there is something to look at on.
     observers: [Option<Observer>; 2],
-    /// By path, the session of each program as it was told last, and whether all were told.
+    /// By path, the last reported session of each program, and whether all were reported.
     sessions: BTreeMap<String, String>,
     is_located: bool,
 }

@@ -27,7 +27,8 @@ pub(super) fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure
     Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
 }
 
-/// Ends a record, and makes its page. Returns what is missing of it, which is an error whatever the mission has come to.
+/// Ends a record, and makes its page. Returns what the record lacks, which is an error whatever the result of the
+/// mission.
 pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Result<(), anyhow::Error>) {
     let mut files = Files::default();
     let (record, finished) = (recorder.path().to_owned(), recorder.finish());
@@ -36,7 +37,7 @@ pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Res
             files.dropped = dropped;
             Ok(())
         }
-        // What was recorded before is good.
+        // The earlier part of the record is good.
         Err(error) => Err(anyhow!("the record is not complete: {error:#}")),
     };
     let page = record.with_file_name(report::FILE);

@@ -10,7 +10,8 @@
 //!     renewed           the user's own credential, renewed by a node
 //! ```
 //!
-//! Folders have mode 0700 and files 0600. A file that others may read or write is refused, not mended: who knows who has.
+//! Folders have mode 0700 and files 0600. Files with wider permissions are rejected rather than fixed, because another
+//! user may already have read them.
 
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
@@ -43,7 +44,7 @@ const NUMBER_MAX: u64 = 32;
 pub(crate) struct Keyring(PathBuf);
 
 impl Keyring {
-    /// Returns the one in this folder, or that of this user; it need not be there yet.
+    /// Returns the keyring in this folder, or that of this user; it need not exist yet.
     pub(crate) fn at(folder: Option<&Path>) -> anyhow::Result<Self> {
         let folder = match folder {
             Some(folder) => folder.to_owned(),
@@ -69,7 +70,7 @@ impl Keyring {
         Ok(names)
     }
 
-    /// Returns the name that was asked for, or that of the only team.
+    /// Returns the requested name, or that of the only team.
     pub(crate) fn only(&self, asked: Option<Name>) -> anyhow::Result<Name> {
         if let Some(name) = asked {
             return Ok(name);
@@ -82,13 +83,13 @@ impl Keyring {
         }
     }
 
-    /// Keeps a new team. One of its name must not be there.
+    /// Keeps a new team. There must not be one of its name.
     pub(crate) fn begin(&self, root: &LockedKeys, bundle: &Bundle) -> anyhow::Result<()> {
         let name = bundle.team().name();
         let folder = self.0.join(name.as_str());
         private_folder(&self.0, true)?;
         let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-        // Who makes the folder has the name; an empty one is what an interrupted command has left.
+        // The command that makes the folder owns the name; an empty folder was left by an interrupted command.
         if private_folder(&folder, false).is_err() {
             ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
             ensure!(
@@ -99,14 +100,14 @@ impl Keyring {
         }
         let written = write_private(&folder.join(ROOT), &root.to_bytes()).and_then(|()| self.keep(bundle));
         if written.is_err() {
-            // Nobody has been given anything of it yet.
+            // No part of it has been given out yet.
             drop(fs::remove_file(folder.join(ROOT)));
         }
         written
     }
 
-    /// Changes a team as it is now, whatever it was when a command began, and keeps it; returns what `change` does, and the team.
-    /// Two commands change it one after the other.
+    /// Changes the present state of a team, whatever it was when the command began, and keeps it; returns the result of
+    /// `change`, and the team. Two commands change it one after the other.
     pub(crate) fn change<T>(
         &self,
         name: &Name,
@@ -122,7 +123,7 @@ impl Keyring {
         Ok((changed, bundle))
     }
 
-    /// Keeps what is new of a team.
+    /// Keeps the changes of a team.
     fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
         let text = bundle.to_text();
         ensure!(text.len() <= BUNDLE_MAX, "the team would have more than {BUNDLE_MAX} bytes");
@@ -158,9 +159,9 @@ impl Keyring {
         Ok(path)
     }
 
-    /// Returns the number of the next request, which no request of this machine has had, and writes it down. It is the time in
-    /// seconds unless that is used: so a folder that was restored from a copy goes on above what it has forgotten. A file that says
-    /// nothing, or a number that no node would take, is written anew.
+    /// Returns the number of the next request, which no request of this machine has had, and writes it down. It is the
+    /// time in seconds unless that is used: so a folder that was restored from a copy continues above the numbers it
+    /// has forgotten. An empty file, or a number that no node would accept, is replaced.
     pub(crate) fn next_number(&self, now: UnixTime) -> anyhow::Result<u64> {
         let path = self.0.join(NUMBER);
         let reading = || format!("reading `{}`", path.display());
@@ -182,13 +183,13 @@ impl Keyring {
         Ok(next)
     }
 
-    /// Returns what shows who the holder of a key is in a team, with the renewal that this machine has of it; nothing if the key has no
-    /// certificate.
+    /// Returns the credential of the holder of a key in a team, with this machine's renewal of it; none if the key has
+    /// no certificate.
     pub(crate) fn credential(&self, bundle: &Bundle, key: &KeyId) -> Option<Credential> {
         let own = bundle.credential_of(key)?;
         let path = self.0.join(bundle.team().name().as_str()).join(RENEWED);
         let renewed = read_private(&path, CREDENTIAL_MAX).ok().and_then(|bytes| Credential::from_bytes(&bytes).ok());
-        // One that is of a certificate before is worth nothing any more.
+        // A renewal of an earlier certificate has no value any more.
         Some(renewed.filter(|renewed| renewed.chain == own.chain).unwrap_or(own))
     }
 
@@ -197,7 +198,7 @@ impl Keyring {
         write_private(&self.0.join(team.as_str()).join(RENEWED), &renewed.to_bytes())
     }
 
-    /// Takes in what everybody may know of a team, besides what was known. Returns whether the team was not known.
+    /// Merges the public knowledge about a team into the known one. Returns whether the team was new.
     pub(crate) fn import(&self, bundle: &Bundle) -> anyhow::Result<bool> {
         let name = bundle.team().name();
         let folder = self.0.join(name.as_str());
@@ -214,7 +215,7 @@ impl Keyring {
                 self.0.display()
             );
             known.merge(bundle)?;
-            // What is kept can be read again.
+            // The result can be read again.
             Bundle::from_text(&known.to_text()).context("it does not fit what is known here")?;
             Ok(())
         })?;
@@ -228,7 +229,7 @@ impl Keyring {
     }
 }
 
-/// Returns whether something is there: also a link that leads nowhere, as to a stick that is not plugged in.
+/// Returns whether the path exists, even as a dangling link, for example to a stick that is not plugged in.
 fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
@@ -275,10 +276,10 @@ fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u
     Ok(Zeroizing::new(bytes))
 }
 
-/// Where a passphrase comes from.
+/// The source of a passphrase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Asked {
-    /// It is there: it is asked for once.
+    /// An existing passphrase: asked for once.
     Known,
     /// It is new: a person types it twice.
     New,
@@ -312,8 +313,8 @@ pub(crate) fn typed_secret() -> anyhow::Result<Option<Zeroizing<String>>> {
     Ok(Some(first))
 }
 
-/// Asks a person at a terminal, which shows nothing meanwhile. The interrupt key is a character then, so that nobody leaves the
-/// terminal without an echo; it means no.
+/// Asks a person at a terminal, which shows nothing in the meantime. The interrupt key is read as a character, so that
+/// the terminal always gets its echo back; it means no.
 fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {
     let stdin = io::stdin();
     let before = tcgetattr(&stdin).context("asking the terminal")?;

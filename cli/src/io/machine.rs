@@ -19,7 +19,8 @@ use std::time::Duration;
 /// The command that gives a program a real-time priority. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
-/// Returns this machine as it is; `run` and `state` are the folders that nodes would use, none if the system has none.
+/// Returns the present state of this machine; `run` and `state` are the folders that nodes would use, none if the
+/// system has none.
 pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     let (interfaces, discovery) = session::discovery().await;
     let folders = vec![("sockets", sockets(run)), ("database", state.map_or_else(no_database, folder))];
@@ -83,13 +84,14 @@ fn sockets(run: &Path) -> Folder {
     }
 }
 
-/// Returns what is found for a node that has no folder for its database: nobody has named one, and this user has none by default.
+/// Returns the result for a node that has no folder for its database: none was given, and this user has none by
+/// default.
 fn no_database() -> Folder {
     let why = "there is no `HOME`, and no `--state` names another folder".to_owned();
     Folder { path: "$HOME/.local/state/dca".to_owned(), free: None, writing: Err(why) }
 }
 
-/// Looks at a folder; where it is not there yet, at the one that it would be made in.
+/// Looks at a folder; if it does not exist yet, at the one that it would be made in.
 fn folder(path: &Path) -> Folder {
     let there = path.ancestors().find(|path| path.exists()).unwrap_or(path);
     let path = path.display().to_string();
@@ -107,7 +109,7 @@ fn shim(path: &Path) -> Result<String, String> {
     version.ok_or_else(|| format!("`{}` does not say its version", path.display()))
 }
 
-/// Returns what a program prints, and whether it ends well.
+/// Returns the output of a program, and whether it ends well.
 fn asked(program: &Path, arguments: &[&str], within: Duration) -> Result<(String, bool), String> {
     let (text, status) = programs::ask(program, arguments, within)
         .map_err(|error| format!("`{}`: {}", program.display(), cause(&error)))?;
@@ -128,7 +130,7 @@ mod tests {
         let base = std::env::temp_dir();
         let found = folder(&base.join("dca-not-there/at/all"));
         assert!(found.writing.is_ok() && found.free.is_some_and(|free| free > 0), "{found:?}");
-        // What nobody can write to, root included.
+        // A place that even root cannot write to.
         assert!(folder(Path::new("/proc/1/dca")).free.is_some_and(|free| free == 0));
         for file in ["/dev/null", "/dev/null/below"] {
             let why = folder(Path::new(file)).writing.unwrap_err();

@@ -1,7 +1,7 @@
 //! Reads files that a person or a folder names. Only regular files are read, whole, up to a limit, and without waiting.
 //!
-//! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody writes, a device may have
-//! no end, and a regular file may be larger than the memory.
+//! A name in a folder may belong to anything. Opening a named pipe waits for a writer, a device may have no end, and a
+//! regular file may be larger than the memory.
 
 use comms::io::file::bounded;
 pub use comms::io::file::bytes;
@@ -14,20 +14,20 @@ pub const TEXT_MAX: usize = language::SOURCE_MAX;
 /// Returns the text of a regular file that has at most `bytes_max` bytes.
 ///
 /// # Errors
-/// As [`bytes`], or it is no UTF-8 text.
+/// Like [`bytes`], or the content is not UTF-8 text.
 pub fn text(path: &Path, bytes_max: usize) -> io::Result<String> {
     utf8(bytes(path, bytes_max)?)
 }
 
-/// Returns what is on standard input, whatever that is, up to its end.
+/// Returns the content of standard input, of any kind, up to its end.
 ///
 /// # Errors
-/// It cannot be read, has more than `bytes_max` bytes, or is no UTF-8 text.
+/// It cannot be read, has more than `bytes_max` bytes, or is not UTF-8 text.
 pub fn standard_input(bytes_max: usize) -> io::Result<String> {
     utf8(bounded(io::stdin().lock(), bytes_max)?)
 }
 
-/// Whether two paths lead to one file that is there.
+/// Whether two paths lead to the same existing file.
 pub fn are_same(one: &Path, other: &Path) -> bool {
     let real = |path: &Path| path.canonicalize().ok();
     real(one).is_some_and(|one| Some(one) == real(other))
@@ -90,7 +90,7 @@ mod tests {
         fs::remove_dir_all(folder).unwrap();
     }
 
-    /// A file may say that it has no length, and may have a terabyte without a block on the disk.
+    /// A file may report no length, and may have a terabyte without a block on the disk.
     #[test]
     fn a_limit_holds_whatever_the_file_says_of_itself() {
         let folder = folder("limit");

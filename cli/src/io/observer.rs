@@ -96,8 +96,8 @@ struct Opened {
 }
 
 impl Observer {
-    /// Begins an observer that looks at nothing yet. What comes goes to `sink`; samples are left out when it is full. In a team `team` is
-    /// the file with what the node of this machine gives its programs.
+    /// Opens an observer that watches nothing yet. Its events go to `sink`; samples are left out when it is full. In a
+    /// team `team` is the file with the credentials that the node of this machine gives its programs.
     pub fn open(team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
         let (more, sources) = mpsc::channel(MORE_MAX);
         let mut opening = JoinSet::new();
@@ -133,7 +133,7 @@ impl Observer {
         }
     }
 
-    /// Closes the session; what is being dialled is waited for, which takes 2 s at the most.
+    /// Closes the session; waits for dials in progress, which takes 2 s at most.
     pub async fn close(self) {
         let Self { mut opening, more } = self;
         drop(more);
@@ -148,8 +148,8 @@ impl Observer {
     }
 }
 
-/// Opens a data session that only dials, and says how it calls. In a team `team` is the file with what the node of this machine gives
-/// those who look at programs.
+/// Opens a data session that only dials, and returns how it calls. In a team `team` is the file with the credentials
+/// that the node of this machine gives to visitors.
 pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)> {
     let Some(file) = team else { return Ok((DataSession::open_observer(None)?, CallWay::Open)) };
     let identity = Arc::new(VisitorIdentity::open(file)?);
@@ -177,7 +177,7 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
         let mut dialling = JoinSet::new();
         for source in sources {
             let (session, sink) = (Arc::clone(&session), sink.clone());
-            // What is heard already is heard from the new program, too: it has the same key.
+            // A key that is already heard is also heard from the new program.
             let is_heard = heard.contains(&source.key);
             dialling.spawn_blocking(move || (source.key.clone(), reach(&session, source, sink, is_heard)));
         }
@@ -203,7 +203,8 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
     }
 }
 
-/// Hears a source, if need be from when it is reached on; says why not, or not yet. One that is heard is only reached.
+/// Hears a source, if necessary from the moment it is reached; returns why not, or not yet. A source that is already
+/// heard is only reached.
 fn reach(
     session: &DataSession,
     source: Source,
@@ -212,7 +213,7 @@ fn reach(
 ) -> (Option<Subscription>, Option<String>) {
     let Source { key, dial, what } = source;
     let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
-    // One that is far away takes longer.
+    // A distant program takes longer.
     let is_kept = dialled.is_err() && !dial.locators.is_empty();
     let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
     let hears = linked.and_then(|()| (!is_heard).then(|| hear(session, &key, what, sink)).transpose());
@@ -248,7 +249,7 @@ fn hear(
     })
 }
 
-/// Returns the samples that a message stands for: itself, or one for each peak between two samples, when that was.
+/// Returns the samples of a message: itself, or one for each peak between two samples, with its time.
 fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
     let path = path.to_owned();
     if let Ok(signals) = codec::decode::<Signals>(bytes) {

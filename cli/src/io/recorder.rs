@@ -1,9 +1,9 @@
-//! Writes the record of a run, on a thread of its own.
+//! Writes the record of a run, on a separate thread.
 //!
-//! The queue to it is bounded and nobody ever waits for it: samples that find it full are dropped and counted. Reports
-//! have as much room again, so that a burst of samples can not push them out. What is older than a second is on the
-//! file system, in whole chunks and with an end behind it: whoever kills the recorder loses no more than that, and any
-//! reader opens what is there.
+//! The queue to it is bounded and no producer ever waits for it: samples that find it full are dropped and counted.
+//! Reports have as much room again, so that a burst of samples cannot push them out. Data older than a second is on the
+//! file system, in whole chunks and with an end behind them: a killed recorder loses no more than that, and any reader
+//! opens the rest.
 
 mod disk;
 mod queue;
@@ -59,7 +59,7 @@ pub enum RecordError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// The file is no record.
+    /// The file is not a record.
     #[error("reading the record `{path}`: {cause}")]
     Read {
         /// Of the record.
@@ -70,7 +70,7 @@ pub enum RecordError {
 }
 
 impl RecordError {
-    /// Whether it is about a record that is there and cannot be read as a whole: damaged, cut, or of a later version.
+    /// Whether it is about an existing record that cannot be read completely: damaged, cut, or of a later version.
     pub fn is_of_a_record(&self) -> bool {
         match self {
             Self::Read { cause, .. } => !matches!(cause, ReadError::Foreign(_)),
@@ -84,7 +84,7 @@ fn reason(error: &McapError) -> String {
     if let McapError::Io(error) = error { cause(error) } else { error.to_string() }
 }
 
-/// Returns the record that a person means by its name, or by that of its folder.
+/// Returns the record with this name, or in the folder with this name.
 pub fn file(named: &Path) -> PathBuf {
     if named.is_dir() { named.join(FILE) } else { named.to_owned() }
 }
@@ -92,7 +92,7 @@ pub fn file(named: &Path) -> PathBuf {
 /// Reads a record, as far as it goes.
 ///
 /// # Errors
-/// When there is no such file, or it does not say what was run.
+/// When there is no such file, or it does not name its run.
 pub fn read(path: &Path) -> Result<Run, RecordError> {
     let bytes =
         named_file::bytes(path, RECORD_MAX).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
@@ -110,7 +110,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Begins the record `run.mcap` in `folder`, which is made if it is not there. A record that is there is replaced.
+    /// Begins the record `run.mcap` in `folder`, which is made if necessary. An existing record is replaced.
     ///
     /// # Errors
     /// When the file cannot be made, or the header cannot be written.
@@ -143,12 +143,12 @@ impl Recorder {
         self.queue.push(entry, since_1970 + (clock::now() - since), limit);
     }
 
-    /// Returns whether the record has broken off: nothing more is written, and [`Recorder::finish`] says why.
+    /// Returns whether the record has broken off: nothing more is written, and [`Recorder::finish`] has the reason.
     pub fn has_broken_off(&self) -> bool {
         self.thread.as_ref().is_some_and(JoinHandle::is_finished)
     }
 
-    /// Writes what is still in the queue and ends the record. Returns its path, and how many entries were dropped.
+    /// Writes the entries still in the queue and ends the record. Returns its path, and how many entries were dropped.
     ///
     /// # Errors
     /// When something could not be written, now or before: the record is good up to there.
@@ -224,7 +224,7 @@ impl Log {
     fn run(mut self, queue: &Queue) -> Result<(), McapError> {
         let result = self.follow(queue);
         if result.is_err() {
-            // Nobody will empty the queue any more.
+            // The queue will not be emptied any more.
             queue.close();
         }
         result

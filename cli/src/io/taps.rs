@@ -19,10 +19,10 @@ use tokio::sync::mpsc::Sender;
 /// How long a program has to be reached, and then to answer: the longest way there and back is 3 s, and to dial takes four.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// The pause before a program that nobody is known to answer for is asked again.
+/// The pause before a program without a known server is asked again.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
 
-/// The session, and what it hears.
+/// The session, and the values it receives.
 pub(crate) struct Taps {
     session: Arc<DataSession>,
     /// How it calls.
@@ -30,12 +30,13 @@ pub(crate) struct Taps {
     subscriptions: Vec<Subscription>,
     /// How many calls it has made.
     called: AtomicU64,
-    /// How long a link, and each answer but that of a call, may take.
+    /// How long a link may take, and each answer except that of a call.
     within: (Duration, Duration),
 }
 
 impl Taps {
-    /// Opens the session; it has no links yet. In a team `team` is the file with what the node of this machine gives its programs.
+    /// Opens the session; it has no links yet. In a team `team` is the file with the credentials that the node of this
+    /// machine gives its programs.
     pub(crate) async fn open(team: Option<PathBuf>) -> Result<Self, Failure> {
         // Zenoh's own calls block.
         let opened =
@@ -74,17 +75,18 @@ impl Taps {
         self.session.forget(session);
     }
 
-    /// Asks a program which outputs it has; none if it does not say.
+    /// Asks a program for its outputs; none if it does not list them.
     pub(crate) async fn outputs(&self, robot: &str, path: &str) -> Result<Option<Outputs>, Failure> {
         self.described(key::outputs(robot, path)).await
     }
 
-    /// Asks a program what it exports; none if it does not say.
+    /// Asks a program for its exports; none if it does not list them.
     pub(crate) async fn exports(&self, robot: &str, path: &str) -> Result<Option<Exports>, Failure> {
         self.described(key::exports(robot, path)).await
     }
 
-    /// Asks a program for what it always answers. Behind a link that has just been made, nobody may be known yet who does.
+    /// Asks a program for information that it always gives. Behind a link that has just been made, its server may not
+    /// be known yet.
     async fn described<T: Enveloped>(&self, key: String) -> Result<Option<T>, Failure> {
         let (_, within) = self.within;
         let until = clock::now() + within;

@@ -8,10 +8,10 @@ use std::io::{self, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// Writes a whole file: all of it, or none. A terminal, a device or a pipe that somebody reads gets the bytes as they are.
+/// Writes a whole file: all of it, or none. A terminal, a device or a pipe with a reader gets the bytes directly.
 ///
 /// # Errors
-/// The disk refuses, a folder or a socket has the name, or nobody reads the pipe. A file that was there before is as it was.
+/// The disk refuses, a folder or a socket has the name, or the pipe has no reader. An existing file is unchanged.
 pub fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let kind = fs::metadata(path).map(|there| there.file_type());
     if kind.is_ok_and(|kind| kind.is_char_device() || kind.is_fifo()) {
@@ -22,7 +22,7 @@ pub fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     file.finish()
 }
 
-/// Writes to what is no file, without waiting for a reader.
+/// Writes to something other than a file, without waiting for a reader.
 fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let flags = OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().write(true).custom_flags(flags).open(path);
@@ -30,13 +30,14 @@ fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => bail!("nobody reads this pipe"),
         opened => opened?,
     };
-    // Whoever reads it may take its time.
+    // The reader may take its time.
     rustix::fs::fcntl_setfl(&file, OFlags::empty())?;
     file.write_all(bytes)?;
     Ok(())
 }
 
-/// A file that is being written. Dropped before [`WholeFile::finish`], it is gone, and what had its name before is as it was.
+/// A file that is being written. If it is dropped before [`WholeFile::finish`], it is gone, and an existing file of its
+/// name is unchanged.
 #[derive(Debug)]
 pub struct WholeFile {
     file: File,
@@ -54,12 +55,12 @@ impl WholeFile {
         Self::begin(path, OpenOptions::new().create(true).truncate(true))
     }
 
-    /// Begins a file that nobody but its owner may ever read: mode 0600, also while it is being written.
+    /// Begins a file that only its owner may ever read: mode 0600, also while it is being written.
     ///
     /// # Errors
     /// As [`WholeFile::create`].
     pub fn create_private(path: &Path) -> anyhow::Result<Self> {
-        // What is left of a process with the same id has another mode, maybe: it is not written on.
+        // A leftover of a process with the same id may have another mode, so it is not reused.
         let new = Self::begin(path, OpenOptions::new().create_new(true).mode(0o600))?;
         new.file.set_permissions(Permissions::from_mode(0o600)).context("making a file private")?;
         Ok(new)
@@ -69,7 +70,7 @@ impl WholeFile {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             bail!("{} is no regular file", path.display());
         }
-        // A link stays a link, and a file keeps who may read it.
+        // A link stays a link, and a file keeps its permissions.
         let path = &fs::canonicalize(path).unwrap_or_else(|_not_there_yet| path.to_owned());
         let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
         // Two commands that write the same file at the same time do not write into one.

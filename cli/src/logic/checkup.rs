@@ -5,13 +5,13 @@ use comms::io::clock::ClockQuality;
 use serde::Serialize;
 use std::fmt;
 
-/// Below so many open files and sockets a node of a small robot runs out of them: each program takes about ten.
+/// With fewer open files and sockets a node of a small robot runs out of them: each program takes about ten.
 const FILES_FEW: u64 = 4096;
-/// Below so many not even the tutorial runs.
+/// With fewer not even the tutorial runs.
 const FILES_MIN: u64 = 256;
-/// Below so much space on a disk a person should know, in bytes.
+/// With less space on a disk a person should be told, in bytes.
 const SPACE_LOW: u64 = 1 << 30;
-/// Below so much output and journals are about to be refused, in bytes.
+/// With less, output and journals will soon be refused, in bytes.
 const SPACE_MIN: u64 = 64 << 20;
 
 /// How a finding is to be taken.
@@ -49,18 +49,18 @@ pub struct Check {
     pub hint: Option<&'static str>,
 }
 
-/// A machine as it is.
+/// The present state of a machine.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// Why the kernel does not let a node end what it starts, if so.
+    /// Why the kernel does not let a node end its programs, if so.
     pub kernel: Result<(), String>,
-    /// Whether a process may have a control group of its own, of version 2.
+    /// Whether a process may have its own control group, of version 2.
     pub has_groups: bool,
     /// How far its calendar clock is to be believed.
     pub clock: ClockQuality,
     /// The interfaces on which nodes of other machines can be found.
     pub interfaces: Vec<String>,
-    /// Why nobody can be heard there, if so.
+    /// Why no node can be heard there, if so.
     pub discovery: Result<(), String>,
     /// Why no port can be listened on, if so.
     pub listening: Result<(), String>,
@@ -68,7 +68,7 @@ pub struct Machine {
     pub files: Option<u64>,
     /// Why no program can have a real-time priority, if so.
     pub realtime: Result<(), String>,
-    /// The folders that nodes write to: what for, and how it is there.
+    /// The folders that nodes write to: their purpose, and their state.
     pub folders: Vec<(&'static str, Folder)>,
     /// The version of the shim, or why there is none.
     pub shim: Result<String, String>,
@@ -111,7 +111,7 @@ pub struct Package {
 pub struct FoundPolicy {
     /// Its file.
     pub path: String,
-    /// The user as whom programs run, if that one could change it.
+    /// The user that programs run as, if this user could change it.
     pub could_be_changed_by: Option<String>,
 }
 
@@ -372,7 +372,7 @@ mod tests {
         assert_eq!(python, Some("`.venv/bin/python` is Python 3.12.1, with `dca` 1 from `/venv/dca`"));
     }
 
-    /// Checks that one finding of a machine with a flaw has this level and says this; the others are good.
+    /// Checks that one finding of a machine with a flaw has this level and this text; the others are good.
     #[track_caller]
     fn check_flaw(flaw: impl FnOnce(&mut Machine), level: Level, name: &str, words: &str) {
         let mut machine = good();

@@ -13,15 +13,15 @@ use std::time::Duration;
 
 /// How fast two kept clocks may drift apart, as a ratio: the kernel slews each by 500 ppm at the most. Source: adjtimex(2).
 const DRIFT_MAX: f64 = 0.001;
-/// From which difference on one of two clocks is called wrong, in seconds.
+/// The difference in seconds from which one of two clocks is called wrong.
 const WRONG_FROM: f64 = 1.0;
 
-/// One question to a host what its clock shows, and the answer.
+/// One question to a host for the time of its clock, and the answer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Exchange {
-    /// When it was asked, on a clock that nobody sets.
+    /// The time of the question, on the boot clock.
     pub(crate) asked: Time,
-    /// What the calendar clock here showed then, or a moment later.
+    /// The calendar time here at that moment, or slightly later.
     pub(crate) shown_here: Duration,
     /// When the answer came.
     pub(crate) answered: Time,
@@ -37,7 +37,7 @@ pub(crate) struct HostClock {
     ahead: f64,
     /// The most by which `ahead` may be wrong, in seconds.
     error_max: f64,
-    /// Whether somebody keeps it.
+    /// Whether the clock is synchronised.
     keeping: ClockKeeping,
     /// Whether no clock was set between the questions.
     steady: bool,
@@ -62,13 +62,13 @@ impl Exchange {
     fn agrees(&self, other: &Self) -> bool {
         let apart = self.asked.since(other.asked).max(other.asked.since(self.asked));
         let may_differ = self.error_max() + other.error_max() + DRIFT_MAX * apart.as_secs_f64();
-        // What is left is the rounding of numbers around 10⁹ s.
+        // The tolerance covers the rounding of numbers around 10⁹ s.
         (self.ahead() - other.ahead()).abs() <= may_differ + 1e-6
     }
 }
 
 impl HostClock {
-    /// Returns what exchanges with a host say of its clock; nothing without one.
+    /// Returns the result of exchanges with a host; none without one.
     pub(crate) fn of(host: &str, exchanges: &[Exchange]) -> Option<Self> {
         let best = exchanges.iter().min_by_key(|exchange| exchange.round_trip())?;
         Some(Self {
@@ -80,7 +80,7 @@ impl HostClock {
         })
     }
 
-    /// Returns what a person has to mind.
+    /// Returns warnings for a person.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let Self { host, ahead, error_max, keeping, steady } = self;
         let mut warnings = Vec::new();
@@ -98,7 +98,7 @@ impl HostClock {
     }
 }
 
-/// Returns a table for people, with those that could not be asked at its end.
+/// Returns a table for people, with the hosts that could not be asked at its end.
 pub(crate) fn text(clocks: &[HostClock], unreachable: &[String]) -> String {
     let mut rows = vec![["HOST", "AHEAD", "ERROR AT MOST", "CLOCK"].map(str::to_owned).to_vec()];
     rows.extend(clocks.iter().map(|HostClock { host, ahead, error_max, keeping, .. }| {
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use comms::logic::random::Random;
 
-    /// A host whose clock is ahead by so many milliseconds, over a link with these delays in microseconds.
+    /// A host whose clock is ahead by `ahead` milliseconds, over a link with these delays in microseconds.
     fn exchange(at: u64, ahead: i32, (there, back): (u64, u64)) -> Exchange {
         let began = Duration::from_secs(1_795_000_000);
         let here = |micros: u64| began + Duration::from_micros(at + micros);

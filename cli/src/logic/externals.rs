@@ -1,4 +1,4 @@
-//! What a spec uses of another deployment, compared with the spec of that.
+//! The processes that a spec uses of another deployment, compared with the spec of that.
 
 use language::Source;
 use language::plan::{Leaf, Plan, Transfer};

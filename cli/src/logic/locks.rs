@@ -1,4 +1,4 @@
-//! Resource locks as people see them: `dca lock`.
+//! The table of resource locks: `dca lock`.
 
 use crate::logic::queues::Shown;
 use comms::logic::messaging::wire::LockStatus;

@@ -1,4 +1,4 @@
-//! The state of a mission as people see it: phases, peaks, the end and its cause.
+//! The state of a mission for people: phases, peaks, the end and its cause.
 //!
 //! A [`Mission`] is folded from the plan, the [`Report`]s of the deployment and the [`Signals`] of its programs, in the
 //! order in which they come. It knows nothing of any one task; a live display and a report made from a record a year later
@@ -49,7 +49,7 @@ pub struct Mission {
 /// How it all ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
-    /// In one word, with what belongs to it.
+    /// The outcome, with its details.
     pub outcome: Outcome,
     /// Time since GO; zero if there was no GO.
     pub at: Duration,
@@ -66,7 +66,7 @@ pub enum Outcome {
     Aborted(Failure),
     /// The mission was asked to stop.
     Stopped,
-    /// Nobody can say.
+    /// It is unknown.
     Unconfirmed,
     /// The mission was never started.
     Refused(Vec<String>),
@@ -165,7 +165,7 @@ impl Mission {
         }
     }
 
-    /// Takes in whole lines that the program `path` wrote; those that come after the end count, too.
+    /// Takes in whole lines of the program `path`; later lines, after the end, also count.
     pub fn wrote(&mut self, path: &str, text: &str) {
         self.late.wrote(path, text);
     }
@@ -227,12 +227,12 @@ impl Mission {
         self.tracks.all().iter().enumerate().filter(|(_, track)| track.headline)
     }
 
-    /// Returns what to call a track: its name, and the program too where two programs use the same name.
+    /// Returns the title of a track: its name, and the program if two programs use the same name.
     pub fn title(&self, track: &Track) -> String {
         self.tracks.title(track)
     }
 
-    /// Returns what went out of the ordinary.
+    /// Returns the unusual events.
     pub fn notes(&self) -> &[Note] {
         &self.notes
     }

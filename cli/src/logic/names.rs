@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct HostNames {
     /// Its node and the processes that run there.
     pub status: NodeStatus,
-    /// Its ports and devices; none if it is of a version that does not say.
+    /// Its ports and devices; none if its version does not report them.
     pub names: Option<Names>,
 }
 
@@ -61,7 +61,8 @@ struct Held<T> {
     name: T,
 }
 
-/// Returns the names of each partition, in the order of their first hosts. Two hosts are in one if one of them reaches the other.
+/// Returns the names of each partition, in the order of their first hosts. Two hosts are in the same partition if one
+/// of them reaches the other.
 pub fn partitions(told: &[HostNames]) -> Vec<Partition> {
     let mut left: BTreeMap<&str, &HostNames> = told.iter().map(|one| (one.status.host.as_str(), one)).collect();
     let mut partitions = Vec::new();
@@ -126,7 +127,7 @@ impl Partition {
         all
     }
 
-    /// Returns a row for each name: what it is, the name, and what it stands for.
+    /// Returns a row for each name: its kind, the name, and its meaning.
     fn rows(&self) -> Vec<Vec<String>> {
         let row = |kind: &str, name: String, of: String| vec![kind.to_owned(), name, of];
         let hosts = self.hosts.iter().map(|one| {
@@ -153,7 +154,7 @@ impl Partition {
     }
 }
 
-/// Returns all names as a table; partitions are told apart where there are several.
+/// Returns all names as a table; with a heading for each partition if there are several.
 pub fn text(partitions: &[Partition]) -> String {
     if let [one] = partitions {
         return table(&one.rows());

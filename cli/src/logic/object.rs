@@ -1,4 +1,4 @@
-//! What `dca call` and `dca get` make of what a program exports: whose it is, arguments as bytes, results as JSON.
+//! The exports of a program for `dca call` and `dca get`: finding their owner, arguments as bytes, results as JSON.
 
 mod listed;
 
@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Display, Formatter};
 
-/// What a person calls or reads: `Grip` of `hand`, `door:main/hand.Grip`.
+/// The export that a person names: `Grip` of `hand`, `door:main/hand.Grip`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ObjectName {
     pub(crate) process: ProcessName,
@@ -26,7 +26,7 @@ pub(crate) struct ObjectName {
 }
 
 impl ObjectName {
-    /// Reads a name; says what is wrong with it.
+    /// Reads a name; returns the mistake in an invalid one.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (process, name) = ProcessName::with_name(text);
         let name = name.filter(|name| !name.is_empty() && process.process().is_some()).ok_or_else(|| {
@@ -42,7 +42,7 @@ impl Display for ObjectName {
     }
 }
 
-/// The types that a program says, as items of a spec; each name once.
+/// The types that a program lists, as items of a spec; each name once.
 fn types(exports: &Exports) -> String {
     let signatures = exports.exports.iter().map(|export| &export.signature);
     let forms = signatures.flat_map(|signature| [&signature.argument, &signature.result]);
@@ -51,7 +51,7 @@ fn types(exports: &Exports) -> String {
     forms.iter().map(|(name, fields)| format!("type {name} = {{ {fields} }};\n")).collect()
 }
 
-/// Returns what is in the values of a type, as far as the program says it.
+/// Returns the fields of a type's values, as far as the program lists them.
 fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
     let text = format!("{}module Program(host: Host) {{ out Out: {}; done; }}\n", types(exports), form.name);
     messages(&[Source::new("exports", text)]).remove("Program")?.remove("Out")
@@ -60,7 +60,7 @@ fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
 /// Returns the bytes of an argument that is written as in a spec: `'{ force = 20 N }'`, or `force='20 N'` for each field.
 ///
 /// # Errors
-/// Says in one sentence what is wrong.
+/// One sentence about the mistake.
 pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String]) -> Result<Vec<u8>, String> {
     let form = &signature.argument;
     if form.name.is_empty() {
@@ -95,7 +95,7 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     let text = format!("{before}{value}); }}\ninternal_event_actions {{ call }} }}\n");
     let compiled = compile(&Source::new("call", text), &[], &Options::named("call"));
     let error = compiled.diagnostics.iter().find(|found| found.severity == Severity::Error);
-    // What is found behind the value is none of its words.
+    // Text after the value does not belong to it.
     let is_behind =
         error.is_some_and(|error| usize::try_from(error.primary.span.start).is_ok_and(|start| start >= end));
     if !is_one(value) || is_behind {
@@ -172,7 +172,7 @@ impl Part for Named<'_> {
     }
 }
 
-/// Returns a result as JSON: nothing where there is none, and how long it is where its program does not say what is in it.
+/// Returns a result as JSON: null if there is none, and its length if its program does not list its fields.
 pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> Value {
     let known = match signature.result.name.as_str() {
         "" => return Value::Null,
@@ -184,7 +184,7 @@ pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> 
     known.unwrap_or_else(|| json!({ "size": bytes.len() }))
 }
 
-/// Reads what has a table of its own; nothing if its program was built with another version of DCA.
+/// Reads a value that has a table of its own; none if its program was built with another version of DCA.
 fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
     postcard::from_bytes::<T>(bytes).ok().map(|value| value.fields())
 }

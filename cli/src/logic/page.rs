@@ -1,8 +1,8 @@
 //! The page that shows a run: one HTML file with inline SVG, to be opened anywhere and years later.
 //!
-//! It asks nothing of the network. The same run gives the same bytes. Every picture shares one axis of time, with the
-//! phases as bands behind it; a little script moves one cursor through all of them and reads the curves out, and without
-//! the script everything but the cursor is there. Nothing is told by colour alone.
+//! It loads nothing from the network. The same run gives the same bytes. Every picture shares one axis of time, with
+//! the phases as bands behind it. A small script moves one cursor through all of them and reads the curves out; without
+//! the script everything but the cursor is there. Nothing is shown by colour alone.
 
 mod axis;
 mod curves;

@@ -8,7 +8,7 @@ use std::fmt::{self, Display, Formatter};
 pub(crate) struct DeploymentName(String);
 
 impl DeploymentName {
-    /// Reads a name as an argument; says what is wrong with it.
+    /// Reads a name given as an argument; returns the mistake in an invalid one.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let wrong = || "an empty text names no deployment: expected NAME or NAME@NUMBER, such as `door`".to_owned();
         if text.is_empty() { Err(wrong()) } else { Ok(Self(text.to_owned())) }
@@ -57,7 +57,7 @@ pub(crate) struct ProcessName {
 }
 
 impl ProcessName {
-    /// Returns what is meant by a text.
+    /// Returns the name in a text.
     pub(crate) fn new(text: &str) -> Self {
         // The name of a deployment is that of a file, and may have a colon. No path has one.
         match text.rsplit_once(':') {
@@ -128,7 +128,7 @@ impl ProcessName {
     }
 }
 
-/// Returns whether a path is the one that a person means, by the whole of it or its end.
+/// Returns whether a path matches a person's text, by the whole of it or its end.
 fn is_path(path: &str, meant: &str) -> bool {
     path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }

@@ -1,4 +1,4 @@
-//! What has a table of its own, and how people name it; queues: `dca queue`.
+//! States with a table of their own, and their names; queues: `dca queue`.
 
 use crate::logic::process_name::ProcessName;
 use comms::logic::messaging::queue::Full;
@@ -8,7 +8,7 @@ use node::logic::table::table;
 use serde_json::{Value, json};
 use std::fmt::{self, Display, Formatter};
 
-/// What a person means by `[DEPLOYMENT:]INSTANCE[.NAME]`.
+/// The meaning of `[DEPLOYMENT:]INSTANCE[.NAME]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ShownName {
     pub(crate) process: ProcessName,
@@ -20,7 +20,7 @@ pub(crate) struct ShownName {
 pub(crate) trait Shown: Sized {
     /// Returns a table for people.
     fn table(rows: &[(String, String, Self)]) -> String;
-    /// Returns what is known of it, as an object of JSON.
+    /// Returns its known values, as an object of JSON.
     fn fields(&self) -> Value;
 
     /// Returns an array of JSON: the fields of each, with its process and its name.
@@ -43,7 +43,7 @@ impl Display for ShownName {
 }
 
 impl ShownName {
-    /// Reads a name; says what is wrong with it.
+    /// Reads a name; returns the mistake in an invalid one.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (process, state) = ProcessName::with_name(text);
         // All processes of a deployment are named, and not one state of all of them.

@@ -42,10 +42,10 @@ pub const VERSION: u16 = 1;
 pub const PLAN: &str = "plan.json";
 /// Name of the attachment with the spec's text.
 pub const SPEC: &str = "spec.dca";
-/// Name of the attachment with what is known at the start.
+/// Name of the attachment with the facts known at the start.
 pub const ABOUT: &str = "about.json";
 
-/// The header of a record: what is known when a run starts.
+/// The header of a record: the facts known when a run starts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The spec's file name.
@@ -58,7 +58,7 @@ pub struct Header {
     pub started: Option<Duration>,
 }
 
-/// The small part of a header that is an attachment of its own; the text and the plan are others.
+/// The small part of a header, in its own attachment; the text and the plan are in others.
 #[derive(Debug, Serialize, Deserialize)]
 struct About {
     version: u16,
@@ -99,7 +99,7 @@ pub enum Entry {
         to: String,
         /// When it came, since GO.
         at: Duration,
-        /// The value as it is sent.
+        /// The encoded value.
         bytes: Vec<u8>,
         /// The type of the value, if the interface of the producer declares it.
         message: Option<Arc<Message>>,
@@ -146,7 +146,7 @@ impl Run {
         self.damage.clone().or_else(|| (missed > 0).then(gap)).or_else(|| (!is_over).then(cut))
     }
 
-    /// Returns what each program wrote, in the order of their paths.
+    /// Returns the output of each program, in the order of their paths.
     pub fn outputs(&self) -> BTreeMap<&str, Vec<&str>> {
         let mut outputs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for entry in &self.entries {

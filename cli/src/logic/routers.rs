@@ -1,4 +1,4 @@
-//! Routers as people see them: `dca router`.
+//! The table of routers: `dca router`.
 
 use crate::logic::queues::Shown;
 use comms::logic::messaging::router::{Filter, SubscriberStatus};

@@ -7,7 +7,7 @@ use node::logic::protocol::{Change, Ending, FailureCause, Report};
 use node::logic::table::counted;
 use std::time::Duration;
 
-/// The words for a process whose program has ended although nobody could confirm its stop.
+/// The words for a process whose program has ended after an unconfirmed stop.
 pub(crate) const ENDED_LATE: &str = "has ended after all: what it held is free";
 
 /// Returns a time since 1970 as UTC, to the second: `2026-11-23T00:00:00`.
@@ -67,17 +67,18 @@ pub(crate) fn change_text(change: &Change) -> String {
     }
 }
 
-/// Returns the words for a program that is put back, since the one that took its place was not healthy.
+/// Returns the words for a program that is put back, since its replacement was not healthy.
 pub(crate) fn reverting_text(cause: &FailureCause) -> String {
     format!("is put back, since the new program was not healthy: {cause}")
 }
 
-/// Returns the words for a process that is started anew with another one.
+/// Returns the words for a process that is restarted with another one.
 pub(crate) fn renewing_text(with: &str) -> String {
     format!("is started again with `{with}`, which has died")
 }
 
-/// Returns the words for a parameter that was set while the program runs; without a value it is what the spec says.
+/// Returns the words for a parameter that was set while the program runs; without a value it has the spec's value
+/// again.
 pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
     match value {
         Some(value) => format!("was told that `{parameter}` is {value}"),

@@ -5,18 +5,18 @@ use language::plan::Plan;
 use language::sites::{Property, Sites};
 use verify::{Finding, Script, Verdict};
 
-/// A mistake that was found once, as its file says it.
+/// A mistake that was found once, in the form of its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoryTest {
     /// The spec, from the folder of the file.
     pub(crate) spec: String,
     /// The code of the mistake: `E0817`.
     pub(crate) code: String,
-    /// What was said of it.
+    /// The message about it.
     pub(crate) message: String,
     /// The sentence that did not hold, as a block: `verify main { never a with b; }`.
     pub(crate) block: Option<String>,
-    /// How it comes to it; none if there is nothing to tell.
+    /// The way to the mistake; none if there is no story.
     pub(crate) script: Option<Script>,
 }
 
@@ -54,7 +54,7 @@ impl StoryTest {
     /// Reads a file.
     ///
     /// # Errors
-    /// For a person: what is wrong with it.
+    /// One sentence about the mistake, for a person.
     pub(crate) fn read(text: &str) -> Result<Self, String> {
         let (mut spec, mut found, mut block, mut rest) = (None, None, None, String::new());
         for line in text.lines() {
@@ -77,7 +77,7 @@ impl StoryTest {
         Ok(Self { spec, code, message, block, script })
     }
 
-    /// Returns the answer to the same question among others; none if nobody asks it any more.
+    /// Returns the answer to the same question among others; none if it is no longer asked.
     pub(crate) fn answer<'f>(&self, findings: &'f [Finding]) -> Option<&'f Finding> {
         let is_it = |finding: &&Finding| {
             let code = finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code.to_string());
@@ -97,7 +97,7 @@ impl StoryTest {
     }
 }
 
-/// A property as a block of its own.
+/// A property as a separate block.
 fn block(property: &Property, plan: &Plan) -> String {
     format!("verify {} {{ {}; }}", plan.groups[property.group as usize].process, property.text)
 }

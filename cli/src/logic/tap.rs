@@ -1,5 +1,5 @@
-//! What `dca echo` and `dca hz` make of the values that leave an output: which outputs are meant, what is in a value, what was
-//! lost on the way, how often values come.
+//! The values of an output for `dca echo` and `dca hz`: matching outputs, fields of a value, losses on the way, and
+//! rates.
 
 use crate::logic::process_name::ProcessName;
 use crate::logic::record::{decoded, messages};
@@ -62,7 +62,7 @@ impl Display for Wanted {
     }
 }
 
-/// Returns the type of an output's values, as far as the program names what is in them. `all` has the types that it may be
+/// Returns the type of an output's values, as far as the program names their fields. `all` has the types that it may be
 /// made of.
 pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
     // First its own: two members of a group may have different types of one name.
@@ -81,13 +81,13 @@ pub(crate) fn value(message: Option<&Message>, bytes: &[u8]) -> Value {
     message.and_then(|message| decoded(message, bytes)).unwrap_or_else(|| json!({ "size": bytes.len() }))
 }
 
-/// What the number of a value says of those before it.
+/// The gap before a value, from its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Gap {
     None,
     /// So many were lost on the way here.
     Lost(u64),
-    /// The program was started again, and counts anew.
+    /// The program was restarted, and its numbers as well.
     Restarted,
 }
 
@@ -107,7 +107,7 @@ impl Numbers {
     }
 }
 
-/// How often values leave an output, by the clock of the program's host: what was lost on the way counts as well.
+/// How often values leave an output, by the clock of the program's host: values lost on the way also count.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rate {
     /// Number and time of the first value and of the last.
@@ -144,7 +144,7 @@ impl Rate {
         self.size += u64::try_from(tapped.bytes.len()).unwrap_or(u64::MAX);
     }
 
-    /// Returns the rate from the last value on: what came before no longer counts.
+    /// Returns the rate from the last value on: earlier values no longer count.
     pub(crate) fn next(&self) -> Self {
         Self { first: self.last, last: self.last, ..Self::default() }
     }

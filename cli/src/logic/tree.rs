@@ -34,8 +34,8 @@ pub struct Unknown<'a> {
     pub state: String,
 }
 
-/// Returns every deployment as one tree, put together from what each node says of its own part, and of those that do not
-/// answer.
+/// Returns every deployment as one tree, combined from each node's report on its own part, and those of hosts that do
+/// not answer.
 pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
     let mut deployments: BTreeMap<&Deployment, Parts<'_>> = BTreeMap::new();
     for Unknown { process, state } in unknown {
@@ -59,7 +59,7 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
             let name = path.rsplit('/').next().unwrap_or(path);
             let pid = process.pid.map(|pid| format!("pid {pid}")).unwrap_or_default();
             let name = format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind);
-            // What needs a sentence has one behind its word.
+            // A state that needs a sentence has it behind its word.
             let (state, said) = process.state.split_once("; ").unwrap_or((process.state, ""));
             sentences.extend(Some(format!("{path}: {said}")).filter(|_| !said.is_empty()));
             rows.push(vec![name, state.to_owned(), process.host.to_owned(), pid]);
@@ -120,7 +120,7 @@ door@1        running
   main: Any   running        c1
     hit: Any  dead: SIGSEGV  c2  pid 12";
         assert_eq!(tree(&statuses, &[]), expected);
-        // What needs a sentence has it below.
+        // A state that needs a sentence has it below.
         let held = [door_node("c1", &[("main", "running; `main/b` waits", None), ("main/b", "idle", None)])];
         let expected = "\
 door@1       running
@@ -129,7 +129,7 @@ door@1       running
 
 main: `main/b` waits";
         assert_eq!(tree(&held, &[]), expected);
-        // What a host that is lost runs is not left out.
+        // The processes on a lost host are not left out.
         let absent = |path: &str| AbsentProcess {
             deployment: Deployment { name: "door".into(), epoch: 1 },
             host: "c3".into(),

@@ -1,4 +1,4 @@
-//! `dca logs` without a name: lists the processes whose output can be asked for.
+//! `dca logs` without a name: lists the processes with output.
 
 use crate::absent;
 use crate::client::Clients;

@@ -29,7 +29,7 @@ fn ask<R: Request>(
     serde_json::to_value(result).map_err(|error| Refusal::failed(error.to_string()))
 }
 
-/// A document, what is known of it, and a place in it.
+/// A document, its analysis, and a place in it.
 struct Place<'a> {
     document: &'a Document,
     analysis: Rc<Analysis>,
@@ -60,7 +60,7 @@ impl Server {
         }
     }
 
-    /// A document and what is known of it.
+    /// A document and its analysis.
     pub(super) fn document(&mut self, uri: &str) -> Result<(&Document, Rc<Analysis>), Refusal> {
         let analysis = self.workspace.analysis(uri);
         let document = self.workspace.document(uri);
@@ -99,7 +99,7 @@ impl Server {
         Ok(Some(DefinitionResponse::Definition(Definition::Location(self.location(&analysis, span)?))))
     }
 
-    /// Where a span is; what a program has told is written to a file that the editor can show.
+    /// The place of a span; an interface that a program has printed is written to a file that the editor can show.
     fn location(&self, analysis: &Analysis, span: Span) -> Result<Location, Refusal> {
         let source = analysis.source(span);
         if is_file(source, analysis) {
@@ -156,7 +156,7 @@ impl Server {
         Ok(Some(convert::workspace_edit(edits, &self.workspace, &self.client)))
     }
 
-    /// The fixes of what is wrong in a range, and one for all that is wrong anywhere.
+    /// The fixes of the mistakes in a range, and one for all mistakes.
     fn actions(&mut self, params: &CodeActionParams) -> Result<Option<Vec<CodeActionResponse>>, Refusal> {
         let encoding = self.client.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
@@ -264,7 +264,7 @@ impl Server {
     }
 }
 
-/// The bytes of `old` that differ from `new`, in whole lines, and what stands there in `new`.
+/// The bytes of `old` that differ from `new`, in whole lines, and the replacing text of `new`.
 fn changed(old: &str, new: &str) -> (usize, usize, String) {
     let line = |(one, other): &(&str, &str)| one == other;
     let same = |pairs: usize| -> usize { old.split_inclusive('\n').take(pairs).map(str::len).sum() };

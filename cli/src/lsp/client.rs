@@ -14,7 +14,7 @@ pub(super) struct Client {
     pub(super) versioned_edits: bool,
     /// Whether it shows where the reason of a diagnostic is.
     pub(super) related: bool,
-    /// Whether it tells when files on the disk change, if asked to.
+    /// Whether it can report changes of files on the disk.
     pub(super) watches: bool,
     /// Whether it asks for the lines above blocks again, if asked to.
     pub(super) refreshes_lenses: bool,
@@ -23,7 +23,7 @@ pub(super) struct Client {
 }
 
 impl Client {
-    /// Reads the parameters of `initialize`; what is missing, or not as it should be, the editor cannot do.
+    /// Reads the parameters of `initialize`; a missing or invalid capability counts as absent.
     pub(super) fn new(params: &Value) -> Self {
         let is = |path: &str| params.pointer(path).and_then(Value::as_bool).unwrap_or(false);
         let encodings = params.pointer("/capabilities/general/positionEncodings").and_then(Value::as_array);

@@ -74,7 +74,7 @@ fn severity(found: &Diagnostic) -> DiagnosticSeverity {
     }
 }
 
-/// Returns what is offered, in this order, in place of what is written.
+/// Returns the completions, in this order, in place of the typed text.
 pub(super) fn completion(offers: Vec<Completion>, range: Range, client: &Client) -> Vec<CompletionItem> {
     let item = |(place, offer): (usize, Completion)| {
         let snippet = offer.snippet.filter(|_| client.snippets);
@@ -110,7 +110,7 @@ fn completion_kind(kind: CompletionKind) -> CompletionItemKind {
     }
 }
 
-/// Returns edits of files; of those that are open, for the version that they were made for.
+/// Returns edits of files; for open files, with the version that they were made for.
 pub(super) fn workspace_edit(edits: Vec<FileEdit>, workspace: &Workspace, client: &Client) -> WorkspaceEdit {
     let mut files: BTreeMap<String, Vec<TextEdit>> = BTreeMap::new();
     let mut texts: BTreeMap<String, (String, Lines)> = BTreeMap::new();

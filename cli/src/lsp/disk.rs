@@ -11,10 +11,10 @@ const FOLDERS_MAX: usize = 10_000;
 /// The most names of one folder that are looked at.
 const ENTRIES_MAX: usize = 10_000;
 
-/// Returns the path that a URI names; what names no file stands for itself.
+/// Returns the path that a URI names; a URI that names no file stands for itself.
 pub(super) fn path(uri: &str) -> String {
     let Some(rest) = uri.strip_prefix("file://") else { return uri.to_owned() };
-    // Between the slashes may stand a host, which can only be this one.
+    // Between the slashes there may be a host, which can only be this one.
     let encoded = rest.find('/').map_or(rest, |slash| &rest[slash..]).as_bytes();
     let mut bytes = Vec::with_capacity(encoded.len());
     let mut at = 0;

@@ -13,13 +13,13 @@ use std::sync::mpsc::Receiver;
 /// Something that happened.
 #[derive(Debug)]
 pub(super) enum Event {
-    /// The editor said something.
+    /// A message of the editor.
     Message(Message),
-    /// A program has told its interface, or not.
+    /// A program has printed its interface, or failed to.
     Interface(InterfaceReply),
-    /// It is known what holds of a text.
+    /// A proof about a text is finished.
     Proof(ProofReply),
-    /// The editor says no more.
+    /// The editor sends nothing more.
     End,
 }
 
@@ -35,8 +35,8 @@ impl Inbox {
         Self { events, waiting: VecDeque::new(), waiting_max }
     }
 
-    /// Waits for the next event. What is here behind it is looked at, too: a request that is called off while it waits is
-    /// answered as such and never handled.
+    /// Waits for the next event. Later events that are already here are looked at as well: a request that is cancelled
+    /// while it waits is answered as cancelled and never handled.
     pub(super) fn next(&mut self, replies: &mut Vec<Reply>) -> Event {
         if self.waiting.is_empty() {
             let first = self.events.recv().unwrap_or(Event::End);

@@ -58,10 +58,10 @@ impl Interfaces {
             let (path, events) = (program.path.clone(), self.events.clone());
             let ask = move || {
                 let answer = programs::interfaces(&path).map_err(|error| error.to_string());
-                // Nobody listens any more when the editor is gone.
+                // If the editor is gone, the answer has no receiver.
                 events.send(Event::Interface(InterfaceReply { program: path, stamp, answer })).unwrap_or_default();
             };
-            // Nobody joins it: it ends with the answer, which has its limit.
+            // The thread is not joined: it ends with the answer, which has its limit.
             program.is_asking = std::thread::Builder::new().name("ask".to_owned()).spawn(ask).is_ok();
         }
     }
@@ -69,7 +69,7 @@ impl Interfaces {
     /// Takes an answer in.
     ///
     /// # Errors
-    /// A sentence for a person: the program does not tell its interface. What it told before stays.
+    /// A sentence for a person: the program does not print its interface. Its earlier interface stays.
     pub(super) fn take(&mut self, arrived: InterfaceReply) -> Result<(), String> {
         let Some(program) = self.programs.iter_mut().find(|program| program.path == arrived.program) else {
             return Ok(());
@@ -81,16 +81,16 @@ impl Interfaces {
         Ok(())
     }
 
-    /// Whether some program has not answered for the first time yet: what is not known may still become known.
+    /// Whether some program has not yet answered for the first time: an unknown name may still become known.
     pub(super) fn is_waiting(&self) -> bool {
         self.programs.iter().any(|program| program.is_asking && program.source.is_none())
     }
 
-    /// Writes what a program has told to a file that an editor can show; returns its path. It is in this user's folder of
-    /// nodes, since anybody can make a folder in the system's one for temporary files.
+    /// Writes the interface that a program has printed to a file that an editor can show; returns its path. The file is
+    /// in this user's folder of nodes, since every user can make a folder in the system's one for temporary files.
     ///
     /// # Errors
-    /// The file cannot be written, or the folder belongs to somebody else.
+    /// The file cannot be written, or the folder belongs to another user.
     pub(super) fn show(&self, source: &Source) -> io::Result<String> {
         let name = Path::new(&source.name).file_name().unwrap_or_default().to_string_lossy().into_owned();
         let folder = own_folder(&run_dir::default_base())?;
@@ -113,7 +113,7 @@ impl Drop for Interfaces {
     }
 }
 
-/// Makes this server's own folder below `base`; both belong to this user, and nobody else can write there.
+/// Makes this server's own folder below `base`; both belong to this user, and no other user can write there.
 fn own_folder(base: &Path) -> io::Result<PathBuf> {
     let folder = base.join(format!("lsp-{}", std::process::id()));
     for path in [base, &folder] {

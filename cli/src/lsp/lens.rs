@@ -1,7 +1,7 @@
-//! What `dca verify` finds out about the sentences of each `verify` block, above it.
+//! The results of `dca verify` for the sentences of each `verify` block, shown above it.
 //!
-//! A thread of its own works on it, within limits, one for each text at the most; the next version of the text calls it off. So nobody
-//! who types waits for a proof.
+//! A separate thread computes them, within limits, at most one for each text; the next version of the text cancels it.
+//! So typing never waits for a proof.
 
 use super::convert::range;
 use super::inbox::Event;
@@ -23,7 +23,7 @@ use verify::{Alone, Finding, GoesOn, Limits, Repair, Verdict};
 const STATES: u32 = 200_000;
 const MEMORY: usize = 256 << 20;
 const TIME: Duration = Duration::from_secs(5);
-/// At most so many sentences that do not hold are named.
+/// The most failing sentences that are named.
 const NAMED_MAX: usize = 3;
 
 /// A line for each block.
@@ -39,13 +39,13 @@ pub(super) struct ProofReply {
 
 #[derive(Debug)]
 enum Found {
-    /// What holds.
+    /// The titles of the results.
     Titles(Titles),
-    /// Edits that were verified to repair what does not. They take longer, so they come later.
+    /// Verified edits that repair the failing sentences. They take longer, so they come later.
     Repairs(Vec<Repair>),
 }
 
-/// What is known of the blocks of one document.
+/// The known results for the blocks of one document.
 struct Proof {
     /// The version of the text that it is about.
     of: Rc<Analysis>,
@@ -69,7 +69,7 @@ impl Proofs {
         Self { events, documents: BTreeMap::new(), next: 0 }
     }
 
-    /// What is known of a text by now; what is not is being found out afterwards.
+    /// The results known by now; the missing ones are computed afterwards.
     fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Proof> {
         if !self.documents.get(uri).is_some_and(|known| Rc::ptr_eq(&known.of, analysis)) {
             self.begin(uri, analysis);
@@ -92,18 +92,18 @@ impl Proofs {
         let prove = move || {
             find_out(&spec, &others, &blocks, off, |found| {
                 let reply = ProofReply { uri: reply_to.clone(), number, found };
-                // Nobody listens any more when the editor is gone.
+                // If the editor is gone, the result has no receiver.
                 events.send(Event::Proof(reply)).unwrap_or_default();
             });
         };
-        // Nobody joins it: it ends within its limits.
+        // The thread is not joined: it ends within its limits.
         let is_begun = std::thread::Builder::new().name("prove".to_owned()).spawn(prove).is_ok();
         let titles = (!is_begun).then(Titles::new);
         let proof = Proof { of: Rc::clone(analysis), number, is_called_off, titles, repairs: Vec::new() };
         self.documents.insert(uri.to_owned(), proof);
     }
 
-    /// Takes in what a thread has found out; returns whether somebody still wants to know it.
+    /// Takes in a thread's results; returns whether they are still wanted.
     pub(super) fn take(&mut self, arrived: ProofReply) -> bool {
         let known = self.documents.get_mut(&arrived.uri).filter(|known| known.number == arrived.number);
         let Some(known) = known else { return false };
@@ -114,7 +114,7 @@ impl Proofs {
         true
     }
 
-    /// Calls off what is being found out about a document.
+    /// Cancels the computation for a document.
     pub(super) fn forget(&mut self, uri: &str) {
         if let Some(known) = self.documents.remove(uri) {
             known.is_called_off.store(true, Ordering::Relaxed);
@@ -164,7 +164,7 @@ impl GoesOn for Until {
     }
 }
 
-/// Verifies a text, and then what would repair it.
+/// Verifies a text, and then searches for repairs.
 fn find_out(
     spec: &Source,
     others: &[Source],

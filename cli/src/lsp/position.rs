@@ -12,14 +12,14 @@ pub(super) enum Encoding {
     Utf8,
 }
 
-/// Units are counted in blocks of so many bytes.
+/// The block size for counting units, in bytes.
 const BLOCK: usize = 1024;
 
 /// Where each line of a text begins.
 #[derive(Clone, Debug)]
 pub(super) struct Lines {
     starts: Vec<usize>,
-    /// How many units of UTF-16 stand before each block of bytes.
+    /// The number of UTF-16 units before each block of bytes.
     units: Vec<usize>,
 }
 
@@ -128,7 +128,7 @@ mod tests {
         }
     }
 
-    /// A place costs the same wherever it is on a long line.
+    /// A place costs the same at any point of a long line.
     #[test]
     fn long_lines_are_counted_in_blocks() {
         let text = "aö𝄞".repeat(1000);

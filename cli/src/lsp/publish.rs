@@ -14,7 +14,7 @@ use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// The most remarks on one file that an editor is told.
+/// The most diagnostics of one file that are sent to an editor.
 const REMARKS_MAX: usize = 500;
 
 /// The diagnostics that were published last.
@@ -22,15 +22,15 @@ const REMARKS_MAX: usize = 500;
 pub(super) struct Published {
     /// Whether something has changed since.
     pub(super) is_stale: bool,
-    /// By file: the version of the document, and what was said of it.
+    /// By file: the version of the document, and its published diagnostics.
     files: BTreeMap<String, PublishedDiagnostics>,
 }
 
-/// The version of a document, and what is said of it.
+/// The version of a document, and its diagnostics.
 type PublishedDiagnostics = (Option<i32>, Vec<lsp_types::Diagnostic>);
 
 impl Server {
-    /// Tells what is wrong with each open document and the files it uses, where that is new.
+    /// Publishes the diagnostics of each open document and the files it uses, if they have changed.
     pub(super) fn publish(&mut self, replies: &mut Vec<Reply>) {
         if !std::mem::take(&mut self.published.is_stale) {
             return;
@@ -105,7 +105,7 @@ impl Server {
         all.iter().filter(|one| has_root(one) || !is_part(one)).cloned().collect()
     }
 
-    /// Whether a remark is certain: while a program is still being asked, a warning may be about what it will tell.
+    /// Whether a diagnostic is certain: while a program is still being asked, a warning may be about its interface.
     fn is_known(&self, found: &Diagnostic) -> bool {
         found.severity == Severity::Error || !self.workspace.interfaces.is_waiting()
     }
@@ -141,7 +141,7 @@ fn too_long() -> lsp_types::Diagnostic {
     about_all(format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it"))
 }
 
-/// Says how much more there is to say of a file.
+/// Returns a diagnostic with the number of those left out.
 fn more(count: usize) -> lsp_types::Diagnostic {
     let told = counted(count, "more remark");
     about_all(format!("{told} on this file not shown here, after the first {REMARKS_MAX}; `dca check` prints all"))

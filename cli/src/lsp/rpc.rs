@@ -1,6 +1,7 @@
-//! JSON-RPC messages on a stream of bytes. A header says how long each is.
+//! JSON-RPC messages on a stream of bytes. A header gives the length of each.
 //!
-//! Whatever arrives, reading goes on: what is no header is passed over, and a body that cannot be read is reported as such.
+//! Reading goes on after any input: lines that are not a header are skipped, and a body that cannot be read is reported
+//! as such.
 
 use lsp_types::json_rpc::Id;
 use serde::Deserialize;
@@ -21,19 +22,19 @@ pub(super) enum Message {
         id: Id,
         /// The parameters of the request.
         method: String,
-        /// About what.
+        /// The parameters of the notification.
         params: Value,
     },
     /// Something to know.
     Notification {
         /// The parameters of the notification.
         method: String,
-        /// To what.
+        /// The parameters of the request.
         params: Value,
     },
     /// An answer to a request of ours.
     Response,
-    /// Something that is no message, and why.
+    /// A malformed message, and the reason.
     Malformed(String),
 }
 

@@ -23,11 +23,11 @@ pub(super) type Reply = Value;
 /// How far the server has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
-    /// The editor has not said who it is.
+    /// The editor has not sent `initialize`.
     Fresh,
     /// Everything can be asked.
     Ready,
-    /// Nothing can be asked any more.
+    /// No request is accepted any more.
     ShutDown,
     /// Over, as it should be.
     Ended,
@@ -68,7 +68,7 @@ impl Server {
         self.state
     }
 
-    /// Handles what the editor says.
+    /// Handles a message of the editor.
     pub(super) fn handle(&mut self, message: Message, replies: &mut Vec<Reply>) {
         match message {
             Message::Request { id, method, params } => {
@@ -101,7 +101,7 @@ impl Server {
         self.refresh_lenses(replies);
     }
 
-    /// Takes in what holds of a text, and has the editor ask for it again.
+    /// Takes in the proofs of a text, and makes the editor ask for them again.
     pub(super) fn proved(&mut self, arrived: ProofReply, replies: &mut Vec<Reply>) {
         if self.proofs.take(arrived) {
             self.refresh_lenses(replies);
@@ -215,7 +215,7 @@ pub(super) fn notify<N: Notification>(params: N::Params) -> Reply {
     value(&RequestObject::from_notification::<N>(params))
 }
 
-/// A line for whoever looks at the editor's log.
+/// A line for a reader of the editor's log.
 fn log(message: String) -> Reply {
     notify::<LogMessageNotification>(LogMessageParams { kind: MessageType::Warning, message })
 }
@@ -225,7 +225,7 @@ fn show(message: String) -> Reply {
     notify::<ShowMessageNotification>(ShowMessageParams { kind: MessageType::Warning, message })
 }
 
-/// Asks to be told of specs that change on the disk.
+/// Asks the editor to report changes of specs on the disk.
 fn watch() -> Reply {
     let options = json!({"watchers": [{"globPattern": "**/*.dca"}]});
     let registration = lsp_types::Registration {

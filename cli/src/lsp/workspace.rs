@@ -55,7 +55,7 @@ impl Workspace {
         Self { documents: BTreeMap::new(), folders: Vec::new(), interfaces }
     }
 
-    /// Sets the folders whose specs are looked through for a name.
+    /// Sets the folders in which specs are searched for a name.
     pub(super) fn set_folders(&mut self, uris: &[String]) {
         self.folders =
             uris.iter().map(|uri| PathBuf::from(disk::path(uri))).filter(|path| path.is_absolute()).collect();
@@ -112,7 +112,7 @@ impl Workspace {
         }
     }
 
-    /// Throws away what was made of a text.
+    /// Discards the analysis of a text.
     pub(super) fn forget(&mut self, path: &str) {
         for document in self.documents.values_mut() {
             // A new file may belong to a folder that is used.
@@ -126,7 +126,7 @@ impl Workspace {
         }
     }
 
-    /// Throws everything away: a program has told another interface.
+    /// Discards all analyses: a program has printed another interface.
     pub(super) fn forget_all(&mut self) {
         self.documents.values_mut().for_each(|document| document.analysis = None);
     }
@@ -193,7 +193,7 @@ impl Workspace {
         check::content(path, |path| self.read(path))
     }
 
-    /// The text of a file: what the editor has of it counts.
+    /// The text of a file: the editor's version counts.
     pub(super) fn read(&self, path: &str) -> Result<String, String> {
         if let Some(document) = self.open_from(path) {
             return Ok(document.text.clone());

@@ -1,4 +1,4 @@
-//! `dca status --watch`: what runs where, as it changes.
+//! `dca status --watch`: the running processes on all hosts, as they change.
 //!
 //! On a terminal one table is drawn again and again; elsewhere each process that has changed is a line, and with `--json` each
 //! state of everything is.
@@ -35,14 +35,14 @@ struct View {
     failure: Option<String>,
 }
 
-/// Where it is shown, and what is there already.
+/// The kind of output, and its present content.
 #[derive(Debug)]
 enum Shown {
     /// How many lines the table has that is on the terminal.
     Table(usize),
     /// The state of each process, by path.
     Lines(BTreeMap<String, String>),
-    /// The last state, but for what changes all the time.
+    /// The last state, without the parts that change all the time.
     Json(String),
 }
 
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                     looking.set(look(feed.clients(), Some(clock::now()), &happened));
                     is_read = shown.show(&view, arguments.name.as_ref())?;
                 }
-                // What it is shows the next look.
+                // The next look shows the change.
                 _ = feed.next() => happened.notify_one(),
                 _ = redraw.tick() => {
                     if let Shown::Table(_) = shown {
@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })
 }
 
-/// Asks every node what runs there: some time after the last look, or soon after something has happened.
+/// Asks every node for its status: some time after the last look, or soon after an event.
 async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
     if let Some(last) = last {
         tokio::select! {
@@ -102,7 +102,7 @@ async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
 }
 
 impl Shown {
-    /// Shows what is new; returns whether anybody looks.
+    /// Shows the changes; returns whether the output has a reader.
     fn show(&mut self, view: &View, name: Option<&DeploymentName>) -> anyhow::Result<bool> {
         let said = match self {
             Self::Table(lines) => {
@@ -145,7 +145,7 @@ impl View {
         table
     }
 
-    /// Returns what each process and each host is.
+    /// Returns the state of each process and each host.
     fn lines(&self) -> BTreeMap<String, String> {
         let mut lines = BTreeMap::new();
         for node in &self.statuses {
@@ -172,7 +172,7 @@ impl View {
         lines
     }
 
-    /// Goes on with what was known of hosts that do not answer: nobody says that it is over.
+    /// Keeps the known processes of hosts that do not answer: they are not reported as over.
     fn keep_unknown(&self, before: &BTreeMap<String, String>, now: &mut BTreeMap<String, String>) {
         let away = self.away.silent.iter().chain(&self.away.revoked).chain(self.away.hosts.iter().map(|one| &one.host));
         let away: BTreeSet<&str> = away.map(String::as_str).collect();
@@ -187,7 +187,7 @@ impl View {
         }
     }
 
-    /// Returns everything on one line, and without what is different each time.
+    /// Returns everything on one line, and the same without the parts that differ each time.
     fn json(&self) -> serde_json::Result<(String, String)> {
         let mut nodes = nodes(&self.statuses, &self.away);
         let line = serde_json::to_string(&nodes)?;
@@ -225,7 +225,7 @@ fn changed(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) ->
 /// Source: ECMA-48, CUU, EL and ED.
 fn drawn(text: &str, before: usize, (rows, columns): (usize, usize)) -> (String, usize) {
     let all: Vec<&str> = text.lines().collect();
-    // The cursor stands on a line of its own below.
+    // The cursor is on a separate line below.
     let room = rows.saturating_sub(1).max(1);
     let fits = if all.len() <= room { all.len() } else { room - 1 };
     let mut lines: Vec<String> = all.iter().take(fits).map(|line| line.chars().take(columns).collect()).collect();
@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(said(&BTreeMap::new(), &first), ["c1  door@1  main/hit  idle  pid 7", "c1  node  answers"]);
         assert_eq!(said(&first, &second), ["c1  door@1  main/hit  running  pid 7"]);
         assert_eq!(said(&second, &second), Vec::<String>::new());
-        // A node that has left as it was told to is missed by nobody. Of one that does not answer nobody knows what has become of it.
+        // A node that has left as requested is not missed. The state of a node that does not answer is unknown.
         let after = |view: View| {
             let mut now = view.lines();
             view.keep_unknown(&second, &mut now);

@@ -51,7 +51,7 @@ pub(super) async fn keep_tombstones(clients: &Clients, name: &DeploymentName, ho
     }
 }
 
-/// Returns the latest epoch of a deployment of which somebody knows.
+/// Returns the latest known epoch of a deployment.
 async fn epoch(all: &[(&Client, Statuses)], away: &Absences, name: &str, home: &str) -> Option<u64> {
     let parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
     let parts = parts.filter(|part| part.home == home).map(|part| &part.deployment);

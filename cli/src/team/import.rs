@@ -11,7 +11,7 @@ use trust::bundle::{BUNDLE_MAX, Bundle};
 /// The arguments of `dca team import`.
 #[derive(Debug, clap::Args)]
 pub(super) struct ImportArgs {
-    /// The file with what `dca team export` has printed [default: standard input]
+    /// The file with the output of `dca team export` [default: standard input]
     file: Option<PathBuf>,
 }
 

@@ -22,7 +22,7 @@ pub(super) struct Init {
 pub(super) struct Key {}
 
 impl Init {
-    /// Runs the verb. Who begins a team is its first admin, with the key that this machine has, or a new one.
+    /// Runs the verb. The user who begins a team is its first admin, with the key of this machine, or a new one.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let keyring = keys.keyring()?;
         let own = keyring.own()?;

@@ -31,7 +31,7 @@ use trust::role::Role;
 use trust::team::Team;
 use zeroize::Zeroizing;
 
-/// How many of those that are refused are told of.
+/// How many refusals are reported.
 const TOLD_MAX: usize = 20;
 
 /// The arguments of `dca team invite`.
@@ -40,20 +40,21 @@ pub(super) struct InviteArgs {
     /// The name of the robot, as `dca-node --name` has it there
     #[arg(value_parser = HostName::parse)]
     name: HostName,
-    /// It may renew the certificates of other nodes, so that the team goes on while this machine is off
+    /// The robot may renew the certificates of other nodes, so that the team keeps working while this machine is off
     #[arg(long)]
     renewer: bool,
     #[command(flatten)]
     door: DoorArgs,
 }
 
-/// Where a robot comes, and how long somebody waits for it.
+/// The address for the robot, and how long to wait for it.
 #[derive(Debug, clap::Args)]
 pub(super) struct DoorArgs {
     /// For how many minutes the invitation is good, and this command waits
     #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
     minutes: u64,
-    /// The address of this machine where the robot comes; may be given four times [default: those of its network interfaces]
+    /// The address of this machine that the robot calls; may be given four times [default: those of its network
+    /// interfaces]
     #[arg(long = "address", value_name = "IP")]
     addresses: Vec<IpAddr>,
     /// The TCP port where it comes [default: any that is free]
@@ -170,7 +171,7 @@ impl JoinArgs {
         let base = self.state.clone().or_else(state_dir::default_base);
         let base = base.context("there is no folder to keep the keys in; choose one with `--state`")?;
         let founds = Invite::from_line(&line).is_ok_and(|invite| invite.founds);
-        // An invitation is spent once: what the disk has to take then, it can take.
+        // An invitation is spent once: space for the files of that moment is reserved on the disk.
         let reserve = Reserve::take(&std::path::absolute(&base)?, BEGIN_SIZE_MAX)?;
         let made = SecretKeys::generate(&mut random()?);
         let wanted: Name = "robot".parse()?;
@@ -205,13 +206,13 @@ fn ensure_free(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What both ends print, so that two people can compare the words.
+/// The lines that both ends print, so that two people can compare the words.
 fn joined(team: &Team, certificate: &Certificate) -> String {
     let (name, words) = (&certificate.claims().name, certificate.subject().fingerprint());
     format!("{name} is in team {} ({}); key: {words}", team.name(), team.id().fingerprint())
 }
 
-/// Returns the line as a QR code, for a person at a terminal; nothing for anybody else.
+/// Returns the line as a QR code, for a person at a terminal; none for any other output.
 fn code(invite: &Invite) -> Option<String> {
     let code = QrCode::with_error_correction_level(invite.to_line().as_bytes(), EcLevel::L).ok()?;
     let drawn = || code.render::<Dense1x2>().dark_color(Dense1x2::Dark).light_color(Dense1x2::Light).build();

@@ -41,7 +41,7 @@ fn with_judge<T>(bundle: &Bundle, work: impl FnOnce(&Judge<'_>) -> T) -> T {
     work(&Judge { team: bundle.team(), revoked: bundle.revocations(), now: now(), grace: OFFLINE_GRACE })
 }
 
-/// Asks one node after the other; returns the first good answer, and whose it is.
+/// Asks one node after the other; returns the first good answer, and the node that gave it.
 async fn renewed(
     keys: &KeysArgs,
     bundle: &Bundle,

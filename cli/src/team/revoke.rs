@@ -19,9 +19,9 @@ use trust::role::Role;
 /// The arguments of `dca team revoke`.
 #[derive(Debug, clap::Args)]
 pub(super) struct RevokeArgs {
-    /// The name of the robot or user; without it the nodes of this machine are told again of all who are revoked
+    /// The name of the robot or user; without it the nodes of this machine are told again of all revoked keys
     name: Option<Name>,
-    /// Also if it is the only admin: somebody else has the key
+    /// Also if it is the only admin: another person has the key
     #[arg(long, requires = "name")]
     last_admin: bool,
 }
@@ -32,7 +32,7 @@ impl RevokeArgs {
         let (keyring, bundle) = keys.bundle()?;
         let mut bundle = learn(keys, &keyring, bundle)?;
         if let Some(name) = &self.name {
-            // Nobody is asked for a passphrase before the request is known to be possible.
+            // The passphrase is only asked for once the request is known to be possible.
             let check = |bundle: &Bundle| {
                 ensure_to_revoke(bundle, name)?;
                 ensure_other_admin(bundle, name, self.last_admin)
@@ -61,7 +61,7 @@ fn ensure_to_revoke(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses to revoke the only admin whose keys are trusted, unless that is what somebody wants.
+/// Refuses to revoke the only admin whose keys are trusted, unless `is_wanted`.
 pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) -> anyhow::Result<()> {
     let holders = bundle.holders(now());
     let is_trusted = |holder: &&Holder<'_>| holder.standing.is_ok();
@@ -76,7 +76,7 @@ pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) 
     Ok(())
 }
 
-/// Signs a set of revocations with the keys of somebody besides those of before.
+/// Signs a set of revocations with the keys of a member, in addition to earlier ones.
 pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
     let gone: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
     let number = revoke_keys(bundle, gone, root, now)?;
@@ -121,7 +121,7 @@ pub(super) fn with_node<T>(
     })
 }
 
-/// Lists the secrets that somebody could read: they are known to whoever has its keys now.
+/// Lists the secrets that a member could read: the present holder of its keys knows them.
 pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<(), Failure> {
     let found = with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), own).await);
     match found {
@@ -143,13 +143,13 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
     Ok(())
 }
 
-/// Asks the node of this machine for what the team has revoked, and keeps what this folder has not known: another copy of it may have
-/// revoked somebody meanwhile. Without an answer the team is what it is here.
+/// Asks the node of this machine for the team's revocations, and keeps the new ones: another copy of this folder may
+/// have revoked a member in the meantime. Without an answer the team stays as it is here.
 pub(super) fn learn(keys: &KeysArgs, keyring: &Keyring, bundle: Bundle) -> anyhow::Result<Bundle> {
     take(keyring, bundle, &held(keys))
 }
 
-/// Adds what the node of this machine holds, for a look.
+/// Adds the revocations that the node of this machine holds, only for display.
 pub(super) fn look(keys: &KeysArgs, mut bundle: Bundle) -> Bundle {
     let held = held(keys);
     add(&mut bundle, &held);
@@ -168,9 +168,9 @@ fn sets(held: &[Vec<u8>]) -> Vec<RevokedSet> {
     held.iter().filter_map(|set| RevokedSet::from_bytes(set).ok()).collect()
 }
 
-/// Takes in sets of the team's key; says whether any was new, and how many keys were.
+/// Takes in sets of the team's key; returns whether any was new, and how many keys were.
 fn add(bundle: &mut Bundle, held: &[RevokedSet]) -> (bool, usize) {
-    // Those of admins, and of another team whose node runs here, are none of the team's key.
+    // Sets of admins, and of another team whose node runs here, do not belong to the team's key.
     let taken = held.iter().filter_map(|set| bundle.revoke(set.clone()).ok());
     taken.fold((false, 0), |(is_new, keys), taken| match taken {
         Received::Known => (is_new, keys),
@@ -189,7 +189,8 @@ fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Resul
     Ok(bundle)
 }
 
-/// Tells a node of this machine who is revoked. It tells the others, now and whenever it meets one. What it knows besides is kept here.
+/// Tells a node of this machine the revocations. The node tells the others, now and whenever it meets one. Its other
+/// revocations are kept here.
 pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Result<(), Failure> {
     let known = bundle.revocations();
     if known.sets().is_empty() {
@@ -217,7 +218,7 @@ pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Resul
     Ok(())
 }
 
-/// Returns what is revoked, in a line for a person.
+/// Returns the revocations, in a line for a person.
 pub(super) fn summary(revoked: &Revocations, team: &KeyId) -> String {
     let (number, keys) = (revoked.number_of(team), revoked.keys().len());
     match revoked.sets().len() {

@@ -78,7 +78,7 @@ impl RotateArgs {
     }
 }
 
-/// Returns the role of somebody, and the keys that are not revoked.
+/// Returns the role of a member, and the keys that are not revoked.
 fn holder(bundle: &Bundle, name: &Name) -> anyhow::Result<(Role, Vec<KeyId>)> {
     let is_valid = |known: &&Certificate| !bundle.has_revoked(&known.subject());
     let valid: Vec<&Certificate> = bundle.named(name).filter(is_valid).collect();
@@ -96,7 +96,7 @@ fn ensure_new(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Puts a certificate in the place of all others of a name, whose keys are revoked.
+/// Replaces all other certificates of a name, whose keys are revoked.
 fn exchange(bundle: &mut Bundle, name: &Name, new: Certificate, root: &SecretKeys) -> anyhow::Result<()> {
     let (_, old) = holder(bundle, name)?;
     bundle.add(new)?;

@@ -1,4 +1,4 @@
-//! `dca team user add`, `remove`: who may do what, signed with the team's key.
+//! `dca team user add`, `remove`: the rights of users, signed with the team's key.
 
 use super::{KeysArgs, now, random, revoke};
 use crate::io::keyring::Asked;
@@ -13,7 +13,7 @@ use trust::identity::{KeyId, PublicKeys, SecretKeys};
 use trust::name::{Name, UnixTime};
 use trust::role::{Kind, Role};
 
-/// For how long a user's certificate can be renewed unless told otherwise, in days.
+/// For how many days a user's certificate can be renewed by default.
 const DAYS: u64 = 365;
 
 /// The arguments of `dca team user`.
@@ -27,7 +27,7 @@ pub(super) struct UserArgs {
 enum UserVerb {
     /// Give a user a certificate, or a new one for the same key
     Add(Add),
-    /// Revoke the keys of a user, for ever
+    /// Revoke the keys of a user permanently
     Remove(Remove),
 }
 
@@ -50,7 +50,7 @@ struct Add {
 struct Remove {
     /// The name of the user
     name: Name,
-    /// Also if it is the only admin: somebody else has the key
+    /// Also if it is the only admin: another person has the key
     #[arg(long)]
     last_admin: bool,
 }
@@ -65,7 +65,7 @@ impl UserArgs {
             UserVerb::Add(add) => add.check(bundle),
             UserVerb::Remove(remove) => remove.check(bundle),
         };
-        // Nobody is asked for a passphrase before the request is known to be possible.
+        // The passphrase is only asked for once the request is known to be possible.
         check(&bundle)?;
         let root = root.unlock(&keys.passphrase(Asked::Known)?)?;
         let before = match &self.verb {
@@ -91,7 +91,7 @@ impl UserArgs {
     }
 }
 
-/// Refuses a key that can be nobody's: that of the team, and one that is revoked.
+/// Refuses a key that cannot belong to a user: that of the team, and a revoked one.
 pub(super) fn ensure_usable(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
     ensure!(*key != bundle.team().id(), "this is the key of the team itself");
     ensure!(!bundle.has_revoked(key), "this key is revoked, for ever: the user makes another one");

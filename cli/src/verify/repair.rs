@@ -9,7 +9,7 @@ use node::console::{self, Failure};
 use std::path::Path;
 use verify::{Limits, Repair, Report, Verified, applied, repairs};
 
-/// One repair may bring another mistake to light, but not for ever.
+/// One repair may reveal another mistake, but not for ever.
 const ROUNDS_MAX: usize = 16;
 
 /// Shows the repairs of a spec.
@@ -70,12 +70,12 @@ fn difference(old: &Source, new: &Source) -> String {
     text
 }
 
-/// A line of a difference, which says so if it is a last one that nothing ends.
+/// A line of a difference, which marks a last line without an end.
 fn whole_line(line: &str) -> String {
     if line.ends_with('\n') { line.to_owned() } else { format!("{line}\n\\ No newline at end of file\n") }
 }
 
-/// The name of a file as `patch` and `git apply` read it: with a blank or a sign of its own in it, between quotes.
+/// The name of a file as `patch` and `git apply` read it: in quotes if it contains a blank or a special character.
 fn quoted(name: &str) -> String {
     if name.chars().all(|sign| !sign.is_whitespace() && !sign.is_control() && sign != '"' && sign != '\\') {
         return name.to_owned();
@@ -108,7 +108,7 @@ mod tests {
         );
     }
 
-    /// `patch` itself takes it, whatever ends the lines and whatever the file is called.
+    /// `patch` itself takes it, with any line ends and any name of the file.
     #[test]
     fn patch_takes_a_difference() {
         if Command::new("patch").arg("--version").output().is_err() {

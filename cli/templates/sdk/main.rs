@@ -1,4 +1,5 @@
-//! Two controllers: `Ramp` counts up and ends, `Smooth` follows what it hears. The spec beside this wires one to the other.
+//! Two controllers: `Ramp` counts up and ends, `Smooth` follows its input. The spec beside this file wires one to the
+//! other.
 
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
@@ -65,7 +66,7 @@ struct SmoothInputs {
     level: In<Level>,
 }
 
-/// Goes a part of the way to each value that it hears.
+/// Goes a part of the way to each value of its input.
 struct Smooth {
     gain: f64,
     value: f64,
@@ -129,7 +130,7 @@ mod tests {
     use controllers::sdk::Time;
     use controllers::sdk::harness::{Disturbance, Ending, Harness};
 
-    /// Both as they are in the spec, wired, in one thread on virtual time.
+    /// Both with the arguments and wires of the spec, in one thread on virtual time.
     #[test]
     fn the_ramp_ends_and_the_other_follows() {
         let (registry, mut harness) = (registry(), Harness::new(Disturbance::NONE));

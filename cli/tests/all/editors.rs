@@ -58,7 +58,7 @@ fn neovim_shows_what_is_wrong() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
-/// The steps for VS Code name what is there.
+/// The steps for VS Code name existing files.
 #[test]
 fn the_extension_is_what_the_page_installs() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../editors/vscode");

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A program that tells no interface.
+/// A program that prints no interface.
 const NOBODY: &str = "true";
 const DOOR: &str = "process main() {
     // Größe 𝄞
@@ -98,7 +98,7 @@ fn what_holds_stands_above_its_block() {
     assert!(editor.end().success());
 }
 
-/// What is offered was verified: the sentence holds once it is taken.
+/// The offered repair was verified: the sentence holds once it is applied.
 #[test]
 fn a_repair_that_was_verified_is_offered() {
     let mut editor = Editor::ready(NOBODY, &json!({"workspace": {"codeLens": {"refreshSupport": true}}}));
@@ -109,7 +109,7 @@ fn a_repair_that_was_verified_is_offered() {
     assert_eq!(known["command"]["title"], "1 of 2 does not hold: a at most once", "{known}");
     let range = json!({"start": {"line": 4, "character": 30}, "end": {"line": 4, "character": 30}});
     let asked = json!({"textDocument": {"uri": uri}, "range": range, "context": {"diagnostics": []}});
-    // What holds is said before it is known what repairs the rest.
+    // The sentences that hold are reported before the repairs of the others are known.
     let mut actions = editor.ask("textDocument/codeAction", &asked);
     while actions["result"][0].is_null() {
         editor.until("workspace/codeLens/refresh");
@@ -225,7 +225,7 @@ fn a_folder_is_known_when_a_file_comes_into_it() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
-/// A name ends in `.dca`, and belongs to a pipe that nobody writes, or to a device without an end.
+/// A name ends in `.dca`, and belongs to a pipe without a writer, or to a device without an end.
 #[test]
 fn what_is_no_regular_file_holds_nobody_up() {
     let folder = std::env::temp_dir().join(format!("dca-lsp-pipe-{}", std::process::id()));
@@ -252,7 +252,8 @@ fn what_is_no_regular_file_holds_nobody_up() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
-/// Makes a program that tells this interface. Another process writes it: one that is still open here could not be run.
+/// Makes a program that prints this interface. Another process writes it: a file that is still open here could not be
+/// run.
 fn tells(program: &Path, interface: &str) {
     let script =
         "printf '#!/bin/sh\\ncat <<X\\n%s\\nX\\n' \"$1\" > \"$0.new\" && chmod +x \"$0.new\" && mv \"$0.new\" \"$0\"";
@@ -260,7 +261,7 @@ fn tells(program: &Path, interface: &str) {
     assert!(made.expect("there is a shell").success());
 }
 
-/// A program is asked while one writes, and again when it was built anew.
+/// A program is asked during typing, and again when it was rebuilt.
 #[test]
 fn programs_tell_their_interfaces() {
     let folder = std::env::temp_dir().join(format!("dca-lsp-programs-{}", std::process::id()));
@@ -270,7 +271,7 @@ fn programs_tell_their_interfaces() {
     let mut editor = Editor::ready(&program.to_string_lossy(), &json!({}));
     let uri = "untitled:door";
     editor.open(uri, DOOR);
-    // Warnings are told when the program has answered.
+    // Warnings are published when the program has answered.
     while !codes(&editor.diagnostics(uri, 1)).contains(&"W0201") {}
     let told = editor.ask("textDocument/hover", &at(uri, 2, 31));
     assert!(told["result"]["contents"]["value"].as_str().unwrap().contains("ends by itself"), "{told}");

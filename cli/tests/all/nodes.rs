@@ -19,7 +19,7 @@ const SOON: Duration = Duration::from_secs(60);
 /// More than the soft limit of descriptors that a node is started with, and than zenoh lets wait by itself.
 const SILENT: usize = 700;
 
-/// A folder with everything that a test starts; what is left is killed with it.
+/// A folder with everything that a test starts; dropping it kills the remaining processes.
 struct Place {
     folder: PathBuf,
     nodes: Vec<Child>,
@@ -28,7 +28,7 @@ struct Place {
 
 impl Place {
     fn new(name: &str) -> Self {
-        // With a sign at its end no name begins another: what is left of a test is found by the name of its folder.
+        // With a sign at its end no name begins another: the leftovers of a test are found by the name of its folder.
         let folder = std::env::temp_dir().join(format!("ds{}{name}_", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         Self { folder, nodes: Vec::new(), left: Vec::new() }
@@ -41,7 +41,7 @@ impl Place {
         command
     }
 
-    /// Starts the node `c1` and waits until it says that it is ready. Its programs end with it.
+    /// Starts the node `c1` and waits until it prints that it is ready. Its programs end with it.
     fn node(&mut self) -> Process {
         self.node_with(&["--agent-loss-grace", "0.1"])
     }
@@ -172,13 +172,13 @@ fn a_daemon_without_environment_and_session_is_ended_too() {
     // The successor is in the group of the node that it took over.
     let group = std::fs::read_to_string(place.folder.join("n/c1/cgroup")).unwrap();
     let is_of = |process: Process| group.ends_with(&format!("dca-{}-{}", process.pid, process.started));
-    // A node of another test may have removed the group while it was empty; then the successor has one of its own.
+    // A node of another test may have removed the group while it was empty; then the successor has its own.
     assert!(is_of(node) || is_of(next), "{group}");
     let members = std::fs::read_to_string(Path::new(&group).join("cgroup.procs")).unwrap();
     assert!(members.lines().any(|pid| pid == next.pid.to_string()), "{members}");
 }
 
-/// The shim alone is killed: its node ends what comes to it, whatever it is.
+/// The shim alone is killed: its node ends all of its orphans.
 #[test]
 fn a_node_ends_what_a_killed_shim_leaves() {
     let mut place = Place::new("c");
@@ -192,8 +192,8 @@ fn a_node_ends_what_a_killed_shim_leaves() {
     wait("nothing is left", || !left.iter().any(|process| processes::is_running(*process)));
 }
 
-/// So does a node that has taken the program over: what a shim of another node leaves does not come to it, and is found in its control
-/// group. One shim is killed; the other one is suspended, and the node kills it in the end.
+/// The same for a node that has adopted the program: the orphans of another node's shim do not become its children, and
+/// are found in their control group. One shim is killed; the other one is suspended, and the node kills it in the end.
 #[test]
 fn a_node_ends_what_the_shim_of_a_program_leaves_that_it_has_taken_over() {
     for suspended in [false, true] {
@@ -282,7 +282,7 @@ fn a_full_disk_refuses_a_deployment_and_gives_no_epoch_twice() {
     assert!(code == Some(0) && epoch() > first, "{first}, then {}: {text}", epoch());
 }
 
-/// Makes connections anew as soon as they are closed, until it is told to end.
+/// Makes connections again as soon as they are closed, until it is told to end.
 fn crowd(socket: &Path, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<UnixStream>> = (0..SILENT).map(|_| None).collect();
     while !over.load(Ordering::Relaxed) {
@@ -300,7 +300,7 @@ fn crowd(socket: &Path, made: &AtomicUsize, over: &AtomicBool) {
     }
 }
 
-/// They are made anew as soon as they are closed.
+/// They are made again as soon as they are closed.
 #[test]
 fn seven_hundred_silent_connections_do_not_shut_a_newcomer_out() {
     let mut place = Place::new("e");

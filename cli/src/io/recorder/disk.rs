@@ -1,7 +1,7 @@
 //! The file of a record. It can be read at any time, because every write ends it.
 //!
-//! A record that was not ended is refused by readers that look for its end, and there is none as long as it is written. So an
-//! end is written behind what is there, in the same call, and the next call begins where that end began. Source: the MCAP
+//! A record without an end is refused by some readers, and there is none while it is being written. So an end is
+//! written behind the present data, in the same call, and the next call begins where that end began. Source: the MCAP
 //! format specification, <https://mcap.dev/spec>: Data End, Footer and Magic.
 
 use mcap::records::op;
@@ -10,12 +10,12 @@ use std::io::{self, Write};
 use std::os::unix::fs::FileExt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How much waits in memory, in bytes; a chunk more at the most.
+/// The bytes that wait in memory; at most a chunk more.
 const WAITING_MAX: usize = 4 << 20;
 /// Data End: opcode, length, the checksum of all bytes before it. Footer: opcode, length, no summary, no checksum. Magic.
 const END_SIZE: usize = 50;
 
-/// Returns the end of a file whose bytes so far have a checksum.
+/// Returns the end of a file whose bytes up to there have a checksum.
 fn end(checksum: u32) -> [u8; END_SIZE] {
     let mut end = [0; END_SIZE];
     (end[0], end[1]) = (op::DATA_END, 4);
@@ -32,7 +32,7 @@ pub(super) struct Disk(Arc<Mutex<State>>);
 #[derive(Debug)]
 struct State {
     file: File,
-    /// Where what waits belongs.
+    /// The place in the file of the waiting bytes.
     at: u64,
     waiting: Vec<u8>,
     /// Of all that was written.
@@ -40,7 +40,7 @@ struct State {
 }
 
 impl State {
-    /// Returns the end of what was written.
+    /// Returns the end for the data written so far.
     fn end(&self) -> [u8; END_SIZE] {
         end(self.checksum.clone().finalize())
     }
@@ -52,7 +52,7 @@ impl Disk {
         Self(Arc::new(Mutex::new(State { file, at: 0, waiting: Vec::new(), checksum: crc32fast::Hasher::new() })))
     }
 
-    /// Writes what waits, with an end behind it.
+    /// Writes the waiting bytes, with an end behind them.
     pub(super) fn commit(&self) -> io::Result<()> {
         let mut state = self.lock();
         if state.waiting.is_empty() {
@@ -68,7 +68,7 @@ impl Disk {
         if written.is_ok() {
             state.at += length as u64;
         } else {
-            // The disk is full: what was there before gets its end back.
+            // The disk is full: the earlier data gets its end back.
             state.checksum = before;
             let (end, size) = (state.end(), state.at + END_SIZE as u64);
             drop(state.file.write_all_at(&end, state.at).and_then(|()| state.file.set_len(size)));
@@ -76,12 +76,12 @@ impl Disk {
         written
     }
 
-    /// Returns whether so much waits that it is to be written.
+    /// Returns whether enough bytes wait to be written.
     pub(super) fn is_full(&self) -> bool {
         self.lock().waiting.len() >= WAITING_MAX
     }
 
-    /// Writes what waits, which has its own end.
+    /// Writes the waiting bytes, which have their own end.
     pub(super) fn finish(&self) -> io::Result<()> {
         let mut state = self.lock();
         state.file.write_all_at(&state.waiting, state.at)?;
@@ -91,7 +91,7 @@ impl Disk {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing here panics while it holds the lock, so what is inside is whole in any case.
+        // No code here panics while it holds the lock, so its data is consistent in any case.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -102,7 +102,7 @@ impl Write for Disk {
         Ok(bytes.len())
     }
 
-    /// Does nothing: what is on the disk has to end with a whole chunk, which [`Disk::commit`] is told.
+    /// Does nothing: the file has to end with a whole chunk, of which [`Disk::commit`] is told.
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }

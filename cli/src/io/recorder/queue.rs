@@ -1,4 +1,4 @@
-//! The bounded queue to the recorder. A full queue drops samples; nobody waits for it.
+//! The bounded queue to the recorder. A full queue drops samples; no producer waits for it.
 
 use crate::logic::record::Entry;
 use std::collections::VecDeque;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// How long the queue may be for a sample to be let in: about two seconds of a busy robot.
 pub(super) const SAMPLES: usize = 4_096;
-/// How long the queue may be for what went over a wire, which may be large.
+/// The length of the queue for values of wires, which may be large.
 pub(super) const PORTS: usize = 256;
 /// How long the queue may be for a report to be let in.
 pub(super) const REPORTS: usize = 2 * SAMPLES;
@@ -74,7 +74,7 @@ impl Queue {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing here panics while it holds the lock, so what is inside is whole in any case.
+        // No code here panics while it holds the lock, so its data is consistent in any case.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -46,7 +46,7 @@ fn entries() -> Vec<Entry> {
     entries
 }
 
-/// When what is recorded here arrives, since 1970.
+/// The arrival time of everything recorded here, since 1970.
 const ARRIVED: Duration = Duration::from_secs(1_700_000_000);
 
 fn record(folder: &Folder) -> Recorder {
@@ -84,7 +84,7 @@ fn a_record_cut_anywhere_is_read_as_far_as_it_goes() {
     assert_eq!(longest, entries().len());
 }
 
-/// The official reader refuses a file whose summary, footer or magic is not whole.
+/// The official reader refuses a file whose summary, footer or magic is damaged.
 #[test]
 fn a_record_without_its_end_says_so() {
     let folder = Folder::new("end");
@@ -128,7 +128,7 @@ fn what_is_older_than_a_second_survives_a_kill() {
     for entry in entries() {
         log.write(&entry, ARRIVED).unwrap();
     }
-    // A killed process runs no destructor: what is in its buffers is gone.
+    // A killed process runs no destructor: the content of its buffers is gone.
     std::mem::forget(log);
     let run = read(&folder.0.join(FILE)).unwrap();
     assert_eq!(run.entries.len(), 0, "nothing is a second old");
@@ -170,7 +170,7 @@ fn is_part(part: &[Entry], whole: &[Entry]) -> bool {
     part.iter().all(|entry| rest.any(|one| one == entry))
 }
 
-/// The entry as it is read when nobody knows when GO was.
+/// The entry as read when the time of GO is unknown.
 fn without_time(mut entry: Entry) -> Entry {
     if let Entry::Signals { at, .. } | Entry::Output { at, .. } = &mut entry {
         *at = Duration::ZERO;
@@ -178,7 +178,7 @@ fn without_time(mut entry: Entry) -> Entry {
     entry
 }
 
-/// One byte of a record is another one: somebody is told, or what is read is the same. Nothing that is read is wrong.
+/// One byte of a record is changed: the damage is reported, or the result is the same. Nothing that is read is wrong.
 #[test]
 fn a_flipped_byte_is_told_or_changes_nothing() {
     let ended = Folder::new("flipped");
@@ -196,7 +196,7 @@ fn a_flipped_byte_is_told_or_changes_nothing() {
             if run.damage.is_none() && run != expected {
                 silent.push((name, place, mask));
             }
-            // What has lost GO with its part has no times, and says so.
+            // A record that has lost GO with its part has no times, and says so.
             let timeless = run.damage.as_ref().is_some_and(|damage| damage.contains("when GO was is not known"));
             let expected_entries = if timeless { &untimed } else { &expected.entries };
             if run.header != expected.header || !is_part(&run.entries, expected_entries) {
@@ -207,7 +207,7 @@ fn a_flipped_byte_is_told_or_changes_nothing() {
     assert!(silent.is_empty() && wrong.is_empty(), "not told: {silent:?}; wrong: {wrong:?}");
 }
 
-/// A second of the record is lost, what came after it is not.
+/// A second of the record is lost, the later part is not.
 #[test]
 fn what_is_whole_is_read_behind_a_damaged_part() {
     let mut bytes = killed(&Folder::new("behind"));
@@ -254,7 +254,8 @@ fn a_viewer_finds_what_it_expects() {
     );
 }
 
-/// Says what of `data` is not as `schema` says, by the rules of viewers: objects of typed properties, nothing else.
+/// Collects the parts of `data` that do not match `schema`, by the rules of viewers: objects of typed properties,
+/// nothing else.
 fn conforms(schema: &Value, data: &Value, wrong: &mut Vec<String>) {
     let Some(properties) = schema["properties"].as_object().filter(|_| schema["type"] == "object") else {
         return wrong.push(format!("no object: {schema}"));

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The last output of the programs of a mission, and the programs that a deadline is for.
 #[derive(Debug, Clone)]
 pub(super) struct Late {
-    /// Paths of the processes that a deadline is for, by the path of its group and what is said when it has passed.
+    /// Paths of the processes that a deadline limits, by the path of its group and the message of the deadline.
     deadlines: BTreeMap<(String, String), BTreeSet<String>>,
     /// The last lines of each program, by its path.
     lines: BTreeMap<String, Vec<String>>,
@@ -30,7 +30,7 @@ impl Late {
         Self { deadlines, lines, stopped: BTreeSet::new() }
     }
 
-    /// Goes on with another plan. What is known of programs stays.
+    /// Goes on with another plan. The known output of programs stays.
     pub(super) fn replan(&mut self, plan: &Plan) {
         let next = Self::new(plan);
         self.deadlines.extend(next.deadlines);
@@ -68,8 +68,8 @@ impl Late {
         }
     }
 
-    /// Returns the programs that were stopped because of a failure, if it is that a deadline has passed, with the last lines
-    /// that each wrote; those that wrote nothing are left out.
+    /// Returns the programs that were stopped because of a failure, if the failure is a deadline, with the last output
+    /// lines of each; programs without output are left out.
     pub(super) fn of(&self, failure: &Failure) -> Vec<(&str, &[String])> {
         let FailureCause::Failed(why) = &failure.cause else { return Vec::new() };
         let Some(of) = self.deadlines.get(&(failure.origin.clone(), why.clone())) else { return Vec::new() };
@@ -80,7 +80,7 @@ impl Late {
     }
 }
 
-/// Calls `found` for each `P within d` with what is said when it has passed, and P.
+/// Calls `found` for each `P within d` with the message of its deadline, and P.
 fn find(expression: &Expression, found: &mut dyn FnMut(&str, &Expression)) {
     if let Expression::Disable(of) = expression
         && let [of, Expression::Sequence(_, end)] = &of[..]

@@ -1,8 +1,8 @@
 //! The phases of a mission: which step of the main sequence is running, since when, and how it ended.
 //!
 //! The steps come from the expression of the first group, breadth first from `main`, that has anything in sequence: its
-//! chain of `;`, `:`, `;;` and `else`, flattened. What runs beside the chain (`motion # (a ; b)`) is background and belongs
-//! to no phase. Without any sequence the whole expression is the one step.
+//! chain of `;`, `:`, `;;` and `else`, flattened. Members that run beside the chain (`motion # (a ; b)`) are background
+//! and belong to no phase. Without any sequence the whole expression is the one step.
 
 mod steps;
 
@@ -18,7 +18,7 @@ pub const PHASES_MAX: usize = 1_000;
 /// The step of a phase of which the present plan has none.
 const GONE: usize = usize::MAX;
 
-/// How many phases back a value may belong that is told late.
+/// How many phases back a late value may belong.
 const LATE_MAX: usize = 8;
 
 /// A stretch of time in which one step of the main sequence ran.
@@ -157,8 +157,8 @@ impl Phases {
         })
     }
 
-    /// Goes on with the steps of another plan. Phases that are over stay as they were; the one that runs is the step of the new plan
-    /// in which its members run.
+    /// Goes on with the steps of another plan. Phases that are over stay unchanged; the running phase becomes the step
+    /// of the new plan in which its members run.
     pub(super) fn replan(&mut self, plan: &Plan) {
         let next = Self::new(plan);
         let old = std::mem::replace(&mut self.slots, next.slots);
@@ -245,7 +245,7 @@ impl Phases {
     }
 
     pub(super) fn sample(&mut self, track: usize, value: f64, at: Duration) {
-        // A peak is told a moment later, when the next phase may have begun.
+        // A peak is reported a moment later, when the next phase may have begun.
         let is_in = |phase: &&mut Phase| phase.begin <= at && phase.end.is_none_or(|end| at < end);
         if let Some(phase) = self.phases.iter_mut().rev().take(LATE_MAX).find(is_in) {
             if phase.peaks.len() <= track {
@@ -263,7 +263,7 @@ impl Phases {
     }
 
     /// Returns the step in which `member` was activated: the current one if it has not been active there yet, else the
-    /// next one that has it, around the end for a loop.
+    /// next one that contains it, wrapping around for a loop.
     fn step_of(&self, member: u32) -> Option<usize> {
         let from = match self.phases.last().filter(|phase| phase.step != GONE) {
             Some(phase) => phase.step + usize::from(phase.seen.contains(&member)),
@@ -280,7 +280,7 @@ impl Phases {
             self.phases.remove(0);
             self.dropped += 1;
         }
-        // What goes on beside a loop belongs to each of its rounds.
+        // A member that runs beside a loop belongs to each of its rounds.
         let again = self.phases.last().filter(|phase| phase.step == step);
         let active = again.map(|phase| phase.active.clone()).unwrap_or_default();
         let Step { name, members } = &self.steps[step];

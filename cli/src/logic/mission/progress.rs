@@ -28,7 +28,7 @@ pub enum Line {
     Live(String),
 }
 
-/// Remembers what has been told.
+/// Remembers the lines that were already shown.
 #[derive(Debug, Default)]
 pub struct Progress {
     start: String,
@@ -40,7 +40,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Returns what is new since the last call. To be called after each report, and every 100 ms or so besides.
+    /// Returns the new lines since the last call. To be called after each report, and about every 100 ms in addition.
     pub fn lines(&mut self, mission: &Mission, style: Style) -> Vec<Line> {
         let mut lines = Vec::new();
         if !mission.start().is_running() {
@@ -136,7 +136,7 @@ fn line(mission: &Mission, (at, mark, name, took): (Duration, char, &str, Durati
     text.trim_end().to_owned()
 }
 
-/// Returns `text` in at most `width` characters, with `…` for what is left out.
+/// Returns `text` in at most `width` characters, with `…` in place of the rest.
 pub(super) fn cut(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.to_owned();

@@ -5,7 +5,7 @@ use comms::logic::signals::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The most signals told apart; more are left out.
+/// The most signals that are kept; more are left out.
 pub const TRACKS_MAX: usize = 10_000;
 
 /// One signal of one program.
@@ -30,7 +30,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// Returns `value` as text, with decimals that suit what the signal has shown so far.
+    /// Returns `value` as text, with decimals that suit the range of the signal so far.
     pub fn text(&self, value: f64) -> String {
         let decimals = match self.peak {
             peak if peak >= 1000.0 => 0,
@@ -40,7 +40,7 @@ impl Track {
             _ => 1,
         };
         let text = format!("{value:.decimals$}");
-        // `-0.000` would be a number that nobody asked for.
+        // `-0.000` would be an odd number to show.
         let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
         if is_zero { text.trim_start_matches('-').to_owned() } else { text }
     }

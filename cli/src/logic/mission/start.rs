@@ -77,7 +77,7 @@ impl Start {
         (self.hosts.iter().map(|host| host.leaves).sum(), self.hosts.len())
     }
 
-    /// Returns one line that says how far it is: `starting 20 programs: c1 7 up · c2 linked · c3 …`.
+    /// Returns one line about the progress: `starting 20 programs: c1 7 up · c2 linked · c3 …`.
     pub fn line(&self) -> String {
         let (programs, _) = self.size();
         let hosts = self.hosts.iter().map(|host| match host.stage {

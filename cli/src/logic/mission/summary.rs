@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// The most rows of phases; a screen has about 24.
 const ROWS_MAX: usize = 14;
-/// The most signals with a column of their own.
+/// The most signals with a column.
 const COLUMNS_MAX: usize = 6;
 /// The most notes shown.
 const NOTES_MAX: usize = 6;
@@ -84,8 +84,8 @@ pub fn failure_chain(mission: &Mission) -> Option<String> {
     }
 }
 
-/// Returns the last lines of the program whose failure ended it all, or of those that a deadline has ended, each with what
-/// they are.
+/// Returns the last lines of the program whose failure ended the mission, or of those that a deadline has ended, each
+/// with a heading.
 pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
     let Some(Outcome::Aborted(failure)) = mission.verdict().map(|verdict| &verdict.outcome) else { return Vec::new() };
     if !failure.cause.output().is_empty() {
@@ -95,7 +95,7 @@ pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
     late.map(|(path, output)| (format!("the end of what `{}` wrote", short(path)), output)).collect()
 }
 
-/// Returns a line as several, broken between words, that stand below its beginning.
+/// Returns a line as several, broken between words, aligned below its beginning.
 fn wrapped(line: &str, columns: usize) -> String {
     if line.chars().count() <= columns {
         return line.to_owned();
@@ -129,7 +129,7 @@ fn title(mission: &Mission) -> String {
 }
 
 fn notes(mission: &Mission, text: &mut String) {
-    // The failure that ended it all stands above as a chain.
+    // The failure that ended everything is shown above as a chain.
     let told = match mission.verdict().map(|verdict| &verdict.outcome) {
         Some(Outcome::Aborted(failure)) => short(&failure.origin),
         Some(Outcome::Done | Outcome::Stopped | Outcome::Unconfirmed | Outcome::Refused(_)) | None => "",
@@ -194,7 +194,7 @@ fn table_of(mission: &Mission, signals: &[(usize, &Track)], cell_max: usize) -> 
 
 fn phase_cells(phase: &Phase, now: Duration, cells: &dyn Fn([&str; 4]) -> Vec<String>) -> Vec<String> {
     let ended = phase.ended();
-    // The reason of a failure stands above the table, in full.
+    // The full reason of a failure is above the table.
     let ended = ended.split(": ").next().unwrap_or_default();
     cells([&phase.name, &seconds(phase.begin), &seconds(phase.took(now)), ended])
 }
@@ -323,7 +323,7 @@ mod tests {
         let mut running = mission.clone();
         feed_more(&mut mission, "5.1 slow stopped \n 5.1 cam stopped");
         for mission in [&mut mission, &mut running] {
-            // What is on its way when all is over comes later.
+            // Output in transit at the end arrives later.
             mission.report(&end);
             mission.wrote("main/sys/slow", "waiting\n\x1b[1mno answer from the lens");
         }

@@ -330,12 +330,13 @@ fn steps_are_told_as_the_spec_has_them() {
     );
 }
 
-/// After a change the phases are those of the new plan: the one that runs goes on as its step there, and those that are over stay.
+/// After a change the phases are those of the new plan: the running phase goes on as its step there, and earlier phases
+/// stay.
 #[test]
 fn a_changed_plan_has_phases_of_its_own() {
     let names = ["motion!", "servo!", "near", "look", "close"];
     let before = plan(&names[..3], E::Disable(vec![run(0), seq(vec![run(1), run(2)])]));
-    // `servo` has ended; `near` runs, and from now on something looks beside it, before something closes.
+    // `servo` has ended; `near` runs, and from now on `look` runs beside it, before `close`.
     let mut names = names;
     names.swap(1, 3);
     let after = plan(&names, E::Disable(vec![run(0), seq(vec![run(3), E::Disable(vec![run(2), run(1)]), run(4)])]));
@@ -353,7 +354,7 @@ fn a_changed_plan_has_phases_of_its_own() {
         "3 look activated \n 4 look done \n 4 near stopping \n 4.1 near stopped \n 4.1 close activated",
     );
     assert_eq!(told(&mission), ["servo done", "near # look look done", "close running"]);
-    // Taken back: nothing of what runs is a step there.
+    // Taken back: no running member is a step there.
     mission.report(&Report::Replanned { plan: Box::new(before) });
     assert_eq!(told(&mission)[2], "close running");
     feed_more(&mut mission, "5 servo activated");

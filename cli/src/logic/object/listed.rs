@@ -19,7 +19,7 @@ pub(crate) struct Listed {
     pub(crate) access: Option<Access>,
 }
 
-/// What a name stands for.
+/// The kind of a listed name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum ListedKind {
     Procedure,

@@ -190,7 +190,8 @@ impl ValueAxis {
         text
     }
 
-    /// Returns what the script needs to read a value off a curve: the value at the top, and a value per unit of height.
+    /// Returns the numbers that the script needs to read a value off a curve: the value at the top, and a value per
+    /// unit of height.
     pub(super) fn reading(&self) -> (f64, f64) {
         (self.high, (self.high - self.low) / self.height)
     }

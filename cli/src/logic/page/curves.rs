@@ -12,7 +12,7 @@ const HEIGHT_SMALL: f64 = 105.0;
 /// The height of the room over and under the curves, in pixels.
 const TOP: f64 = 6.0;
 const BOTTOM: f64 = 20.0;
-/// A program that says nothing for longer than this breaks its curve.
+/// A longer silence of a program breaks its curve.
 const GAP: Duration = Duration::from_secs(1);
 
 /// Returns a picture with its title and its legend.

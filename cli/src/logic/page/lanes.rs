@@ -13,9 +13,9 @@ use std::time::Duration;
 
 /// Height of a lane.
 const LANE: f64 = 18.0;
-/// The most lanes; a page with more is no picture any more.
+/// The most lanes; with more, the picture would be unreadable.
 const LANES_MAX: usize = 250;
-/// How much further in a member stands than its group.
+/// The indentation of a member relative to its group.
 const INDENT: usize = 2;
 /// The longest name, in letters.
 const NAME_MAX: usize = 25;

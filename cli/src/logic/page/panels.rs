@@ -5,9 +5,9 @@ use crate::logic::record::{Entry, Run};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The most curves in one picture: as many as there are colours that can be told apart.
+/// The most curves in one picture: the number of distinguishable colours.
 pub(super) const CURVES_MAX: usize = 8;
-/// Words that tell apart what belongs together.
+/// Words that distinguish related signals.
 const PARTS: [&str; 12] = ["x", "y", "z", "rx", "ry", "rz", "left", "right", "roll", "pitch", "yaw", "w"];
 
 /// A picture of signals with the same unit and the same kind of name.
@@ -27,8 +27,8 @@ pub(super) struct Curve {
     pub(super) points: Vec<(Duration, f64)>,
 }
 
-/// Returns the pictures of a run, those with headline signals first, the others in the order of first appearance; and
-/// the signals that never changed, which need no picture, as text.
+/// Returns the pictures of a run, first those with headline signals, then the others in the order of first appearance.
+/// Also returns the signals that never changed, as text, since they need no picture.
 pub(super) fn panels(run: &Run, mission: &Mission) -> (Vec<Panel>, Vec<String>) {
     let points = points(run);
     let mut groups: Vec<((&str, String), Vec<usize>)> = Vec::new();
@@ -86,7 +86,7 @@ fn points(run: &Run) -> Points<'_> {
 fn curve(mission: &Mission, index: usize, points: &Points<'_>) -> Curve {
     let track = &mission.tracks()[index];
     let mut points = points.get(&(track.path.as_str(), track.name.as_str())).cloned().unwrap_or_default();
-    // Two programs' samples come in any order, but those of one program do not; this is for records of other tools.
+    // Samples of one program are in order, also between those of others; this is for records of other tools.
     points.sort_by_key(|(at, _)| *at);
     Curve { title: mission.title(track), points }
 }
@@ -97,7 +97,7 @@ fn stem(name: &str) -> Vec<&str> {
     name.split_whitespace().filter(word).map(|word| word.trim_end_matches(|end: char| end.is_ascii_digit())).collect()
 }
 
-/// Returns the last word of the stem: what it is. `door angle` and `lever angle` are both an angle.
+/// Returns the last word of the stem, which is the kind: `door angle` and `lever angle` are both an angle.
 fn kind(name: &str) -> String {
     stem(name).last().copied().unwrap_or(name).to_owned()
 }

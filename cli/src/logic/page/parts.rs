@@ -17,7 +17,7 @@ const OUTPUT_MAX: usize = 1 << 20;
 /// The most columns of signals in the table of phases.
 const COLUMNS_MAX: usize = 8;
 
-/// Returns title, verdict, and what went wrong.
+/// Returns title, verdict, and the cause of a failure.
 pub(super) fn head(run: &Run, mission: &Mission) -> String {
     let (class, sign, word) = match mission.verdict().map(|verdict| &verdict.outcome) {
         Some(Outcome::Done) => ("good", "✓", "done"),
@@ -111,7 +111,7 @@ pub(super) fn table(mission: &Mission) -> String {
     text
 }
 
-/// Returns what is folded away: every event, and the spec.
+/// Returns the folded parts: every event, and the spec.
 pub(super) fn details(run: &Run) -> String {
     let mut events = Vec::new();
     let mut now = Duration::ZERO;
@@ -161,7 +161,7 @@ pub(super) fn details(run: &Run) -> String {
     )
 }
 
-/// Returns what each program wrote.
+/// Returns the output of each program.
 fn outputs(run: &Run) -> String {
     let mut text = String::new();
     for (path, chunks) in run.outputs() {

@@ -49,7 +49,8 @@ fn a_refusal_shows_its_reasons_and_no_pictures() {
     assert!(!page.contains("<figure>"));
 }
 
-/// On a telephone the pictures are as wide as they are drawn, and scroll: shrunk to its width, a letter has three pixels.
+/// On a telephone the pictures keep their drawn width, and scroll: shrunk to the screen, a letter would have three
+/// pixels.
 #[test]
 fn a_narrow_screen_shrinks_no_letters() {
     let page = page(&run(None));

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// The longest line, in bytes; what is longer becomes several.
+/// The longest line, in bytes; a longer one becomes several.
 const LINE_MAX: usize = 64 << 10;
 /// The most that is kept of one program's output, in bytes.
 const OUTPUT_MAX: usize = 32 << 20;

@@ -1,6 +1,7 @@
 //! Messages of wires as JSON objects with a schema. The interface of the sender gives the layout of the bytes.
 //!
-//! Samples on wires are encoded with postcard, which says nothing of what is in them. Source: <https://postcard.jamesmunns.com/wire-format>.
+//! Samples on wires are encoded with postcard, which does not describe its content. Source:
+//! <https://postcard.jamesmunns.com/wire-format>.
 
 use crate::logic::record::schema;
 use crate::logic::ros;
@@ -9,13 +10,13 @@ use language::Source;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Field of a message that is no record.
+/// Field of a message that is not a record.
 const VALUE: &str = "value";
 
 /// The types of outputs: by module, then by output.
 pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
 
-/// Returns what each output of each module sends, as far as the texts declare it.
+/// Returns the messages of each output of each module, as far as the texts declare them.
 pub(crate) fn messages(interfaces: &[Source]) -> Messages {
     let message = |of: language::Message| Message { name: of.name, layout: layout(of.layout) };
     let outputs = |all: BTreeMap<String, language::Message>| {

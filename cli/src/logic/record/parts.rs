@@ -1,9 +1,8 @@
 //! Reads the bytes of a record part by part, and skips damaged ones.
 //!
-//! All that is recorded is in chunks and attachments, which have checksums; the bytes between them have one of all bytes up
-//! to the end. Behind a part whose length is damaged the next whole chunk is looked for.
-//! Source: the MCAP format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End,
-//! Footer.
+//! All recorded data is in chunks and attachments, which have checksums; the bytes between them have one checksum over
+//! all bytes up to the end. After a part whose length is damaged, the next whole chunk is searched. Source: the MCAP
+//! format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End, Footer.
 
 use mcap::records::op;
 use std::ops::Range;
@@ -22,14 +21,14 @@ const FOOTER_SIZE: usize = HEAD + 8 + 8 + 4;
 pub(super) struct Part<'a> {
     pub(super) opcode: u8,
     pub(super) body: &'a [u8],
-    /// Where it stands in the file.
+    /// Its place in the file.
     place: Range<usize>,
 }
 
 /// The next part of a record.
 #[derive(Debug)]
 pub(super) enum Next<'a> {
-    /// A part that is whole, as far as it has a checksum.
+    /// A complete part, checked if it has a checksum.
     Whole(Part<'a>),
     /// The bytes there are damaged.
     Damaged(Range<usize>),
@@ -55,7 +54,7 @@ impl<'a> Parts<'a> {
         Self { bytes, at: mcap::MAGIC.len(), is_damaged: false }
     }
 
-    /// Returns what comes next; nothing behind `End` and `Cut` has a meaning.
+    /// Returns the next part; after `End` and `Cut` the results have no meaning.
     pub(super) fn next(&mut self) -> Next<'a> {
         let from = self.at;
         let Some(part) = part_at(self.bytes, from) else {
@@ -115,7 +114,7 @@ fn is_chunk_at(bytes: &[u8], at: usize) -> bool {
 
 fn is_whole_chunk(body: &[u8]) -> bool {
     let Some(data) = body.get(CHUNK_HEAD..) else { return false };
-    // The recorder compresses nothing, so both sizes are that of what follows.
+    // The recorder compresses nothing, so both sizes are that of the following data.
     let size = u64::try_from(data.len()).ok().map(u64::to_le_bytes);
     let sizes = [body.get(16..24), body.get(32..40)];
     sizes.iter().all(|found| found.is_some() && *found == size.as_ref().map(<[u8; 8]>::as_slice))

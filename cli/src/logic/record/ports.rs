@@ -30,8 +30,8 @@ impl Port {
     }
 }
 
-/// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` is what is
-/// known of the outputs.
+/// Returns the named wires: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` has the known
+/// messages of the outputs.
 ///
 /// # Errors
 /// A sentence for a person: something means no wire that can be recorded.
@@ -56,7 +56,7 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         if wires().next().is_none() && what != "all" {
             return Err(format!("no output `{what}` is connected; write it as `force.Out`, or `all`"));
         }
-        // Of a wire whose consumer fetches the values nothing is sent that could be heard.
+        // A wire whose consumer fetches the values sends nothing that could be received.
         let pushed: Vec<_> = wires().filter(|(_, wire)| wire.transfer == Transfer::Push).collect();
         if pushed.is_empty() && what != "all" {
             return Err(format!("`{what}` cannot be recorded: its consumers fetch its values"));

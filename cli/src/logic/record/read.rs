@@ -14,13 +14,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Duration;
 
-/// Why bytes are no record.
+/// The reason why bytes are not a record.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// They are something else.
     #[error("not the record of a run: {0}")]
     Foreign(String),
-    /// They are the beginning of a record, or a damaged one, and do not say what was run.
+    /// They are the beginning of a record, or a damaged one, and do not name their run.
     #[error("the record does not say what was run: {0}")]
     Damaged(String),
     /// A later version of DCA wrote them.
@@ -38,7 +38,7 @@ impl Run {
     /// damaged, everything is read that is whole.
     ///
     /// # Errors
-    /// When it does not even say what was run: it is none, or nothing of that is left.
+    /// When it does not even name its run: it is not a record, or that part of it is lost.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
         let mut reading = RecordReader { bytes, ..RecordReader::default() };
         let is_record = bytes.starts_with(mcap::MAGIC) || mcap::MAGIC.starts_with(bytes);
@@ -74,7 +74,7 @@ struct RecordReader<'a> {
     entries: Vec<Entry>,
     /// When GO was, since 1970; records of version 1 have times since GO.
     go: Option<Duration>,
-    /// When it was at the earliest, by what came after it.
+    /// The earliest possible time of GO, from the later entries.
     go_min: Option<Duration>,
     /// The damage, in the order of the file: the first case of it, and how many more there are.
     damage: Vec<String>,
@@ -143,7 +143,7 @@ impl RecordReader<'_> {
         }
     }
 
-    /// Returns in one sentence what is damaged.
+    /// Returns one sentence about the damage.
     fn damage(&self) -> Option<String> {
         let more = match self.damage_more {
             0 => String::new(),
@@ -152,7 +152,7 @@ impl RecordReader<'_> {
         (!self.damage.is_empty()).then(|| self.damage.join("; ") + &more)
     }
 
-    /// Says of each entry when it came, since GO: only what comes after GO tells when that was.
+    /// Gives each entry its time since GO: only entries after GO tell when that was.
     fn date(&mut self) {
         let is_since_go = self.about.as_ref().is_some_and(|about| about.version < 2);
         let go = if is_since_go { Some(Duration::ZERO) } else { self.go.or(self.go_min) };
@@ -210,7 +210,7 @@ impl RecordReader<'_> {
         Ok(())
     }
 
-    /// Returns a channel; one whose announcement is damaged is in the summary, too, if the record was ended.
+    /// Returns a channel; a channel whose announcement is damaged is also in the summary, if the record was ended.
     fn channel(&mut self, id: u16) -> Result<&Channel, String> {
         if !self.channels.contains_key(&id) {
             let summary = mcap::read::Summary::read(self.bytes).ok().flatten();
@@ -233,7 +233,7 @@ impl Channel {
         Ok(Self { topic, path, units })
     }
 
-    /// Returns what came `at`, since 1970, if a report has a use for it.
+    /// Returns an entry with the time `at`, since 1970, if a report has a use for it.
     fn entry(&self, at: Duration, stamp_of_v1: Time, data: &[u8]) -> Result<Option<Entry>, String> {
         if self.topic == EVENTS {
             let report = parse::<Event>(data)?.report;

@@ -16,13 +16,13 @@ use std::time::Duration;
 
 /// The topic of reports.
 pub const EVENTS: &str = "/events";
-/// The topic of what programs write.
+/// The topic of programs' output.
 pub const LOG: &str = "/log";
 /// The beginning of the topic of a program's signals; its path follows, in plain names.
 pub const SIGNALS: &str = "/signals/";
 /// The beginning of the topic of a wire; the path of its output follows, in plain names.
 pub const PORTS: &str = "/ports/";
-/// Key of a channel's metadata: the program's path as it is.
+/// Key of a channel's metadata: the program's unchanged path.
 pub(super) const PATH: &str = "dca.path";
 
 /// A channel of the record.
@@ -120,7 +120,7 @@ pub(super) struct Unit {
 #[derive(Debug, Default)]
 pub struct Rows {
     topics: Vec<Topic>,
-    /// The topics of a program: more than one when it changes what it publishes.
+    /// The topics of a program: more than one if it changes its signals.
     of: BTreeMap<String, Vec<usize>>,
     /// The schemas of the types of ROS 2 so far. A type outside the standard library has none.
     ros: BTreeMap<String, Option<Arc<Schema>>>,
@@ -243,7 +243,7 @@ impl Rows {
     fn topic(&mut self, path: &str, sample: &Signals) -> usize {
         let fits = |index: &&usize| {
             let known = fields_of(&self.topics[**index]);
-            // Of a peak between two samples one value is told.
+            // A peak between two samples has one value.
             sample.values.iter().all(|signal| known.contains_key(&signal.name))
         };
         if let Some(known) = self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)) {
@@ -299,7 +299,7 @@ impl Rows {
     }
 }
 
-/// Returns the schema of a message: what is called the same and is not has another name.
+/// Returns the schema of a message: two different messages of the same name get different schema names.
 fn schema_of(topics: &[Topic], message: &Message) -> Described {
     let name = format!("dca.types.{}", schema::plain_name(&message.name));
     let schema_as = |name: &str| json(&message::schema(name, message));
@@ -319,7 +319,7 @@ fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
     units.collect()
 }
 
-/// Returns a sample as an object of numbers. What JSON has no number for is left out.
+/// Returns a sample as an object of numbers. Numbers that JSON does not have are left out.
 fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
     let of = fields_of(topic);
     let finite = sample.values.iter().filter(|signal| signal.value.is_finite());
@@ -329,7 +329,7 @@ fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
     values.chain([(schema::STAMP.to_owned(), json!(stamp))]).collect()
 }
 
-/// Returns what a report is about, in one word.
+/// Returns the kind of a report, in one word.
 pub(crate) fn kind(report: &Report) -> &'static str {
     let ending = |ending: &Ending| match ending {
         Ending::Done(_) => "done",

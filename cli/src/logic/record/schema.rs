@@ -2,10 +2,10 @@
 
 use serde_json::{Map, Value, json};
 
-/// Field of a sample that says when it was taken, in seconds on the clock of the program's host.
+/// Field of a sample with the time when it was taken, in seconds on the clock of the program's host.
 pub(super) const STAMP: &str = "stamp";
 
-/// Returns a name of letters, digits and `_`: what a viewer's expressions can name without quotes.
+/// Returns a name of letters, digits and `_`, which a viewer's expressions can use without quotes.
 pub(super) fn plain_name(text: &str) -> String {
     let mut name = String::with_capacity(text.len());
     for c in text.chars() {
@@ -47,7 +47,7 @@ pub(super) fn event() -> Value {
     )
 }
 
-/// Returns the schema of what programs write: `foxglove.Log`, which viewers have a panel for.
+/// Returns the schema of programs' output: `foxglove.Log`, which viewers have a panel for.
 pub(super) fn log() -> Value {
     let time = object("time", [("sec", "integer", "seconds since 1970"), ("nsec", "integer", "and nanoseconds")]);
     let mut schema = object(
@@ -64,8 +64,8 @@ pub(super) fn log() -> Value {
     schema
 }
 
-/// Returns the schema of what goes over a wire and only the programs at its ends can read: no interface says what is in it, or
-/// it is not what the interface says.
+/// Returns the schema of values on a wire that only the programs at its ends can read: no interface describes them, or
+/// they do not match it.
 pub(super) fn port() -> Value {
     let size = ("size", "integer", "how many bytes it is");
     let mut schema = object("dca.Encoded", [size, ("bytes", "string", "the value, encoded with postcard")]);
@@ -73,7 +73,7 @@ pub(super) fn port() -> Value {
     schema
 }
 
-/// Returns the schema of a program's samples: its signals (field, unit) are numbers. What is no number is left out.
+/// Returns the schema of a program's samples: its signals (field, unit) are numbers. Other values are left out.
 pub(super) fn signals<'a>(title: &str, fields: impl Iterator<Item = (&'a str, &'a str)>) -> Value {
     let stamp = (STAMP, "number", "when the sample was taken, in seconds on the clock of the program's host");
     object(title, std::iter::once(stamp).chain(fields.map(|(name, unit)| (name, "number", unit))))

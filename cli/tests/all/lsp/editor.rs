@@ -1,4 +1,4 @@
-//! An editor that says what it is told to, to the real `dca lsp`.
+//! A scripted editor for the real `dca lsp`.
 
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -27,7 +27,7 @@ impl Editor {
         Self { server, input, output, requests: 0 }
     }
 
-    /// Starts a server and says what this editor can do.
+    /// Starts a server and announces the capabilities of this editor.
     pub(crate) fn ready(controllers: &str, capabilities: &Value) -> Self {
         let mut editor = Self::start(controllers);
         editor.ask("initialize", &json!({"capabilities": capabilities}));
@@ -35,7 +35,7 @@ impl Editor {
         editor
     }
 
-    /// Sends bytes as they are.
+    /// Sends bytes unchanged.
     pub(crate) fn send_bytes(&mut self, bytes: &[u8]) {
         self.input.write_all(bytes).and_then(|()| self.input.flush()).expect("the server reads");
     }
@@ -73,7 +73,7 @@ impl Editor {
         while self.read()["method"] != method {}
     }
 
-    /// What stands above the first block of a document to prove, once it is known.
+    /// The title above the first block of a document to prove, once it is known.
     pub(crate) fn lens(&mut self, uri: &str) -> Value {
         loop {
             let mut answer = self.ask("textDocument/codeLens", &json!({"textDocument": {"uri": uri}}));
@@ -85,7 +85,7 @@ impl Editor {
         }
     }
 
-    /// Reads the next message but for those about programs, which come whenever a program has answered.
+    /// Reads the next message, without those about programs, which come after each answer of a program.
     pub(crate) fn read_next(&mut self) -> Value {
         loop {
             let message = self.read();
@@ -95,7 +95,7 @@ impl Editor {
         }
     }
 
-    /// Asks the server something; what it says meanwhile is passed over.
+    /// Sends the server a request; skips other messages until the answer.
     pub(crate) fn ask(&mut self, method: &str, params: &Value) -> Value {
         self.requests += 1;
         let id = self.requests;
@@ -120,7 +120,7 @@ impl Editor {
         self.notify("textDocument/didChange", &json!({"textDocument": document, "contentChanges": [change]}));
     }
 
-    /// Reads until the server says what is wrong with a version of a document.
+    /// Reads until the server publishes the diagnostics of a version of a document.
     pub(crate) fn diagnostics(&mut self, uri: &str, version: i64) -> Vec<Value> {
         loop {
             let message = self.read();
@@ -132,7 +132,7 @@ impl Editor {
         }
     }
 
-    /// Ends the server as editors do.
+    /// Ends the server like an editor.
     pub(crate) fn end(mut self) -> ExitStatus {
         self.ask("shutdown", &Value::Null);
         self.notify("exit", &Value::Null);

@@ -54,7 +54,7 @@ fn is_sequence(expression: &Expression) -> bool {
     matches!(expression, E::Sequence(..) | E::Conditional(..) | E::Recurrent(..))
 }
 
-/// Returns the first part of `expression` that is a sequence; what runs beside it is background.
+/// Returns the first part of `expression` that is a sequence; the members beside it are background.
 fn sequence(expression: &Expression) -> &Expression {
     if is_sequence(expression) || matches!(expression, Expression::Otherwise(..) | Expression::Finally(..)) {
         return expression;
@@ -62,13 +62,13 @@ fn sequence(expression: &Expression) -> &Expression {
     parts(expression).into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
 }
 
-/// Returns the operands as they are written: clocks of deadlines and further tries are none.
+/// Returns the written operands, without the clocks of deadlines and further tries.
 fn parts(expression: &Expression) -> Vec<&Expression> {
     let one = deadline(expression).map(|(of, _)| of).or_else(|| retry(expression).map(|(of, ..)| of));
     one.map_or_else(|| expression.operands(), |of| vec![of])
 }
 
-/// Returns what a deadline is for, and how long it is, if the expression is `P within d` written out.
+/// Returns the operand and the length of a deadline, if the expression is an expanded `P within d`.
 fn deadline(expression: &Expression) -> Option<(&Expression, Duration)> {
     let Expression::Disable(of) = expression else { return None };
     let [of, Expression::Sequence(clock, end)] = &of[..] else { return None };
@@ -78,7 +78,8 @@ fn deadline(expression: &Expression) -> Option<(&Expression, Duration)> {
     }
 }
 
-/// Returns what is tried again, how often, and the pause before each, if the expression is `retry(n) P` written out.
+/// Returns the operand of a retry, the number of tries, and the pause before each, if the expression is an expanded
+/// `retry(n) P`.
 fn retry(expression: &Expression) -> Option<(&Expression, usize, Option<Duration>)> {
     let (mut tries, mut waiting) = (Vec::new(), vec![expression]);
     while let Some(next) = waiting.pop() {
