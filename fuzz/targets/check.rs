@@ -1,5 +1,5 @@
-//! The checker never panics, and what it returns can be used: places are in the text, fixes apply, a plan keeps its
-//! invariants, can be drawn and simulated, and whatever runs then can be stopped.
+//! The checker never panics, and its result can be used: places are in the text, fixes apply, a plan keeps its
+//! invariants, can be drawn and simulated, and every run can be stopped.
 #![no_main]
 
 use language::{RandomRun, Compiled, Options, Origin, Severity, Simulation, Source, Style};

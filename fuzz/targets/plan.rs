@@ -1,7 +1,7 @@
-//! Bytes from a network: those that are a plan are checked, and one that is sound takes any events.
+//! Bytes from a network: if they are a plan, the plan is checked, and a valid one takes any events.
 //!
-//! What is left of the bytes is read as events, two bytes each: right ones, stale ones, and ones for members that are not
-//! there. At the end the group is stopped, and everything confirms: then it has to end, and to be idle.
+//! The rest of the bytes is read as events, two bytes each: valid ones, stale ones, and ones for members that do not
+//! exist. At the end the group is stopped, and everything confirms: then it has to end, and to be idle.
 #![no_main]
 
 use language::algebra::{Activation, Activity, Event, Outcome, Program, State, Value, step};
@@ -16,7 +16,7 @@ fuzz_target!(|bytes: &[u8]| {
     if plan.validate().is_err() {
         return;
     }
-    // What may not be stopped and does not end cannot be ended at all; `dca check` refuses it.
+    // A member that may not be stopped and does not end cannot be ended at all; `dca check` refuses it.
     for group in plan.groups.iter().filter(|group| !is_held_up(&group.expression)) {
         let program = Program::compile(group);
         let members = u32::try_from(group.members.len()).expect("a plan has few members");
@@ -45,8 +45,8 @@ fn run(program: &Program, members: u32, events: &[u8]) {
     if outcome.is_none() {
         outcome = step(program, &mut state, Event::Stop, &mut commands);
     }
-    // Time passes; what is asked to stop confirms it; what may go on under a shield ends. A shield's timer stands before
-    // those below it, so a loop that it holds up cannot go on for ever.
+    // Time passes; members that are asked to stop confirm it; members under a shield may end. A shield's timer stands
+    // before those below it, so a loop that it holds up cannot go on for ever.
     while outcome.is_none() {
         commands.clear();
         let mut timers = (0..program.timers()).map(|timer| (timer, state.timer(program, timer)));
@@ -68,7 +68,7 @@ fn ending(state: &State, member: u32) -> Event {
     }
 }
 
-/// One of all events there are; every fourth is about an older activation.
+/// A random event; every fourth is about an older activation.
 fn event(program: &Program, state: &State, members: u32, (what, who): (u8, u8)) -> Event {
     let member = u32::from(who) % (members + 1);
     let stale = u32::from(what / 16 == 0);

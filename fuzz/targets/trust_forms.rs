@@ -1,5 +1,5 @@
-//! Bytes from a stranger: certificates, credentials, revocations, sealed values, joining messages. What is read is written
-//! again as the same bytes. The first byte says which of them it is.
+//! Bytes from a stranger: certificates, credentials, revocations, sealed values, joining messages. A value that can be
+//! read is rewritten as the same bytes. The first byte selects the form.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

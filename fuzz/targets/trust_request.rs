@@ -9,7 +9,7 @@ use trust::request::{Context, Replays, check};
 use trust::revocation::Revocations;
 use trust::team::{Judge, Team};
 
-/// A team whose key nobody else has: a stranger cannot sign for it, whatever the bytes are.
+/// A team with a secret key: a stranger cannot sign for it with any bytes.
 static TEAM: LazyLock<Team> = LazyLock::new(|| {
     let root = SecretKeys::generate(&mut Entropy::new(&[1; 32]));
     Team::found("acme".parse().expect("a name"), &root)

@@ -1,5 +1,4 @@
-//! Texts that people copy, and files that somebody has worked on: the line of an invitation, a key, a bundle, a policy, an
-//! audit log.
+//! Texts that people copy, and manipulated files: the line of an invitation, a key, a bundle, a policy, an audit log.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
