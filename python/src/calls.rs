@@ -156,7 +156,7 @@ pub(crate) struct Call {
 }
 
 impl Call {
-    /// Returns what is held of the calls, if this one is of the present activation.
+    /// Returns the shared state of the calls, if this call belongs to the present activation.
     fn held(&self) -> Option<MutexGuard<'_, Held>> {
         Some(self.of.held()).filter(|held| held.activation == self.activation)
     }

@@ -46,7 +46,7 @@ struct Held {
 }
 
 impl Held {
-    /// Hands out what has come.
+    /// Delivers the answers and events that have arrived.
     fn sort(&mut self) {
         while let Some((number, result)) = self.database.value() {
             self.answer(number, result.map_or_else(Answer::Failed, Answer::Value));
@@ -99,7 +99,7 @@ pub(crate) struct DatabaseOf(pub(crate) Arc<DatabaseState>);
 
 #[pymethods]
 impl DatabaseOf {
-    /// Asks what a key holds.
+    /// Asks for the value of a key.
     #[pyo3(signature = (key, *, within))]
     fn get(&self, key: String, within: &Bound<'_, PyAny>) -> PyResult<Request> {
         let within = span(within)?;
@@ -165,7 +165,7 @@ impl DatabaseOf {
     }
 }
 
-/// Reads what a key has to be.
+/// Parses the expected state of a key.
 pub(crate) fn expectation(word: &str) -> PyResult<Expected> {
     Ok(match word {
         "absent" => Expected::Absent,
@@ -230,7 +230,8 @@ pub(crate) struct Watch {
     of: Arc<DatabaseState>,
 }
 
-/// An event of a watch: `begin`, `present`, `complete` or `changed`, the entries, and by whom and why they were changed.
+/// An event of a watch: `begin`, `present`, `complete` or `changed`, the entries, and the author and reason of the
+/// change.
 #[pyclass(frozen, get_all, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct WatchChange {
@@ -262,7 +263,8 @@ impl Watch {
 }
 
 impl Watch {
-    /// Takes the events of this watch, and keeps those of other watches for them. Each event that is taken tells the node that there is room for more.
+    /// Takes the events of this watch, and keeps those of other watches for them. Each event that is taken tells the
+    /// node that there is room for another one.
     fn take(&self) -> VecDeque<WatchEvent> {
         let mut held = self.of.held();
         if held.activation != self.activation {

@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// A class that was declared: what is known of it without making an instance.
+/// A class that was declared: its properties that are known without an instance.
 #[derive(Debug)]
 pub(crate) struct Class {
     /// The object of Python that makes instances.

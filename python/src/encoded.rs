@@ -66,7 +66,7 @@ impl Encoded {
             self.pieces.push((self.bytes.len(), Held::Arrived(whole, range)));
             return Ok(());
         }
-        // It copies also what is not one piece.
+        // This also copies data that is not one piece.
         self.piece(&view.call_method0("tobytes")?.cast_into::<PyBytes>()?);
         Ok(())
     }
@@ -108,13 +108,13 @@ impl Encoded {
     }
 }
 
-/// Returns what a view looks at, if that is all of a large piece of a value that has arrived.
+/// Returns the data behind a view, if that is all of a large piece of a value that has arrived.
 fn arrived(view: &Bound<'_, PyMemoryView>) -> Option<(Arc<Vec<u8>>, Range<usize>)> {
     let piece = view.getattr("obj").ok()?.cast_into::<Piece>().ok()?;
     let (whole, range) = piece.get().part();
     let size: usize = view.getattr("nbytes").ok()?.extract().ok()?;
     let is_contiguous: bool = view.getattr("c_contiguous").ok()?.extract().ok()?;
-    // Of another part, or one that is read backwards, the first byte is elsewhere.
+    // A view of another part, or a reversed one, has its first byte elsewhere.
     let is_whole = size == range.len() && size >= LARGE && is_contiguous;
     is_whole.then(|| (Arc::clone(whole), range))
 }

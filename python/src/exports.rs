@@ -57,7 +57,7 @@ impl DeclaredExport {
     }
 }
 
-/// Returns what a message type says of itself; nothing at all if there is none.
+/// Returns the description that a message type gives of itself; nothing at all if there is none.
 pub(crate) fn type_form(message: Option<&Py<MessageType>>) -> TypeForm {
     message.map_or_else(TypeForm::default, |message| TypeForm::new(&message.get().name, &message.get().fields))
 }

@@ -1,8 +1,8 @@
 //! The form of a message type: how its bytes become Python values, and the other way round.
 //!
-//! Python describes a form with nested tuples, whose first item is a word: `("number", "Length")`, `("list", ELEMENT, 3, False)`,
-//! `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An optional value has the bytes of a list
-//! of at most one.
+//! Python describes a form with nested tuples, whose first item is the kind: `("number", "Length")`,
+//! `("list", ELEMENT, 3, False)`, `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the
+//! same fields. An optional value has the bytes of a list of at most one.
 
 use crate::encoded::Encoded;
 use crate::piece::Piece;

@@ -193,7 +193,7 @@ impl EveryInput {
         self.0.held().values.len()
     }
 
-    /// How many values were sent to this input in this activation and are not among those that it had.
+    /// How many values were sent to this input in this activation and have not reached it.
     #[getter]
     fn lost(&self) -> u64 {
         self.0.arrivals().lost()

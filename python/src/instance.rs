@@ -134,7 +134,7 @@ impl Instance {
         Tick { now: seconds(now), elapsed: elapsed.as_secs_f64() }
     }
 
-    /// Hands over what has come of keys that ports are connected with.
+    /// Delivers the values of keys that ports are connected with.
     fn tell_news(&mut self, now: Time) {
         for (port, bytes) in self.key_ports.news(now) {
             for (keys, declared) in self.keys.iter().zip(&self.class.keys).filter(|(_, of)| of.interface.name == port) {
@@ -153,14 +153,14 @@ impl Instance {
         self.put_keys();
     }
 
-    /// Takes what the outputs of keys put.
+    /// Takes the values that outputs write to keys.
     fn put_keys(&mut self) {
         for (keys, declared) in self.keys.iter().zip(&self.class.keys) {
             keys.take().iter().for_each(|bytes| self.key_ports.sent(declared.interface.name, bytes));
         }
     }
 
-    /// Returns a reason to abort together with what is wrong with the inputs.
+    /// Returns a reason to abort together with the problems of the inputs.
     fn explained(&self, mut reason: String) -> String {
         for (input, declared) in self.inputs.iter().zip(&self.class.interface.ports) {
             if let Some(trouble) = input.trouble() {

@@ -87,7 +87,7 @@ impl KeysState {
         puts.iter().filter_map(|put| postcard::to_stdvec(put).ok()).collect()
     }
 
-    /// Returns what the object of a class has in the place of the port.
+    /// Returns the value that the object of a class has in the place of the port.
     pub(crate) fn object(self: &Arc<Self>, py: Python<'_>, type_name: &str) -> PyResult<Py<PyAny>> {
         let state = Arc::clone(self);
         Ok(match type_name {

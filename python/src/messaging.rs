@@ -1,4 +1,4 @@
-//! Queues, locks and routers of a class, and the clients of those of other processes.
+//! Queues, locks and routers of a class, and the clients for those of other processes.
 //!
 //! Each is a [`Station`]: it exports a procedure or makes calls, as its counterpart of the kit does in Rust, and an object of the class has it as an
 //! attribute. Data is encoded and checked by its message type; the protocol is that of the kit.
@@ -31,7 +31,7 @@ pub(crate) trait Station: Debug + Send + Sync {
     fn begin(&self, is_connected: bool);
     /// Hears and sends: before a calculation, and again after it.
     fn work(&self, now: Time);
-    /// Takes what is to be done about its calls.
+    /// Takes the pending orders for its calls.
     fn take(&self) -> Vec<CallOrder> {
         Vec::new()
     }
@@ -105,7 +105,7 @@ impl From<DeclaredFilter> for Filter {
 }
 
 impl DeclaredStation {
-    /// Returns what is declared; `for_ever` makes its texts live as long as the process.
+    /// Returns the declaration; `for_ever` makes its texts live as long as the process.
     pub(crate) fn station(self, for_ever: fn(String) -> &'static str) -> PyResult<StationOf> {
         let capacity = NonZeroUsize::new(self.capacity).ok_or_else(|| PyValueError::new_err("the capacity is 0"))?;
         let span = |seconds: f64| {
@@ -138,7 +138,7 @@ impl DeclaredStation {
 }
 
 impl StationOf {
-    /// Returns what it exports.
+    /// Returns its exports.
     pub(crate) fn exports(&self) -> Vec<ExportInterface> {
         match &self.kind {
             Kind::Queue { .. } => queue::exports(self.name, self.status, self.doc).interfaces(),
@@ -258,7 +258,7 @@ impl Stations {
         self.all.iter().for_each(|(station, _)| station.work(now));
     }
 
-    /// Takes what is to be done about calls.
+    /// Takes the pending orders for calls.
     pub(crate) fn take(&self, order: &mut dyn FnMut(&'static str, CallOrder)) {
         for (station, names) in &self.all {
             let Some(name) = names.calls else { continue };

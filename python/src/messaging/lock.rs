@@ -13,7 +13,7 @@ use std::time::Duration;
 /// How many users wait for a lock at most.
 const WAITING_MAX: usize = 64;
 
-/// Returns what a lock exports: the procedure that takes requests, and its state for people.
+/// Returns the exports of a lock: the procedure that takes requests, and its state for users.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Lock> {
     let mut exports = Exports::default();
     exports.procedure_later(name, doc, |lock: &mut Lock, request: LockRequest, reply| lock.ask(request, reply));

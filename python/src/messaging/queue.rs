@@ -13,7 +13,7 @@ use pyo3::types::PyList;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Returns what a queue exports: the procedure that takes messages, and its state for people.
+/// Returns the exports of a queue: the procedure that takes messages, and its state for users.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Held> {
     let mut exports = Exports::default();
     exports.procedure(name, doc, |held: &mut Held, message: QueueMessage| Ok(held.receive(message)));
@@ -158,7 +158,7 @@ impl QueueOf {
 
 #[pymethods]
 impl QueueOf {
-    /// Takes the message with the highest priority, and of those the one that came first; `None` if none waits.
+    /// Takes the message with the highest priority, and among equals the oldest; `None` if the queue is empty.
     fn take(&self, py: Python<'_>) -> PyResult<Option<Taken>> {
         take(py, &*self.source)
     }

@@ -1,4 +1,4 @@
-//! A router of a class, and the subscriber of one of another process.
+//! A router of a class, and the subscriber for a router of another process.
 
 use super::queue::{Held, Source, Taken, all, take, waiting};
 use super::{DeclaredFilter, Station, no_number};
@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Returns what a router exports: the procedure that takes subscriptions, and its state for people.
+/// Returns the exports of a router: the procedure that takes subscriptions, and its state for users.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Router<()>> {
     let mut exports = Exports::default();
     exports.procedure_later(name, doc, |router: &mut Router<()>, subscription: Subscription, reply| {
@@ -197,7 +197,7 @@ impl SubscriberOf {
         waiting(&*self.0)
     }
 
-    /// The state of the subscription: `asking` as long as that is not known, `yes`, or the reason against it.
+    /// The state of the subscription: `asking` while that is unknown, `yes`, or the reason against it.
     #[getter]
     fn state(&self) -> String {
         match self.0.held().user.state() {
@@ -208,7 +208,8 @@ impl SubscriberOf {
         }
     }
 
-    /// Wants other messages from now on: those that one of the filters takes; everything if there is none.
+    /// Replaces the filters from now on: the subscriber gets messages that one of the filters takes, or everything if
+    /// there is none.
     fn set_filters(&self, filters: Vec<DeclaredFilter>) {
         let mut held = self.0.held();
         held.filters = filters.into_iter().map(Filter::from).collect();
