@@ -147,10 +147,11 @@ fn key_and_rest(text: &str) -> anyhow::Result<(String, &str)> {
         is_end
     });
     let (key, rest) = text.split_at(end.map(|end| end + 2).context("the key has no second quote")?);
-    match Datum::from_toml(key).with_context(|| format!("reading the key {key}"))? {
-        Datum::Text(key) if rest.is_empty() || rest.starts_with(' ') => Ok((key, rest.trim())),
-        _ => bail!("a blank separates the key {key} from what follows it"),
-    }
+    let read = Datum::from_toml(key).with_context(|| format!("reading the key {key}"))?;
+    let (Datum::Text(name), true) = (read, rest.is_empty() || rest.starts_with(' ')) else {
+        bail!("a blank separates the key {key} from what follows it");
+    };
+    Ok((name, rest.trim()))
 }
 
 #[cfg(test)]

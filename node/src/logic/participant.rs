@@ -254,11 +254,7 @@ impl Participant {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
                 self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
             }
-            ToParticipant::Renew { leaves, with } => {
-                for leaf in leaves {
-                    self.with_instance(leaf, out, |instance, context| instance.renew(&with, context));
-                }
-            }
+            ToParticipant::Renew { leaves, with } => self.renew(&leaves, &with, out),
             // The agent has already taken the programs that a change starts: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
@@ -266,6 +262,13 @@ impl Participant {
                     self.moved(facts, out);
                 }
             }
+        }
+    }
+
+    /// Starts programs of this host again, together with one that has died.
+    fn renew(&mut self, leaves: &[u32], with: &str, out: &mut Out<'_>) {
+        for leaf in leaves {
+            self.with_instance(*leaf, out, |instance, context| instance.renew(with, context));
         }
     }
 

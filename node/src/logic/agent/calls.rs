@@ -62,9 +62,8 @@ impl Agent {
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
             Request::Tell(request) => {
-                let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == request.name);
-                let unknown = || Err(format!("`{}` does not run here", request.name));
-                let told = home.map_or_else(unknown, |(_, home)| home.tell(&request, out));
+                let told = self.home_of(&request.name).map(|home| home.tell(&request, out));
+                let told = told.unwrap_or_else(|| Err(format!("`{}` does not run here", request.name)));
                 out.answer(call, Answer::Told(told));
             }
             Request::Estop(estop) => return self.estop(call, &estop, out),
