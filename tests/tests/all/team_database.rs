@@ -112,7 +112,7 @@ impl Thief {
         let claim = Some(Claim::make(&self.hand, self.own, &[]).to_bytes());
         let join = Some(Join { origin: self.own, robot: robot.to_owned(), replaces: Vec::new(), claim });
         let (vector, pending) = (VersionVector::default(), VersionVector::default());
-        let message = Message::Pull(Pull { vector, pending, size_max: 1 << 16, join });
+        let message = Message::Pull(Pull { number: 1, vector, pending, size_max: 1 << 16, join });
         let bytes = codec::encode(&Envelope { from: self.own, message }).expect("it is short");
         let asked = self.session.call(&key::db_ask(TEAM, sponsor.number()), bytes, Duration::from_secs(2)).await;
         drop(asked);
