@@ -27,7 +27,6 @@ for_each_message!(declare);
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::sdk::In;
     use crate::sdk::port::{AnyIn, Unfit, is_fit};
     use comms::logic::time::Time;
