@@ -82,10 +82,7 @@ impl Agent {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => out.answer(call, Answer::Refused(why)),
             },
-            Request::Parameters => {
-                let all = self.participants.values().flat_map(|one| one.parameters(&self.programs));
-                out.answer(call, Answer::Parameters(all.collect()));
-            }
+            Request::Parameters => out.answer(call, self.parameters()),
             Request::Output { deployment } => match self.programs(&deployment) {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
                 None => out.answer(call, unknown(&deployment)),
@@ -117,6 +114,10 @@ impl Agent {
     /// Returns the home of the deployment of a name, if it is here.
     fn home_of(&mut self, name: &str) -> Option<&mut Coordinator> {
         self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name).map(|(_, home)| home)
+    }
+
+    fn parameters(&self) -> Answer {
+        Answer::Parameters(self.participants.values().flat_map(|one| one.parameters(&self.programs)).collect())
     }
 
     fn revision(&mut self, name: &str) -> Answer {

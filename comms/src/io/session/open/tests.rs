@@ -85,10 +85,10 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     let within = Duration::from_secs(20);
     a.dial(&b.id(), &[place], within).unwrap();
     b.keep(&a.id(), &a.locators()).unwrap();
-    let began = crate::io::clock::now();
+    let began = now();
     let hears = || {
         while heard.try_recv().is_ok() {}
-        while crate::io::clock::now() - began < 2 * within {
+        while now() - began < 2 * within {
             b.session.put(key, "x").wait().unwrap();
             if heard.recv_timeout(Duration::from_millis(20)).is_ok() {
                 return true;
@@ -121,9 +121,9 @@ fn a_link_that_is_given_up_is_made_anew() {
     let (a, b, within) = (on_tcp(), on_tcp(), Duration::from_secs(20));
     b.dial(&a.id(), &a.locators(), within).unwrap();
     for (gives_up, other) in [(&a, &b), (&b, &a)] {
-        let began = crate::io::clock::now();
+        let began = now();
         let is_known = || lock(&gives_up.dialler.links).ends.contains_key(&other.id());
-        while !is_known() && crate::io::clock::now() - began < within {
+        while !is_known() && now() - began < within {
             std::thread::yield_now();
         }
         let listening = [&a, &b].map(|side| {
