@@ -72,7 +72,7 @@ struct RecordReader<'a> {
     text: Option<String>,
     channels: BTreeMap<u16, Channel>,
     entries: Vec<Entry>,
-    /// When GO was, since 1970; records of version 1 have times since GO.
+    /// When GO was, since 1970.
     go: Option<Duration>,
     /// The earliest possible time of GO, from the later entries.
     go_min: Option<Duration>,
@@ -154,8 +154,7 @@ impl RecordReader<'_> {
 
     /// Gives each entry its time since GO: only entries after GO tell when that was.
     fn date(&mut self) {
-        let is_since_go = self.about.as_ref().is_some_and(|about| about.version < 2);
-        let go = if is_since_go { Some(Duration::ZERO) } else { self.go.or(self.go_min) };
+        let go = self.go.or(self.go_min);
         if go.is_none() && !self.damage.is_empty() {
             self.damage.insert(0, NO_GO.to_owned());
         }
