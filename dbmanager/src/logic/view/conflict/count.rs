@@ -102,7 +102,9 @@ mod tests {
     fn a_long_log_without_conditions_is_read_once() {
         let mut team = Robot::team(1);
         let mut count = RaceCount::default();
-        (0..300).for_each(|number| drop(team[0].put("", &format!("team/{number}"), "1")));
+        for number in 0..300 {
+            team[0].put("", &format!("team/{number}"), "1");
+        }
         assert_eq!(count.of(&team[0].past()), 0);
         let before = count.0.as_ref().map(|counted| counted.high.clone()).unwrap();
         team[0].put("", "team/a", "1");
