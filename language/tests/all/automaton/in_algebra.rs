@@ -78,9 +78,12 @@ impl<'a> Both<'a> {
     }
 
     fn grouped(&self, command: automaton::Command) -> algebra::Command {
-        let small = |number: usize| u32::try_from(number).unwrap();
-        let member = |state: usize| small(self.states.iter().position(|other| *other == state).unwrap());
-        let timer = |transition: usize| small(self.timed.iter().position(|other| *other == transition).unwrap());
+        let small = |number: usize| u32::try_from(number).expect("the test made it");
+        let member =
+            |state: usize| small(self.states.iter().position(|other| *other == state).expect("the test made it"));
+        let timer = |transition: usize| {
+            small(self.timed.iter().position(|other| *other == transition).expect("the test made it"))
+        };
         match command {
             automaton::Command::Run { state, activation, value } => {
                 algebra::Command::Activate { member: member(state), activation, value }
@@ -105,7 +108,7 @@ impl<'a> Both<'a> {
         if self.configuration.is_idle() {
             return (automaton::Event::Start(Value::EMPTY), algebra::Event::Start(Value::EMPTY));
         }
-        let small = |number: usize| u32::try_from(number).unwrap();
+        let small = |number: usize| u32::try_from(number).expect("the test made it");
         let running: Vec<usize> = (0..self.states.len())
             .filter(|&member| self.configuration.run(self.states[member]).1 != Activity::Idle)
             .collect();
@@ -119,7 +122,8 @@ impl<'a> Both<'a> {
                 let (activation, member) = (self.configuration.run(state).0, small(member));
                 let ended = |outcome| automaton::Event::Ended { state, activation, outcome };
                 let aborted = |cause| ended(Outcome::Aborted(Reason { member: Some(member), cause }));
-                let value = Value::tagged(charts::TAGS[random.below(charts::TAGS.len())], b"v").unwrap();
+                let value =
+                    Value::tagged(charts::TAGS[random.below(charts::TAGS.len())], b"v").expect("the test made it");
                 match random.below(4) {
                     0 => {
                         let report = Value::new(b"why");
@@ -144,7 +148,7 @@ impl<'a> Both<'a> {
                 let port = random.below(PORTS);
                 let filters: Vec<usize> = (0..FILTERS).filter(|_| random.one_in(2)).collect();
                 let numbers = filters.iter().map(|&filter| small(filter)).collect();
-                let priority = u8::try_from(random.below(4)).unwrap();
+                let priority = u8::try_from(random.below(4)).expect("the test made it");
                 let value = Value::new(b"m");
                 let alone = automaton::Event::Message { port, filters, priority, value: value.clone() };
                 (alone, algebra::Event::Message { port: small(port), filters: numbers, priority, value })
@@ -154,7 +158,7 @@ impl<'a> Both<'a> {
 }
 
 fn seed_size(seed: u64) -> usize {
-    usize::try_from(seed % 7).unwrap()
+    usize::try_from(seed % 7).expect("the test made it")
 }
 
 #[test]
