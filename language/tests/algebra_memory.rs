@@ -40,6 +40,9 @@ fn drive(program: &Program, value: &Value, events: u64) -> (u64, State) {
                     stopped.expect("what is stopped was activated").2 = false;
                 }
                 Command::Connect { .. } | Command::Disconnect { .. } => {}
+                Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => {
+                    panic!("there are no activities here")
+                }
                 Command::Arm { .. } | Command::Cancel { .. } => panic!("there are no timers here"),
             }
         }
