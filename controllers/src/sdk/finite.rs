@@ -147,8 +147,9 @@ impl Serializer for Look {
     }
 
     /// As postcard says it, so that a type looks the same to both.
+    /// Messages of ROS 2 show their fields to readers like this one, and bytes of CDR to all others.
     fn is_human_readable(&self) -> bool {
-        false
+        true
     }
 }
 
