@@ -160,7 +160,7 @@ async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure
     for client in clients.iter() {
         for host in client.hosts(&[]).await? {
             let name = arguments.name();
-            let deployment = name.deployment().map(|named| named.plain().to_owned());
+            let deployment = name.deployment().map(|named| named.text().to_owned());
             let request = request(arguments, deployment, name.process().unwrap_or_default().to_owned());
             let mut answers = client.ask_on(&host, &request)?;
             let Some(Ok(answer)) = answers.next().await else { continue };
