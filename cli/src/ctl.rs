@@ -70,7 +70,7 @@ async fn tell(clients: &Clients, arguments: &Arguments, message: &Message) -> Re
     let request = TellRequest { name, process, port, text, priority: message.priority };
     let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
-    let Answer::Told(told) = answer else { return Err(unasked(&home, &answer)) };
+    let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
     let path = told.map_err(|why| anyhow!("cannot give the message: {why}"))?;
     console::say(&format!("`{path}` gets the message\n"));
     Ok(())

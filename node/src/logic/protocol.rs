@@ -236,7 +236,7 @@ pub enum Request {
     Revocations(Vec<Vec<u8>>),
     /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
     Call(Box<CallRequest>),
-    /// Gives a message to an activity, on the home of the deployment. Answered by [`Answer::Told`], at once.
+    /// Gives a message to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], at once.
     Tell(Box<TellRequest>),
 }
 
@@ -349,7 +349,7 @@ pub enum Answer {
     /// itself included.
     Behind(Vec<String>),
     /// To `Tell`: the absolute path of the activity, or why it takes no such message.
-    Told(Result<String, String>),
+    Delivered(Result<String, String>),
 }
 
 impl Enveloped for Request {

@@ -64,7 +64,7 @@ impl Agent {
             Request::Tell(request) => {
                 let told = self.home_of(&request.name).map(|home| home.tell(&request, out));
                 let told = told.unwrap_or_else(|| Err(format!("`{}` does not run here", request.name)));
-                out.answer(call, Answer::Told(told));
+                out.answer(call, Answer::Delivered(told));
             }
             Request::Estop(estop) => return self.estop(call, &estop, out),
             Request::ReleaseEstop => return self.release_estop(call, out),
@@ -272,7 +272,7 @@ impl Agent {
     fn find(&self, deployment: Option<&str>, process: &str) -> Result<ProcessId, String> {
         let end = format!("/{process}");
         let meant = |(id, programs): (&Deployment, Vec<(u32, String)>)| {
-            let is_named = deployment.is_none_or(|name| name == id.name);
+            let is_named = deployment.is_none_or(|name| name == id.name || name == id.to_string());
             let programs =
                 programs.into_iter().filter(|(_, path)| is_named && (path == process || path.ends_with(&end)));
             programs.map(|(leaf, _)| ProcessId { deployment: id.clone(), leaf }).collect::<Vec<_>>()

@@ -10,12 +10,12 @@ pub type Outcome = Result<(), String>;
 pub fn outcome(answer: &Answer) -> Option<Outcome> {
     match answer {
         Answer::Report(report) => of_report(report),
-        Answer::Refused(why) | Answer::Switched(Err(why)) | Answer::Told(Err(why)) => Some(Err(why.clone())),
+        Answer::Refused(why) | Answer::Switched(Err(why)) | Answer::Delivered(Err(why)) => Some(Err(why.clone())),
         Answer::Stop(StopReply::Unknown) => Some(Err("no such deployment has its home here".to_owned())),
         Answer::Database(reply) => of_reply(reply),
         Answer::Stop(StopReply::Stopped)
         | Answer::Switched(Ok(_))
-        | Answer::Told(Ok(_))
+        | Answer::Delivered(Ok(_))
         | Answer::Estopped(_)
         | Answer::Released { .. } => Some(Ok(())),
         // To questions, which change nothing.

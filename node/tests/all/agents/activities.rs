@@ -38,7 +38,7 @@ fn said(world: &World, call: u64) -> Vec<String> {
         }
         _ => None,
     };
-    world.answers[&call].iter().filter_map(text).collect()
+    world.answers.get(&call).into_iter().flatten().filter_map(text).collect()
 }
 
 fn tell(world: &mut World, process: &str, port: &str, text: &str, priority: u8) -> Result<String, String> {
@@ -46,7 +46,7 @@ fn tell(world: &mut World, process: &str, port: &str, text: &str, priority: u8) 
     let call = world.ask("c1", Request::Tell(Box::new(TellRequest { name, process, port, text, priority })));
     world.run_for(Duration::from_millis(100));
     match world.answers[&call].as_slice() {
-        [Answer::Told(told)] => told.clone(),
+        [Answer::Delivered(told)] => told.clone(),
         other => panic!("{other:?}"),
     }
 }
