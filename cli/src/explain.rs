@@ -68,6 +68,6 @@ mod tests {
     fn every_code_is_listed_and_explained() {
         assert_eq!(list().lines().count(), Code::ALL.len());
         assert!(list().contains("E0201  unknown process\n"));
-        assert!(explanation(Code::E0201).starts_with("E0201: unknown process\n\nThe name is no instance"));
+        assert!(explanation(Code::E0201).starts_with("E0201: unknown process\n\nThe name is not an instance"));
     }
 }

@@ -45,7 +45,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 35] = [
+const TAKEN: [&str; 36] = [
     "alloc",
     "build",
     "cli",
@@ -73,6 +73,7 @@ const TAKEN: [&str; 35] = [
     "main",
     "node",
     "proc_macro",
+    "ros",
     "self",
     "shim",
     "std",
