@@ -6,7 +6,7 @@
             ...
 
 Each request is one run of the program `dca`, whose answer completes a future on the running loop: nothing here blocks the loop, and there is
-no thread. A request takes about 30 ms; a service that needs more is a controller. When a task is cancelled, its request is ended.
+no thread. Each request starts the program `dca`; a service that needs many is a controller. When a task is cancelled, its request is ended.
 """
 
 import asyncio
