@@ -156,7 +156,9 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
             is_whole = says_all(&known, "c1");
             let told = told(&objects(&known.out));
             assert!(!is_whole || told.starts_with(&before), "round {round}, answer {answers}: {known}");
-            assert_eq!(status.code, Some(0), "{status}");
+            // Whether it runs is not known while the only host that may have it does not answer.
+            let is_unknown = status.code == Some(3) && status.err.contains("`c1` does not answer, where it may run");
+            assert!(status.code == Some(0) || is_unknown, "{status}");
             let is_shown = status.out.contains("main/first") || status.out.contains("first: Wait");
             assert!(is_shown || status.err.contains("`c1`"), "round {round}, answer {answers}: {status}");
             is_whole && is_shown
