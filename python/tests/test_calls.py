@@ -65,15 +65,25 @@ class Client:
     lost = dca.Calls(None, None, name="Lost", optional=True)
 
     def init(self, value):
-        self.calls = [
-            self.Grip.call(Push(20.0), within="10 s"),
-            self.Grip.call(Push(100.0), within="10 s"),
-            self.Later.call(within=10),
-            self.Break.call(within=10),
-            self.lost.call(within=10),
-        ]
+        self.first, self.calls = self.Grip.call(Push(20.0), within="10 s"), []
 
     def main_calc(self, tick):
+        if not self.calls:
+            if not self.first.done:
+                return None
+            try:
+                self.first.result()
+            except dca.CallError:
+                # The hand is started at the same time, and may not run yet.
+                self.first = self.Grip.call(Push(20.0), within="10 s")
+                return None
+            self.calls = [
+                self.first,
+                self.Grip.call(Push(100.0), within="10 s"),
+                self.Later.call(within=10),
+                self.Break.call(within=10),
+                self.lost.call(within=10),
+            ]
         if not all(call.done for call in self.calls):
             return None
         told = []
