@@ -65,7 +65,12 @@ class Browser:
                 return dca.done()
             self.call, self.page = self.address.call(within="2 s"), None
         elif self.page is None and self.call.done:
-            url = f"http://127.0.0.1:{self.call.result().port}/"
+            try:
+                url = f"http://127.0.0.1:{self.call.result().port}/"
+            except dca.CallError:
+                # The service is started at the same time, and may not run yet.
+                self.call = self.address.call(within="2 s")
+                return
             # A request may take long, and the loop does not wait for it.
             self.page = dca.offload(fetch, url)
 
