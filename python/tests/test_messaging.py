@@ -47,6 +47,10 @@ class Base:
             self.News.send(Pace(float(self.told)), category="odd" if self.told % 2 else "even")
 
     @dca.procedure
+    def Ready(self) -> None:
+        pass
+
+    @dca.procedure
     def Drain(self) -> None:
         self.drained = [(taken.data.speed, taken.priority) for taken in self.Orders]
         print("orders", self.drained)
@@ -67,9 +71,13 @@ class Pilot:
     Questions = dca.Sender(Pace)
     Answers = dca.Queue(Doubled)
     News = dca.Subscriber(Pace, filters=[dca.Filter(category="od*")])
+    Ready = dca.Calls()
     Drain = dca.Calls()
 
     def init(self, value):
+        self.ready, self.requests = self.Ready.call(within="2 s"), None
+
+    def begin(self):
         self.requests = dca.Requester(self.Questions, self.Answers)
         # Without the lock.
         self.early = self.Commands.send(Pace(9.0), within="2 s")
@@ -78,6 +86,16 @@ class Pilot:
         self.asked, self.command, self.heard, self.drain = None, None, [], None
 
     def main_calc(self, tick):
+        if self.requests is None:
+            if not self.ready.done:
+                return None
+            try:
+                self.ready.result()
+            except dca.CallError:
+                # The base is started at the same time, and may not run yet.
+                self.ready = self.Ready.call(within="2 s")
+                return None
+            self.begin()
         self.requests.work(tick.now)
         self.heard += [taken.data.speed for taken in self.News]
         if self.wheels.held is not None and self.command is None:
@@ -117,6 +135,7 @@ process main(){
         pilot, Questions -> base, Questions;
         base, Answers -> pilot, Answers;
         pilot, News -> base, News;
+        pilot, Ready -> base, Ready;
         pilot, Drain -> base, Drain;
     }
     internal_event_actions{ base[all], pilot within 20 s }
