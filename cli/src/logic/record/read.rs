@@ -88,7 +88,7 @@ struct Channel {
     units: BTreeMap<String, Unit>,
 }
 
-/// A message on `/events`. In records of version 1 the report is JSON in JSON.
+/// A message on `/events`. The report is an object, or a text with JSON.
 #[derive(serde::Deserialize)]
 struct Event {
     report: Value,
@@ -251,7 +251,7 @@ impl Channel {
         }
         let object: Map<String, Value> = parse(data)?;
         let values = self.units.iter().filter_map(|(field, unit)| {
-            // JSON has no NaN: such a value is left out. In version 1 it was null.
+            // JSON has no NaN: such a value is left out.
             let value = object.get(field)?.as_f64().unwrap_or(f64::NAN);
             let name = unit.name.clone().unwrap_or_else(|| field.clone());
             Some((unit.place, Signal { name, unit: unit.unit.clone(), value, headline: unit.headline }))

@@ -111,7 +111,7 @@ pub(super) struct Unit {
     pub(super) place: usize,
     pub(super) unit: String,
     pub(super) headline: bool,
-    /// Its name, if the field has another; records of version 1 have none.
+    /// Its name, if the field has another.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) name: Option<String>,
 }
