@@ -8,9 +8,10 @@ import signal
 import sys
 import typing
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar, overload
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from . import _dca
+from ._declared import Declared, R
 from ._message import encode, message_type
 from ._messaging import _Keys, _Station
 from ._quantity import name_of
@@ -24,9 +25,10 @@ _PARAMETERS = {float: "Number", int: "Number", bool: "Truth", str: "Text"}
 _MODES = ("--list", "--dca-interface", "--help", "-h", "--version", "-V")
 
 
-class _Port(Generic[T]):
+class _Port(Declared[R], Generic[T, R]):
     """A port of a class. An instance has the port itself in its place."""
 
+    missing = "has no port"
     is_input = True
     keeps_all = False
 
@@ -40,68 +42,36 @@ class _Port(Generic[T]):
         owner: bool = False,
         doc: str = "",
     ) -> None:
+        super().__init__(name, optional=optional, doc=doc)
         self.message = message_type(message)
-        self.name = name or ""
-        self.attribute = ""
-        self.is_optional = optional
-        self.doc = doc
         self.device = None
         if device is not None:
             self.device, self.name = "owner" if owner else "client", device
 
-    def __set_name__(self, _: type, attribute: str) -> None:
-        self.attribute = attribute
-        self.name = self.name or attribute
 
-    def _of(self, controller: object) -> Any:
-        """Returns this declaration at a class; an instance that DCA has made has its own port, and never comes here."""
-        if controller is None:
-            return self
-        raise AttributeError(f"`{self.attribute}` has no port: this object was not made by dca.run or a dca.testing.Harness")
-
-
-class In(_Port[T]):
+class In(_Port[T, "_dca.Input[T]"]):
     """An input that holds the newest value: `In = dca.In(Range)`.
 
     The port has the name of its attribute, unless `name` gives another. With `device="arm/state"` it is a port of a device.
     """
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "In[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Input[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Every(_Port[T]):
+class Every(_Port[T, "_dca.EveryInput[T]"]):
     """An input that keeps every value since the last calculation; the controller iterates over it."""
 
     keeps_all = True
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Every[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.EveryInput[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Out(_Port[T]):
+class Out(_Port[T, "_dca.Output[T]"]):
     """An output: `Out = dca.Out(Velocity)`."""
 
     is_input = False
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Out[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Output[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Calls(Generic[A, T]):
+class Calls(Declared["_dca.Calls[A, T]"], Generic[A, T]):
     """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`; `None` for nothing."""
+
+    missing = "calls nothing"
 
     def __init__(
         self,
@@ -112,44 +82,18 @@ class Calls(Generic[A, T]):
         optional: bool = False,
         doc: str = "",
     ) -> None:
+        super().__init__(name, optional=optional, doc=doc)
         self.argument = None if argument is None else message_type(argument)
         self.result = None if result is None else message_type(result)
-        self.name = name or ""
-        self.attribute = ""
-        self.is_optional = optional
-        self.doc = doc
-
-    def __set_name__(self, _: type, attribute: str) -> None:
-        self.attribute = attribute
-        self.name = self.name or attribute
-
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Calls[A, T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Calls[A, T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        if controller is None:
-            return self
-        raise AttributeError(f"`{self.attribute}` calls nothing: this object was not made by dca.run or a dca.testing.Harness")
 
 
-class Database:
+class Database(Declared["_dca.Database"]):
     """The database of the robot: `database = dca.Database()`. An instance has the database itself in its place."""
 
+    missing = "reaches nothing"
+
     def __init__(self) -> None:
-        self.attribute = ""
-
-    def __set_name__(self, _: type, attribute: str) -> None:
-        self.attribute = attribute
-
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Database": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Database": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        if controller is None:
-            return self
-        raise AttributeError(f"`{self.attribute}` reaches nothing: this object was not made by dca.run or a dca.testing.Harness")
+        super().__init__()
 
 
 class _Export:

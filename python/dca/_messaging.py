@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, Generic, TypeVar
 
 from . import _dca
+from ._declared import Declared, R
 from ._message import message_type
 
 T = TypeVar("T")
@@ -37,28 +38,18 @@ def _span(value: str | float, name: str) -> float:
     return seconds
 
 
-class _Station:
+class _Station(Declared[R]):
     """A declaration. An instance of the class has the station itself in its place."""
 
     kind = ""
 
     def __init__(self, message: type[Any] | None, *, name: str | None, doc: str) -> None:
+        super().__init__(name, doc=doc)
         self.message = None if message is None else message_type(message)
-        self.name, self.doc, self.attribute = name or "", doc, ""
         self.capacity, self.full, self.lock = 1, "reject", None
         self.lease, self.preempt_after = 1.0, None
         self.status: str | None = None
         self.filters: Sequence[Filter] = ()
-        self.is_optional = False
-
-    def __set_name__(self, _: type, attribute: str) -> None:
-        self.attribute = attribute
-        self.name = self.name or attribute
-
-    def _of(self, controller: object) -> Any:
-        if controller is None:
-            return self
-        raise AttributeError(f"`{self.attribute}` is not there: this object was not made by dca.run or a dca.testing.Harness")
 
     @property
     def names(self) -> list[str]:
@@ -66,7 +57,7 @@ class _Station:
         return [self.name, *([self.status] if self.status else [])]
 
 
-class Queue(_Station, Generic[T]):
+class Queue(_Station["_dca.Queue[T]"], Generic[T]):
     """A queue, which others send to: `Commands = dca.Queue(Pace, capacity=4, full="drop oldest", lock="wheels")`.
 
     `full` is `reject`, `drop lowest` or `drop oldest`. With `lock`, the attribute of a `dca.Lock`, it takes only messages of the user that
@@ -91,15 +82,8 @@ class Queue(_Station, Generic[T]):
             raise TypeError(f"`{full}` is not what a full queue does: {', '.join(_FULL)}")
         self.capacity, self.full, self.lock, self.status = _capacity(capacity), full, lock, status
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Queue[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Queue[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Sender(_Station, Generic[T]):
+class Sender(_Station["_dca.Sender[T]"], Generic[T]):
     """The queue of another process, which the spec connects: `Commands = dca.Sender(Pace)`."""
 
     kind = "sender"
@@ -108,15 +92,8 @@ class Sender(_Station, Generic[T]):
         super().__init__(message, name=name, doc=doc)
         self.is_optional = optional
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Sender[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Sender[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Lock(_Station):
+class Lock(_Station["_dca.Lock"]):
     """The lock of a resource of this class: `wheels = dca.Lock(lease="1 s")`.
 
     A grant ends after `lease` without a renewal. With `preempt_after`, a holder may go on for so long when a user with a greater priority
@@ -139,15 +116,8 @@ class Lock(_Station):
         self.preempt_after = None if preempt_after is None else _span(preempt_after, "preempt_after")
         self.status = status
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Lock": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Lock": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class LockUser(_Station):
+class LockUser(_Station["_dca.LockUser"]):
     """The lock of another process, which the spec connects: `wheels = dca.LockUser()`."""
 
     kind = "lock user"
@@ -156,15 +126,8 @@ class LockUser(_Station):
         super().__init__(None, name=name, doc=doc)
         self.is_optional = optional
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "LockUser": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.LockUser": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Router(_Station, Generic[T]):
+class Router(_Station["_dca.Router[T]"], Generic[T]):
     """A router, to which others subscribe: `News = dca.Router(Speed, outbox=64)`. The oldest message of a full outbox gives way."""
 
     kind = "router"
@@ -175,15 +138,8 @@ class Router(_Station, Generic[T]):
         super().__init__(message, name=name, doc=doc)
         self.capacity, self.status = _capacity(outbox), status
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Router[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Router[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class Subscriber(_Station, Generic[T]):
+class Subscriber(_Station["_dca.Subscriber[T]"], Generic[T]):
     """The router of another process, which the spec connects: `News = dca.Subscriber(Speed, filters=[dca.Filter(category="base")])`."""
 
     kind = "subscriber"
@@ -201,67 +157,30 @@ class Subscriber(_Station, Generic[T]):
         super().__init__(message, name=name, doc=doc)
         self.capacity, self.filters, self.is_optional = _capacity(capacity), list(filters), optional
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "Subscriber[T]": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.Subscriber[T]": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class _Keys:
+class _Keys(Declared[R]):
     kind = ""
 
     def __init__(self, *, optional: bool = False, name: str | None = None, doc: str = "") -> None:
-        self.name, self.doc, self.attribute, self.is_optional = name or "", doc, "", optional
-
-    def __set_name__(self, _: type, attribute: str) -> None:
-        self.attribute = attribute
-        self.name = self.name or attribute
-
-    def _of(self, controller: object) -> Any:
-        if controller is None:
-            return self
-        raise AttributeError(f"`{self.attribute}` is not there: this object was not made by dca.run or a dca.testing.Harness")
+        super().__init__(name, optional=optional, doc=doc)
 
 
-class KeyNews(_Keys):
+class KeyNews(_Keys["_dca.KeyNews"]):
     """An input that a spec connects with keys of the database: `db("team/claim/**") -> robot, Claims;`."""
 
     kind = "news"
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "KeyNews": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.KeyNews": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class KeyAnswers(_Keys):
+class KeyAnswers(_Keys["_dca.KeyAnswers"]):
     """An input that hears what became of the values of a `dca.KeyWriter`."""
 
     kind = "answers"
 
-    @overload
-    def __get__(self, controller: None, cls: type) -> "KeyAnswers": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.KeyAnswers": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
-
-class KeyWriter(_Keys):
+class KeyWriter(_Keys["_dca.KeyWriter"]):
     """An output that a spec connects with keys of the database: `robot, Claim -> db("team/claim/**");`."""
 
     kind = "writer"
-
-    @overload
-    def __get__(self, controller: None, cls: type) -> "KeyWriter": ...
-    @overload
-    def __get__(self, controller: object, cls: type) -> "_dca.KeyWriter": ...
-    def __get__(self, controller: object, cls: type) -> Any:
-        return self._of(controller)
 
 
 class Asked(Generic[A]):
