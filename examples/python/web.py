@@ -21,10 +21,13 @@ class Web:
     In = dca.In(Spot)
     port = dca.parameter(int, (0, 65535), default=0)
 
-    def init(self, value):
+    def __init__(self):
+        # A state is also read before the service runs.
         self.spot: Spot | None = None
         self.asked = 0
         self.bound: int | None = None
+
+    def init(self, value):
         # The loop of asyncio has a thread of its own. What both share is replaced as a whole, and never changed.
         threading.Thread(target=lambda: asyncio.run(self.serve()), daemon=True).start()
 
@@ -65,12 +68,7 @@ class Browser:
                 return dca.done()
             self.call, self.page = self.address.call(within="2 s"), None
         elif self.page is None and self.call.done:
-            try:
-                url = f"http://127.0.0.1:{self.call.result().port}/"
-            except dca.CallError:
-                # The service is started at the same time, and may not run yet.
-                self.call = self.address.call(within="2 s")
-                return
+            url = f"http://127.0.0.1:{self.call.result().port}/"
             # A request may take long, and the loop does not wait for it.
             self.page = dca.offload(fetch, url)
 
