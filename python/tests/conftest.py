@@ -31,16 +31,32 @@ class Missions:
 
     def __init__(self, dca: Path, folder: Path) -> None:
         self.dca, self.folder = dca, folder
-        # Of its own, so that verbs find this command among others; its path is short enough for a socket.
+        # Its path is short enough for a socket.
         self.run_dir = Path(tempfile.mkdtemp(prefix="dca"))
         # A link to an environment is what `venv` of a module leads through.
         (folder / ".venv").symlink_to(sys.prefix)
 
     def __call__(self, *words: str, within: float = 60.0) -> subprocess.CompletedProcess[str]:
+        with self.begin(*words, stderr=subprocess.PIPE) as begun:
+            try:
+                out, err = begun.communicate(timeout=within)
+            except subprocess.TimeoutExpired:
+                begun.kill()
+                raise
+        return subprocess.CompletedProcess(begun.args, begun.returncode, out, err)
+
+    def begin(self, *words: str, stderr: int = subprocess.STDOUT) -> subprocess.Popen[str]:
+        """Starts a command, which finds the nodes of this test alone."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        command = [str(self.dca), *words]
-        return subprocess.run(
-            command, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=within, check=False
+        environment["DCA_RUN_DIR"] = str(self.run_dir)
+        return subprocess.Popen(
+            [str(self.dca), *words],
+            cwd=self.folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
         )
 
     def write(self, name: str, text: str) -> None:

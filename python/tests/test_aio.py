@@ -1,7 +1,6 @@
 """The client for asyncio, against a mission that runs."""
 
 import asyncio
-import subprocess
 
 import dca.aio
 import pytest
@@ -94,9 +93,7 @@ async def talk(robot):
 def test_a_client_calls_reads_and_listens(missions):
     missions.write("hand.py", PROGRAM)
     missions.write("hand.dca", SPEC)
-    command = [str(missions.dca), "run", "--run-dir", str(missions.run_dir), "hand.dca"]
-    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    with subprocess.Popen(command, cwd=missions.folder, **pipes) as running:
+    with missions.begin("run", "hand.dca") as running:
 
         async def ask():
             async with dca.aio.Client(program=missions.dca, directory=missions.folder, run_dir=missions.run_dir) as robot:

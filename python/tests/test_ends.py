@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 import time
 import venv
@@ -69,9 +68,7 @@ def is_there(pid):
 )
 def test_a_program_that_is_signalled(missions, number, policy, expected):
     write(missions, policy=policy)
-    command = [str(missions.dca), "run", "bad.dca"]
-    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    with subprocess.Popen(command, cwd=missions.folder, **pipes) as running:
+    with missions.begin("run", "bad.dca") as running:
         pid = pid_of(missions, running)
         os.kill(pid, number)
         out, _ = running.communicate(timeout=40)

@@ -1,6 +1,5 @@
 """Parameters that change while a controller runs, by real processes."""
 
-import subprocess
 import time
 
 PROGRAM = """
@@ -34,14 +33,11 @@ process main(){
 def test_a_parameter_changes_while_it_runs(missions):
     missions.write("turn.py", PROGRAM)
     missions.write("turn.dca", SPEC)
-    command = [str(missions.dca), "run", "--run-dir", str(missions.run_dir), "turn.dca"]
-    running = subprocess.Popen(
-        command, cwd=missions.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    running = missions.begin("run", "turn.dca")
     try:
         until = time.monotonic() + 30
         while True:
-            told = missions("param", "set", "--run-dir", str(missions.run_dir), "one", "gain", "7.5")
+            told = missions("param", "set", "one", "gain", "7.5")
             if told.returncode == 0 or time.monotonic() > until or running.poll() is not None:
                 break
         assert told.returncode == 0, told.stdout + told.stderr
