@@ -69,7 +69,8 @@ impl Watcher {
         Some(Self { socket, every })
     }
 
-    /// Sends the loop's signs of life for as long as the process lives.
+    /// Sends the loop's signs of life for as long as the process lives. The first one is sent when this returns: a
+    /// program is watched from its first sign on, so none may be suspended unwatched once its loop runs.
     ///
     /// # Errors
     /// If the thread or its socket cannot be made.
@@ -77,16 +78,21 @@ impl Watcher {
         let socket = UnixDatagram::unbound()?;
         // A watcher that is suspended must not hold up the next sign.
         socket.set_nonblocking(true)?;
+        let (Self { socket: path, every }, mut before) = (self, None);
+        let mut look = move || {
+            if let Some(sign) = heartbeat.sign(&mut before)
+                && let Err(error) = socket.send_to(sign.as_bytes(), &path)
+            {
+                tracing::debug!(%error, "a sign of life was not taken");
+            }
+        };
+        look();
         let run = move || {
-            let (pause, mut before, mut next) = (Wakeup::default(), None, now());
+            let (pause, mut next) = (Wakeup::default(), now());
             loop {
-                if let Some(sign) = heartbeat.sign(&mut before)
-                    && let Err(error) = socket.send_to(sign.as_bytes(), &self.socket)
-                {
-                    tracing::debug!(%error, "a sign of life was not taken");
-                }
-                next = (next + self.every).max(now());
+                next = (next + every).max(now());
                 pause.wait(Some(next));
+                look();
             }
         };
         // Nobody could join a thread that lives as long as the process.
@@ -97,6 +103,19 @@ impl Watcher {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn there_is_a_sign_before_the_loop_begins() {
+        let path = std::env::temp_dir().join(format!("dca-heartbeat-{}", std::process::id()));
+        let shim = UnixDatagram::bind(&path).unwrap();
+        shim.set_nonblocking(true).unwrap();
+        let watcher = Watcher { socket: path.clone(), every: Duration::from_secs(3600) };
+        watcher.tell(Arc::default()).unwrap();
+        let mut bytes = [0; 32];
+        let size = shim.recv(&mut bytes).unwrap();
+        assert_eq!(&bytes[..size], b"WATCHDOG=1");
+        std::fs::remove_file(path).unwrap();
+    }
 
     #[test]
     fn a_loop_that_stands_still_gives_no_sign() {
