@@ -88,10 +88,10 @@ struct Channel {
     units: BTreeMap<String, Unit>,
 }
 
-/// A message on `/events`. The report is an object, or a text with JSON.
+/// A message on `/events`. The report is a text with JSON.
 #[derive(serde::Deserialize)]
 struct Event {
-    report: Value,
+    report: String,
 }
 
 #[derive(serde::Deserialize)]
@@ -181,8 +181,7 @@ impl RecordReader<'_> {
             }
             Record::Message { header, data } => {
                 let logged = Duration::from_nanos(header.log_time);
-                let stamp = Time::from_nanos(header.publish_time);
-                let entry = self.channel(header.channel_id)?.entry(logged, stamp, &data)?;
+                let entry = self.channel(header.channel_id)?.entry(logged, &data)?;
                 if let Some(Entry::Report(Report::Go { .. })) = &entry {
                     self.go = Some(logged);
                 }
@@ -233,14 +232,10 @@ impl Channel {
     }
 
     /// Returns an entry with the time `at`, since 1970, if a report has a use for it.
-    fn entry(&self, at: Duration, stamp_of_v1: Time, data: &[u8]) -> Result<Option<Entry>, String> {
+    fn entry(&self, at: Duration, data: &[u8]) -> Result<Option<Entry>, String> {
         if self.topic == EVENTS {
-            let report = parse::<Event>(data)?.report;
-            let report = match report.as_str() {
-                Some(text) => parse(text.as_bytes())?,
-                None => serde_json::from_value(report).map_err(|error| damaged(&error))?,
-            };
-            return Ok(Some(Entry::Report(report)));
+            let Event { report } = parse(data)?;
+            return Ok(Some(Entry::Report(parse(report.as_bytes())?)));
         }
         if self.topic == LOG {
             let Log { name, message } = parse(data)?;
@@ -252,16 +247,15 @@ impl Channel {
         let object: Map<String, Value> = parse(data)?;
         let values = self.units.iter().filter_map(|(field, unit)| {
             // JSON has no NaN: such a value is left out.
-            let value = object.get(field)?.as_f64().unwrap_or(f64::NAN);
-            let name = unit.name.clone().unwrap_or_else(|| field.clone());
-            Some((unit.place, Signal { name, unit: unit.unit.clone(), value, headline: unit.headline }))
+            let value = object.get(field)?.as_f64()?;
+            let Unit { place, unit, headline, name } = unit.clone();
+            Some((place, Signal { name, unit, value, headline }))
         });
         let mut values: Vec<_> = values.collect();
         values.sort_by_key(|(place, _)| *place);
-        let stamp = object.get(STAMP).filter(|_| !self.units.contains_key(STAMP)).and_then(Value::as_f64);
-        let stamp = stamp
-            .and_then(|stamp| Duration::try_from_secs_f64(stamp).ok())
-            .map_or(stamp_of_v1, |stamp| Time::from_nanos(u64::try_from(stamp.as_nanos()).unwrap_or(u64::MAX)));
+        let stamp = object.get(STAMP).and_then(Value::as_f64);
+        let stamp = stamp.and_then(|stamp| Duration::try_from_secs_f64(stamp).ok()).ok_or("a sample has no stamp")?;
+        let stamp = Time::from_nanos(u64::try_from(stamp.as_nanos()).unwrap_or(u64::MAX));
         let sample = Signals { stamp, values: values.into_iter().map(|(_, signal)| signal).collect() };
         Ok(Some(Entry::Signals { path: self.path.clone(), at, sample }))
     }

@@ -105,15 +105,14 @@ struct Event {
 }
 
 /// The metadata of a channel about one signal.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Unit {
     /// Its place in the sample, which an object of JSON does not keep.
     pub(super) place: usize,
     pub(super) unit: String,
     pub(super) headline: bool,
-    /// Its name, if the field has another.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) name: Option<String>,
+    /// The name of the signal; that of the field has letters, digits and `_` alone.
+    pub(super) name: String,
 }
 
 /// Makes rows, and remembers the topics that were needed.
@@ -255,7 +254,7 @@ impl Rows {
         for (place, signal) in sample.values.iter().enumerate() {
             let is_taken = |field: &str| field == schema::STAMP || metadata.contains_key(field);
             let field = schema::free_name(schema::plain_name(&signal.name), is_taken);
-            let (name, unit) = (Some(signal.name.clone()), signal.unit.clone());
+            let (name, unit) = (signal.name.clone(), signal.unit.clone());
             let unit = Unit { place, unit, headline: signal.headline, name };
             metadata.insert(field, String::from_utf8_lossy(&json(&unit)).into_owned());
         }
@@ -314,7 +313,7 @@ fn schema_of(topics: &[Topic], message: &Message) -> Described {
 fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
     let units = topic.metadata.iter().filter_map(|(field, unit)| {
         let unit: Unit = serde_json::from_str(unit).ok()?;
-        Some((unit.name?, field.as_str()))
+        Some((unit.name, field.as_str()))
     });
     units.collect()
 }
