@@ -8,6 +8,7 @@
 //! ```
 
 use super::authors::Authors;
+use super::peers::Speaking;
 use crate::logic::protocol::AuditHead;
 use anyhow::Context as _;
 use comms::io::clock;
@@ -51,19 +52,14 @@ struct Countersigning {
 ///
 /// # Errors
 /// The session is closed.
-pub(super) fn spawn(
-    member: Arc<Member>,
-    session: Arc<Session>,
-    authors: Authors,
-    host: String,
-    appeared: broadcast::Receiver<()>,
-    tasks: &mut JoinSet<()>,
-) -> anyhow::Result<()> {
+pub(super) fn spawn(member: &Arc<Member>, speaking: &Speaking, tasks: &mut JoinSet<()>) -> anyhow::Result<()> {
     let policy = || Policy::reject(HEADS_MAX);
+    let (session, host) = (Arc::clone(&speaking.session), speaking.own.host.clone());
     let others = session.subscribe(&key::audit_any(), policy())?;
     let signed = session.subscribe(&key::countersigned(&host), policy())?;
+    let (member, authors) = (Arc::clone(member), speaking.authors.clone());
     let signing = Countersigning { member, session, authors, host, wrong: BTreeMap::new() };
-    tasks.spawn(signing.run([others, signed], appeared));
+    tasks.spawn(signing.run([others, signed], speaking.own.appeared.subscribe()));
     Ok(())
 }
 

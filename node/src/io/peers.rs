@@ -57,8 +57,8 @@ pub struct Peers {
 /// The answers of this node about itself. A separate task gives them, so that a node whose driver is busy does not look
 /// gone.
 #[derive(Debug)]
-struct Own {
-    host: String,
+pub(super) struct Own {
+    pub(super) host: String,
     boot: u64,
     started: Time,
     place: String,
@@ -71,7 +71,7 @@ struct Own {
     /// In how many more rounds it introduces itself.
     shows: AtomicU64,
     /// Reports that a node has come.
-    appeared: broadcast::Sender<()>,
+    pub(super) appeared: broadcast::Sender<()>,
 }
 
 /// An event of the session.
@@ -142,22 +142,8 @@ impl Peers {
         tasks.spawn(hear_pongs(pongs, speaking.clone(), sink.clone()));
         let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
         if let Some(member) = &member {
-            heads::spawn(
-                Arc::clone(member),
-                Arc::clone(&session),
-                authors.clone(),
-                own.host.clone(),
-                own.appeared.subscribe(),
-                tasks,
-            )?;
-            renewal::spawn(
-                Arc::clone(member),
-                Arc::clone(&session),
-                authors.clone(),
-                own.host.clone(),
-                own.appeared.subscribe(),
-                tasks,
-            )?;
+            heads::spawn(member, &speaking, tasks)?;
+            renewal::spawn(member, &speaking, tasks)?;
             tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
         }
         tasks.spawn(calls::hear(calls, Arc::clone(&session), member, sink));
@@ -292,10 +278,10 @@ fn place() -> String {
 
 /// The means to answer other nodes, and to believe them.
 #[derive(Clone)]
-struct Speaking {
-    session: Arc<Session>,
-    own: Arc<Own>,
-    authors: Authors,
+pub(super) struct Speaking {
+    pub(super) session: Arc<Session>,
+    pub(super) own: Arc<Own>,
+    pub(super) authors: Authors,
 }
 
 /// Answers every other node's presence question.

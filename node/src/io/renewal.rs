@@ -6,6 +6,7 @@
 //! ```
 
 use super::authors::Authors;
+use super::peers::Speaking;
 use crate::logic::protocol::Renewing;
 use comms::io::clock;
 use comms::io::session::{Session, Subscription};
@@ -41,17 +42,13 @@ struct Renewals {
 ///
 /// # Errors
 /// The session is closed.
-pub(super) fn spawn(
-    member: Arc<Member>,
-    session: Arc<Session>,
-    authors: Authors,
-    host: String,
-    appeared: broadcast::Receiver<()>,
-    tasks: &mut JoinSet<()>,
-) -> anyhow::Result<()> {
+pub(super) fn spawn(member: &Arc<Member>, speaking: &Speaking, tasks: &mut JoinSet<()>) -> anyhow::Result<()> {
     let policy = || Policy::reject(WAITING_MAX);
+    let (session, host) = (Arc::clone(&speaking.session), speaking.own.host.clone());
     let wanted = session.subscribe(&key::renew_any(), policy())?;
     let renewed = session.subscribe(&key::renewed(&host), policy())?;
+    let (member, authors) = (Arc::clone(member), speaking.authors.clone());
+    let appeared = speaking.own.appeared.subscribe();
     tasks.spawn(Renewals { member, session, authors, host }.run([wanted, renewed], appeared));
     Ok(())
 }

@@ -81,6 +81,12 @@ struct Site {
 }
 
 impl Site {
+    /// Returns the surroundings of the supervisors here.
+    fn context(&self, since_go: Duration, start: Time) -> ExecContext<'_> {
+        let Self { deployment, home, plan, .. } = self;
+        ExecContext { deployment, home, plan, since_go, start }
+    }
+
     fn tell_home(&self, message: ToCoordinator, out: &mut Out<'_>) {
         out.send(&self.home, self.deployment.to_coordinator(message));
     }
@@ -446,15 +452,7 @@ impl Participant {
         out: &mut Out<'_>,
         act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
-        let since_go = self.since_go(out.now);
-        let start = self.together.start();
-        let context = ExecContext {
-            deployment: &self.site.deployment,
-            home: &self.site.home,
-            plan: &self.site.plan,
-            since_go,
-            start,
-        };
+        let context = self.site.context(self.since_go(out.now), self.together.start());
         let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
         self.report_handover(out);
         let Some((Some(ending), activation)) = acted else { return };

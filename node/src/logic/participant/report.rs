@@ -3,7 +3,7 @@
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
-use crate::logic::executer::{ExecContext, wants_restarts};
+use crate::logic::executer::wants_restarts;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::table::counted;
@@ -177,14 +177,7 @@ impl Participant {
 
     fn abandon_groups(&mut self, out: &mut Out<'_>) {
         let since_go = self.since_go(out.now);
-        let start = self.together.start();
-        let context = ExecContext {
-            deployment: &self.site.deployment,
-            home: &self.site.home,
-            plan: &self.site.plan,
-            since_go,
-            start,
-        };
+        let context = self.site.context(since_go, self.together.start());
         self.executers.each(|group, executer| {
             if !executer.is_running() {
                 return;
