@@ -37,7 +37,7 @@ impl Work {
     pub(crate) fn jobs(&self, what: &'static str, done: usize, of: usize) {
         let mut told = self.told();
         let at = clock::now().since(told.begun);
-        told.estimate.jobs(at, what, (done, of));
+        told.estimate.jobs(at, what, done, of);
         told.tell();
     }
 

@@ -323,7 +323,7 @@ impl Module for Instance {
 
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         if let Some(station) = self.stations.server(name) {
-            return station.serve((name, argument), activity, reply);
+            return station.serve(name, argument, activity, reply);
         }
         match self.class.exports.iter().find(|export| export.interface.name == name) {
             Some(export) => export.serve(&self.object, argument, activity, reply),

@@ -41,8 +41,8 @@ pub(crate) trait Station: Debug + Send + Sync {
         drop(result);
     }
     /// Carries out a call of one of its exports.
-    fn serve(&self, export: (&str, &[u8]), activity: Activity, reply: RawReply) {
-        let _ = (export, activity);
+    fn serve(&self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
+        let _ = (name, argument, activity);
         drop(reply);
     }
 }
@@ -190,7 +190,7 @@ impl Stations {
             .filter_map(|one| match one.kind {
                 Kind::Lock { lease, preempt_after } => {
                     let exports = lock::exports(one.name, one.status, one.doc);
-                    Some((one.attribute.as_str(), lock::LockStation::new((lease, preempt_after), exports)))
+                    Some((one.attribute.as_str(), lock::LockStation::new(lease, preempt_after, exports)))
                 }
                 Kind::Queue { .. }
                 | Kind::Sender { .. }
@@ -214,7 +214,7 @@ impl Stations {
                         lock_of(name).ok_or_else(missing)
                     });
                     let exports = queue::exports(one.name, one.status, one.doc);
-                    let station = queue::QueueStation::new(message, (*capacity, *full), lock.transpose()?, exports);
+                    let station = queue::QueueStation::new(message, *capacity, *full, lock.transpose()?, exports);
                     (Arc::clone(&station) as _, Py::new(py, QueueOf::of(station))?.into_any())
                 }
                 Kind::Sender { message } => {

@@ -168,7 +168,7 @@ impl Progress {
         if self.output.style() != Style::Plain || now.since(self.told) >= TELL_EVERY {
             self.told = now;
             let mut estimate = Estimate::default();
-            estimate.jobs(Duration::ZERO, "keys", (self.done, self.keys));
+            estimate.jobs(Duration::ZERO, "keys", self.done, self.keys);
             self.output.line(&Line::Live(format!("written: {}", estimate.line(now.since(self.begun)))));
         }
     }

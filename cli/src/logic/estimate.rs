@@ -20,7 +20,7 @@ pub(crate) struct Estimate {
 
 impl Estimate {
     /// Takes note that so many jobs of a kind are done.
-    pub(crate) fn jobs(&mut self, at: Duration, what: &'static str, (done, of): (usize, usize)) {
+    pub(crate) fn jobs(&mut self, at: Duration, what: &'static str, done: usize, of: usize) {
         let begun = if self.what == what && self.of == of { self.begun } else { at };
         *self = Self { what, done, of, begun, states: 0 };
     }
@@ -61,14 +61,14 @@ mod tests {
         let at = Duration::from_secs;
         let mut work = Estimate::default();
         assert_eq!(work.line(at(3)), "3 s");
-        work.jobs(at(4), "pairs of faults", (0, 90));
+        work.jobs(at(4), "pairs of faults", 0, 90);
         assert_eq!(work.line(at(5)), "0 of 90 pairs of faults, 5 s");
-        work.jobs(at(14), "pairs of faults", (30, 90));
+        work.jobs(at(14), "pairs of faults", 30, 90);
         assert_eq!(work.line(at(14)), "30 of 90 pairs of faults, 14 s, about 20 s left");
         work.states(1_250_000);
         assert_eq!(work.line(at(15)), "30 of 90 pairs of faults, 1.2 million states, 15 s, about 22 s left");
         // Another kind of jobs takes another time.
-        work.jobs(at(40), "sentences", (0, 2));
+        work.jobs(at(40), "sentences", 0, 2);
         assert_eq!(work.line(at(41)), "0 of 2 sentences, 41 s");
     }
 }

@@ -134,7 +134,7 @@ fn python_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, Stri
             "Number" => "float".to_owned(),
             "Truth" => "bool".to_owned(),
             "Text" => "str".to_owned(),
-            other => format!("dca.{}", known(other, (name, field))?),
+            other => format!("dca.{}", known(other, name, field)?),
         },
         FieldType::Named(used) => used.clone(),
         FieldType::Record(_) => inner_name(name, field),
@@ -173,7 +173,7 @@ fn rust_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, String
             "Truth" => "bool".to_owned(),
             "Text" => "String".to_owned(),
             "Bytes" => "Bytes".to_owned(),
-            other => known(other, (name, field)).map(|_quantity| "f64".to_owned())?,
+            other => known(other, name, field).map(|_quantity| "f64".to_owned())?,
         },
         FieldType::Named(used) => used.clone(),
         FieldType::Record(_) => inner_name(name, field),
@@ -183,7 +183,7 @@ fn rust_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, String
 }
 
 /// Returns a type of the language; refuses what only one program knows.
-fn known<'a>(plain: &'a str, (name, field): (&str, &str)) -> Result<&'a str, String> {
+fn known<'a>(plain: &'a str, name: &str, field: &str) -> Result<&'a str, String> {
     let is_known = plain == "Number" || plain == "Bytes" || language::quantity("1", plain).is_some();
     is_known.then_some(plain).ok_or_else(|| format!("`{name}.{field}`: the spec does not say what a `{plain}` is"))
 }

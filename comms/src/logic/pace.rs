@@ -40,14 +40,21 @@ const GROWTH_MAX: usize = 64;
 pub struct Pace {
     /// The size of the quickest full answer, and how long it took.
     base: Option<(usize, Duration)>,
-    /// How many bytes need how long, besides a round trip, once that is known.
-    rate: Option<(usize, Duration)>,
+    /// The rate of the link, once it is known.
+    rate: Option<Rate>,
     /// The shortest round trip of the answers whose bytes were timed.
     round: Option<Duration>,
     /// How many bytes are asked for, once the link is known.
     chunk: Option<usize>,
     /// How long that many should take.
     expected: Duration,
+}
+
+/// How long so many bytes are on their way, besides a round trip.
+#[derive(Clone, Copy, Debug)]
+struct Rate {
+    bytes: usize,
+    sending: Duration,
 }
 
 impl Pace {
@@ -70,10 +77,10 @@ impl Pace {
     pub fn timed(&mut self, bytes: usize, round: Duration, sending: Duration) {
         let round = self.round.map_or(round, |before| before.min(round));
         let sending = sending.max(Duration::from_millis(1));
-        (self.round, self.rate, self.base) = (Some(round), Some((bytes, sending)), None);
+        (self.round, self.rate, self.base) = (Some(round), Some(Rate { bytes, sending }), None);
         let time = CHUNK_TIME.max((round * 5 / 4).min(TIMED_TIME_MAX));
         self.expected = round + 2 * time;
-        self.ask_for(bytes, fitting((bytes, sending), time), time);
+        self.ask_for(bytes, Rate { bytes, sending }.fitting(time), time);
     }
 
     /// Notes how long a full answer of this size took.
@@ -82,17 +89,17 @@ impl Pace {
         let (bytes_base, took_base) = self.base.unwrap_or((bytes, took));
         let (more, longer) = (bytes.saturating_sub(bytes_base), took.saturating_sub(took_base));
         if more >= bytes_base && longer > Duration::ZERO {
-            self.rate = Some((more, longer));
+            self.rate = Some(Rate { bytes: more, sending: longer });
         }
         // An answer quicker than the measured rate shows that the link has changed.
-        self.rate = self.rate.filter(|rate| sending(*rate, bytes) <= took);
+        self.rate = self.rate.filter(|rate| rate.time_of(bytes) <= took);
         let (fits, time) = match self.rate {
             Some(rate) => {
                 let quickest = if took < took_base { (bytes, took) } else { (bytes_base, took_base) };
-                let round = quickest.1.saturating_sub(sending(rate, quickest.0));
+                let round = quickest.1.saturating_sub(rate.time_of(quickest.0));
                 let time = CHUNK_TIME.max((CHUNK_ROUNDS * round).min(CHUNK_TIME_MAX + round / 2));
                 self.expected = round + time;
-                (fitting(rate, time), time)
+                (rate.fitting(time), time)
             }
             None => {
                 self.expected = 2 * took;
@@ -118,19 +125,22 @@ impl Pace {
     }
 }
 
-/// Returns how many bytes are on their way for `time` at a rate.
-fn fitting((bytes, sending): (usize, Duration), time: Duration) -> usize {
-    usize::try_from(time.as_nanos() * in_wide(bytes) / sending.as_nanos().max(1)).unwrap_or(usize::MAX)
+impl Rate {
+    /// Returns how many bytes are on their way for `time`.
+    fn fitting(self, time: Duration) -> usize {
+        let bytes = time.as_nanos() * in_wide(self.bytes) / self.sending.as_nanos().max(1);
+        usize::try_from(bytes).unwrap_or(usize::MAX)
+    }
+
+    /// Returns how long so many bytes are on their way.
+    fn time_of(self, bytes: usize) -> Duration {
+        let nanos = self.sending.as_nanos() * in_wide(bytes) / in_wide(self.bytes.max(1));
+        Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+    }
 }
 
 fn in_wide(size: usize) -> u128 {
     u128::try_from(size).unwrap_or(u128::MAX)
-}
-
-/// Returns how long `size` bytes are in transit at a rate.
-fn sending((bytes, time): (usize, Duration), size: usize) -> Duration {
-    let nanos = time.as_nanos() * in_wide(size) / in_wide(bytes.max(1));
-    Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
 #[cfg(test)]

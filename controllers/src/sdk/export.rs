@@ -179,7 +179,7 @@ impl<C: 'static> Exports<C> {
     }
 
     /// Carries out a call.
-    pub fn serve(&self, controller: &mut C, (name, argument): (&str, &[u8]), activity: Activity, reply: RawReply) {
+    pub fn serve(&self, controller: &mut C, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let Some(export) = self.all.iter().find(|export| export.about.name == name) else {
             return reply.answer(Err(unknown(name, &self.interfaces())));
         };
@@ -370,7 +370,7 @@ mod tests {
     fn serve(hand: &mut Hand, name: &str, argument: &[u8], activity: Activity) -> Receiver<Answer> {
         let (answer_tx, answer) = sync_channel(1);
         let reply = RawReply::new(move |result| answer_tx.send(result).unwrap(), || true);
-        exports().serve(hand, (name, argument), activity, reply);
+        exports().serve(hand, name, argument, activity, reply);
         answer
     }
 

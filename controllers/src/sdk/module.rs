@@ -421,7 +421,7 @@ impl<C: Controller> Module for Instance<C> {
     }
 
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
-        self.exports.serve(&mut self.controller, (name, argument), activity, reply);
+        self.exports.serve(&mut self.controller, name, argument, activity, reply);
     }
 
     fn connect_calls(&mut self, calls: &[&'static str]) {

@@ -53,7 +53,7 @@ use comms::logic::random::Random;
 use comms::logic::time::Time;
 use download::{Downloaded, Downloads, Offer};
 use ledger::Ledger;
-use peers::PeerTable;
+use peers::{Asking, PeerTable};
 use tickets::Tickets;
 
 /// How many pulls may wait for an answer.
@@ -247,22 +247,17 @@ impl Replica {
     }
 
     /// Returns the pull, with its number and size, of transactions that are neither here nor `pending`.
-    fn pull(&self, peer: ReplicaId, (number, size): (u32, usize), pending: VersionVector) -> Effect {
-        let (vector, size_max) = (self.log().vector().clone(), u32::try_from(size).unwrap_or(u32::MAX));
+    fn pull(&self, peer: ReplicaId, asked: Asking, pending: VersionVector) -> Effect {
+        let (number, size_max) = (asked.number, u32::try_from(asked.size).unwrap_or(u32::MAX));
+        let vector = self.log().vector().clone();
         Effect::Send(peer, Message::Pull(Pull { number, vector, pending, size_max, join: self.ledger.join() }))
     }
 
     /// Asks a peer for the transactions after an answer that is on its way and that the peer has announced.
-    fn ask_ahead(
-        &mut self,
-        now: Time,
-        from: ReplicaId,
-        (number, last): (u32, VersionVector),
-        effects: &mut Vec<Effect>,
-    ) {
+    fn ask_ahead(&mut self, now: Time, from: ReplicaId, number: u32, last: &VersionVector, effects: &mut Vec<Effect>) {
         if let Some(asked) = self.peers.announced(now, from, number) {
             let mut pending = self.ledger.pending().vector();
-            pending.join(&last);
+            pending.join(last);
             effects.push(self.pull(from, asked, pending));
         }
     }
@@ -312,7 +307,7 @@ impl Replica {
                 self.ledger.acks.note(from, &vector);
             }
             Message::Coming { number, last } if self.is_member() && !stranger => {
-                self.ask_ahead(now, from, (number, last), effects);
+                self.ask_ahead(now, from, number, &last, effects);
             }
             Message::Push(_) | Message::DeltaPush(_) | Message::Ack(_) | Message::Coming { .. } => {}
         }

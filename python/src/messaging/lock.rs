@@ -31,7 +31,7 @@ pub(crate) struct LockStation {
 }
 
 impl LockStation {
-    pub(super) fn new((lease, preempt_after): (Duration, Option<Duration>), exports: Exports<Lock>) -> Arc<Self> {
+    pub(super) fn new(lease: Duration, preempt_after: Option<Duration>, exports: Exports<Lock>) -> Arc<Self> {
         let lock = Lock::new(LockSettings { lease, preempt_after, waiting_max: WAITING_MAX });
         Arc::new(Self { held: Mutex::new((lock, exports)), now: Mutex::new(Time::ZERO) })
     }
@@ -58,9 +58,9 @@ impl Station for LockStation {
         self.held().0.work(now);
     }
 
-    fn serve(&self, export: (&str, &[u8]), activity: Activity, reply: RawReply) {
+    fn serve(&self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let (lock, exports) = &mut *self.held();
-        exports.serve(lock, export, activity, reply);
+        exports.serve(lock, name, argument, activity, reply);
     }
 }
 

@@ -33,7 +33,7 @@ pub(super) struct Held {
 }
 
 impl Held {
-    pub(super) fn new(message: &Arc<Py<MessageType>>, (capacity, full): (NonZeroUsize, Full)) -> Self {
+    pub(super) fn new(message: &Arc<Py<MessageType>>, capacity: NonZeroUsize, full: Full) -> Self {
         let type_name = message.get().name.clone();
         let settings = QueueSettings { type_name, capacity, full, data_size_max: DATA_SIZE_MAX };
         Self { queue: MessageQueue::new(settings), message: Arc::clone(message), lock: None, now: Time::ZERO }
@@ -94,11 +94,12 @@ pub(crate) struct QueueStation {
 impl QueueStation {
     pub(super) fn new(
         message: &Arc<Py<MessageType>>,
-        room: (NonZeroUsize, Full),
+        capacity: NonZeroUsize,
+        full: Full,
         lock: Option<Arc<LockStation>>,
         exports: Exports<Held>,
     ) -> Arc<Self> {
-        let held = Held { lock, ..Held::new(message, room) };
+        let held = Held { lock, ..Held::new(message, capacity, full) };
         Arc::new(Self { held: Mutex::new((held, exports)) })
     }
 
@@ -114,9 +115,9 @@ impl Station for QueueStation {
         self.held().0.look_at(now);
     }
 
-    fn serve(&self, export: (&str, &[u8]), activity: Activity, reply: RawReply) {
+    fn serve(&self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let (held, exports) = &mut *self.held();
-        exports.serve(held, export, activity, reply);
+        exports.serve(held, name, argument, activity, reply);
     }
 }
 

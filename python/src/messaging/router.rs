@@ -63,9 +63,9 @@ impl Station for RouterStation {
         self.held().0.work(now);
     }
 
-    fn serve(&self, export: (&str, &[u8]), activity: Activity, reply: RawReply) {
+    fn serve(&self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let (router, exports) = &mut *self.held();
-        exports.serve(router, export, activity, reply);
+        exports.serve(router, name, argument, activity, reply);
     }
 }
 
@@ -131,7 +131,7 @@ impl SubscriberStation {
         (path, filters): (&str, Vec<Filter>),
     ) -> PyResult<Arc<Self>> {
         let user = RouterUser::new(path, filters.clone()).map_err(no_number)?;
-        let queue = Held::new(message, (capacity, Full::Reject));
+        let queue = Held::new(message, capacity, Full::Reject);
         let type_name = message.get().name.clone();
         let held = Mutex::new(Subscriber { user, calls: Calls::default(), queue, type_name, filters });
         Ok(Arc::new(Self { path: path.to_owned(), held }))

@@ -2,7 +2,7 @@
 
 use super::Times;
 use crate::system::is_restarted;
-use language::plan::{Expression, Group, MemberKind};
+use language::plan::{Expression, MemberKind};
 
 /// A step that nothing ends by a certain time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,8 +16,7 @@ pub(crate) struct Culprit {
 impl Times<'_, '_> {
     /// Returns the first step of a group, in the order of the text, that nothing limits; none if the whole has a limit.
     pub(crate) fn culprit(&self, group: u32) -> Option<Culprit> {
-        let source = &self.model.plan.groups[group as usize];
-        self.culprit_of((group, source), &source.expression)
+        self.culprit_of(group, &self.model.plan.groups[group as usize].expression)
     }
 
     /// Names the step without a limit, and the ways to give it one.
@@ -51,7 +50,8 @@ impl Times<'_, '_> {
         )
     }
 
-    fn culprit_of(&self, (group, source): (u32, &Group), expression: &Expression) -> Option<Culprit> {
+    fn culprit_of(&self, group: u32, expression: &Expression) -> Option<Culprit> {
+        let source = &self.model.plan.groups[group as usize];
         let span = self.of(group, source, expression);
         if span.end.is_some() {
             return None;
@@ -64,7 +64,7 @@ impl Times<'_, '_> {
             return below.or(Some(Culprit { group, slot: Some(*member) }));
         }
         let mut operands = expression.operands().into_iter();
-        let below = operands.find_map(|operand| self.culprit_of((group, source), operand));
+        let below = operands.find_map(|operand| self.culprit_of(group, operand));
         Some(below.unwrap_or(Culprit { group, slot: None }))
     }
 }

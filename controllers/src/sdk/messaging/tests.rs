@@ -73,7 +73,7 @@ impl Way {
             }
             let (answer_tx, answer) = sync_channel(1);
             let reply = RawReply::new(move |result| answer_tx.send(result).unwrap_or_default(), || true);
-            Base::exports().serve(base, (name, &argument), Activity::Running, reply);
+            Base::exports().serve(base, name, &argument, Activity::Running, reply);
             self.0.push((number, answer));
         }
     }

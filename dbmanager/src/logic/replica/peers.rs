@@ -67,6 +67,13 @@ struct Asked {
     follows: bool,
 }
 
+/// The number of a pull, and about how many bytes it asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Asking {
+    pub(super) number: u32,
+    pub(super) size: usize,
+}
+
 /// The answer to a pull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Answered {
@@ -218,7 +225,7 @@ impl PeerTable {
 
     /// A peer has said that its answer to a pull is on its way. Returns number and size of the next one, if it is to be sent now. If
     /// another peer is asked as well, both may send the same transactions, so no further pull is sent.
-    pub(super) fn announced(&mut self, now: Time, origin: ReplicaId, number: u32) -> Option<(u32, usize)> {
+    pub(super) fn announced(&mut self, now: Time, origin: ReplicaId, number: u32) -> Option<Asking> {
         let is_alone = self.pulling() == 1;
         let peer = self.peers.get_mut(&origin).filter(|peer| peer.pulling.is_some() && peer.announced.is_none())?;
         peer.asked.filter(|asked| asked.number == number)?;
@@ -228,7 +235,7 @@ impl PeerTable {
         }
         self.number = self.number.wrapping_add(1);
         peer.next = Some(Asked { number: self.number, at: now, follows: true });
-        Some((self.number, peer.pace.chunk()))
+        Some(Asking { number: self.number, size: peer.pace.chunk() })
     }
 
     /// Chooses a peer to ask now; none if the limit of open questions is reached. A replica that has asked one
@@ -249,14 +256,14 @@ impl PeerTable {
     }
 
     /// A peer is asked; returns the number of the pull, and for how many bytes.
-    pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> (u32, usize) {
-        let Some(peer) = self.peers.get_mut(&origin) else { return (0, 0) };
+    pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> Asking {
+        let Some(peer) = self.peers.get_mut(&origin) else { return Asking::default() };
         self.number = self.number.wrapping_add(1);
         peer.pulling = Some(now + peer.pace.wait());
         let late = peer.asked.filter(|asked| now.since(asked.at) < PULL_ANSWER_LATE_MAX);
         let asked = late.unwrap_or(Asked { number: self.number, at: now, follows: false });
         peer.asked = Some(asked);
-        (asked.number, peer.pace.chunk())
+        Asking { number: asked.number, size: peer.pace.chunk() }
     }
 
     fn pulling(&self) -> usize {
@@ -310,25 +317,25 @@ mod tests {
         let (mut table, answered) = (PeerTable::default(), |follows| Answered { in_time: true, follows });
         table.ahead(A, at(0));
         assert_eq!(table.announced(at(0), A, 1), None, "it was not asked");
-        let (first, size) = table.asked(at(0), A);
-        let (second, as_much) = table.announced(at(1000), A, first).unwrap();
+        let Asking { number: first, size } = table.asked(at(0), A);
+        let Asking { number: second, size: as_much } = table.announced(at(1000), A, first).unwrap();
         assert_eq!((as_much, table.announced(at(1001), A, first)), (size, None), "once");
         // 50 kbit/s.
         assert_eq!(table.answered(at(1655), A, Some(first), Some(4096)), answered(false));
         assert!(!table.answered(at(1656), A, Some(first), Some(4096)).in_time, "it is repeated");
-        let (third, size) = table.announced(at(2000), A, second).unwrap();
+        let Asking { number: third, size } = table.announced(at(2000), A, second).unwrap();
         assert!((7500..=8000).contains(&size), "{size} bytes are on their way for a round trip and a quarter");
         assert_eq!(table.answered(at(2655), A, Some(second), Some(4096)), answered(true));
         assert_eq!(table.answered(at(4000), A, Some(third), None), answered(true), "it is the last one");
         // The first of two is lost.
         table.ahead(A, at(5000));
-        let (first, _) = table.asked(at(5000), A);
-        let (second, _) = table.announced(at(6000), A, first).unwrap();
+        let first = table.asked(at(5000), A).number;
+        let second = table.announced(at(6000), A, first).unwrap().number;
         assert_eq!(table.answered(at(7000), A, Some(second), None), answered(true));
         assert_eq!(table.pulling(), 0);
         // A link that is new has lost what was on the way.
         table.ahead(A, at(8000));
-        let (first, _) = table.asked(at(8000), A);
+        let first = table.asked(at(8000), A).number;
         table.announced(at(8100), A, first);
         table.met(at(8200));
         assert_eq!(table.choose(at(8200), (1, None), &mut Random::new(1)), Some(A));

@@ -88,7 +88,7 @@ fn carry<C: 'static>(
     }
     let (answer_tx, answer): (_, Receiver<Result<Vec<u8>, ObjectError>>) = sync_channel(1);
     let reply = RawReply::new(move |result| answer_tx.send(result).unwrap_or_default(), || true);
-    exports.serve(at, (name, argument), Activity::Running, reply);
+    exports.serve(at, name, argument, Activity::Running, reply);
     let answered = answer.try_recv().unwrap();
     if line == Line::LosesReceipts { Err(ObjectError::Gone) } else { answered }
 }
@@ -186,7 +186,7 @@ proptest! {
     }
 }
 
-/// Each reason why there is no answer, and the party that hears it.
+/// Each reason for a missing answer, and the party that hears it.
 #[test]
 fn the_reasons_are_told_apart() {
     let within = Duration::from_millis(100);

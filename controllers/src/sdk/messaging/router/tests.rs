@@ -71,7 +71,7 @@ impl<T: Message> Reader<T> {
             exports.procedure_later("News", "", |desk: &mut Desk, subscription, reply| {
                 desk.news.ask(subscription, reply);
             });
-            exports.serve(desk, ("News", &argument), Activity::Running, reply);
+            exports.serve(desk, "News", &argument, Activity::Running, reply);
             self.open = Some((number, answer));
         }
     }
