@@ -27,7 +27,7 @@ pub(crate) struct Absences {
     pub(crate) duplicates: Vec<Duplicate>,
     /// Hosts that did not answer, and that no node misses.
     pub(crate) silent: BTreeSet<String>,
-    /// Those of them that have just returned: they were missed a moment before.
+    /// The missed hosts that have just returned.
     pub(crate) back: BTreeSet<String>,
     /// Hosts that are not waited for: their keys are revoked.
     pub(crate) revoked: BTreeSet<String>,

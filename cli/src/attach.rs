@@ -1,6 +1,6 @@
 //! `dca attach`: watches a deployment whose terminal was lost, with the output of `dca deploy`.
 //!
-//! Its home repeats the events so far. There is no record: it ended with the command that made it.
+//! Its home repeats the events so far. The mission is not recorded any more: the record ended with the command that made it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;

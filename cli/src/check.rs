@@ -35,8 +35,8 @@ pub struct Arguments {
     /// The form of the diagnostics: text goes to standard error, the others to standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
-    /// The spec of another deployment whose processes the spec uses (`runs_in`): checks that they exist, and what they
-    /// export
+    /// The spec of another deployment whose processes the spec uses (`runs_in`): checks that they exist, and
+    /// their exports
     #[arg(long, value_name = "SPEC")]
     with: Vec<PathBuf>,
     #[command(flatten)]

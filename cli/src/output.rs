@@ -125,7 +125,7 @@ impl Output {
     }
 
     fn write(&mut self, text: &str) {
-        // There is no place to report that standard error is gone.
+        // The loss of standard error cannot be reported anywhere.
         let written = self.notes.write_all(text.as_bytes()).and_then(|()| self.notes.flush());
         drop(written);
     }

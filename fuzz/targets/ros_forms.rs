@@ -1,5 +1,5 @@
-//! Bytes from a process of ROS 2: attachments, tokens, keys, qualities of service, values of every standard type. What is read has
-//! one form when it is written, and that form is read as the same. The first byte says which of them it is.
+//! Bytes from a process of ROS 2: attachments, tokens, keys, qualities of service, values of every standard type. A value that was
+//! read is written in one form, and reading that form gives the same value. The first byte selects the kind of input.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -4,7 +4,7 @@
 //! cargo run --release -p language --example figures
 //! ```
 //!
-//! Times are processor times of this thread, the best of some runs, since others may use the machine; the ratio is what
+//! Times are processor times of this thread, the best of some runs, since others may use the machine; the ratio
 //! counts.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 

@@ -192,7 +192,7 @@ impl<'a> Simulation<'a> {
         self.timeline.svg(self.plan, self.now)
     }
 
-    /// Ends a running leaf. It is named by its path, or by a unique end of it.
+    /// Lets a running leaf end. The leaf is named by its path, or by a unique end of it.
     ///
     /// # Errors
     /// No running leaf has this name, or more than one has it.

@@ -25,7 +25,7 @@ fn program(members: u32, expression: Expression) -> Program {
     })
 }
 
-/// Ends the first running member, `events` times: a member that is asked to stop confirms, an activated one is done
+/// Lets the first running member end, `events` times: a member that is asked to stop confirms, an activated one is done
 /// with `value`. Returns the number of allocations after the first hundred events, and the last state.
 fn drive(program: &Program, value: &Value, events: u64) -> (u64, State) {
     let (mut state, mut commands, mut waiting) = (State::new(program), Vec::with_capacity(64), Vec::with_capacity(64));

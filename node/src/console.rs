@@ -179,7 +179,7 @@ pub fn written_out(text: &str) -> String {
 /// Writes a line for a person: a warning, a step that is over.
 pub fn note(text: &str) {
     let (mut err, text) = (io::stderr(), written_out(text));
-    // There is no place to report that standard error is gone.
+    // The loss of standard error cannot be reported anywhere.
     drop(err.write_all(format!("{}\n", text.trim_end_matches('\n')).as_bytes()).and_then(|()| err.flush()));
 }
 

@@ -78,7 +78,7 @@ impl Drop for Reserve {
     }
 }
 
-/// Reads a file of at most `bytes_max` bytes; none if there is no file.
+/// Reads a file of at most `bytes_max` bytes; none if the file is missing.
 ///
 /// # Errors
 /// It cannot be read, is not a file or is too long, or another user may read or write it.

@@ -30,7 +30,7 @@ const WRONG_STAYS: Duration = Duration::from_secs(1);
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
 /// # Errors
-/// There is no answer, it is not the team of the line, or the inviter refuses.
+/// No answer comes, another team than that of the line answers, or the inviter refuses.
 ///
 /// # Cancellation
 /// The invitation may have been used.

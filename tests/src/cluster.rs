@@ -316,7 +316,7 @@ impl Host {
     /// exit code and all that came to the terminal.
     ///
     /// # Panics
-    /// Panics if the command has not ended `SOON`, or if there are no terminals.
+    /// Panics if the command has not ended `SOON`, or if no terminal can be opened.
     pub fn on_terminal(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.dca_command(arguments);
         command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
@@ -355,7 +355,7 @@ impl Host {
     /// Runs `dca` to its end with this on its standard input, which fits into a pipe.
     ///
     /// # Panics
-    /// Panics if there are no pipes.
+    /// Panics if the command has no pipes.
     pub fn ask_given(&self, arguments: &[&str], input: &[u8]) -> Ended {
         let (reader, mut writer) = std::io::pipe().expect("Linux has pipes");
         writer.write_all(input).expect("it fits");

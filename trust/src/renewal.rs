@@ -42,7 +42,7 @@ pub enum RenewalError {
     /// It ends for good, or the right to renew it does.
     #[error("it can be renewed no longer than it is valid; only the operator makes another one")]
     Last,
-    /// The offered renewal is no better, or is for another certificate.
+    /// The offered renewal does not last longer, or is for another certificate.
     #[error("the renewal is not for this certificate, or ends no later than that")]
     Useless,
 }

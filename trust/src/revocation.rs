@@ -214,7 +214,7 @@ impl Revocations {
     /// Takes a set in. It is checked against the earlier revocations: a revoked signer can revoke no more.
     ///
     /// # Errors
-    /// It is not signed by a permitted signer, or has new keys for which there is no room. Nothing is taken in then.
+    /// It is not signed by a permitted signer, or has more new keys than fit. Nothing is taken in then.
     pub fn receive(&mut self, set: RevokedSet, judge: &Judge<'_>) -> Result<Received, RevocationError> {
         if self.covers(&set) {
             return Ok(Received::Known);

@@ -19,7 +19,7 @@ pub struct Own {
     /// Everybody may write there again
     #[arg(long, group = "who")]
     release: bool,
-    /// Take it from its owner, who may be out of reach; the owner's writes in the meantime are listed by
+    /// Take it from its owner, which may be out of reach; the owner's writes in the meantime are listed by
     /// `dca db conflicts`
     #[arg(long, requires = "owner")]
     by_force: bool,

@@ -16,7 +16,7 @@ pub(crate) struct StoryTest {
     pub(crate) message: String,
     /// The sentence that did not hold, as a block: `verify main { never a with b; }`.
     pub(crate) block: Option<String>,
-    /// The way to the mistake; none if there is no story.
+    /// The way to the mistake; none without a story.
     pub(crate) script: Option<Script>,
 }
 

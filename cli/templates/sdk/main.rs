@@ -66,7 +66,7 @@ struct SmoothInputs {
     level: In<Level>,
 }
 
-/// Goes a part of the way to each value of its input.
+/// Moves a part of the way to each value of its input.
 struct Smooth {
     gain: f64,
     value: f64,

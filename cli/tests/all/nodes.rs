@@ -282,7 +282,7 @@ fn a_full_disk_refuses_a_deployment_and_gives_no_epoch_twice() {
     assert!(code == Some(0) && epoch() > first, "{first}, then {}: {text}", epoch());
 }
 
-/// Makes connections again as soon as they are closed, until it is told to end.
+/// Replaces each connection that is closed, until `over` is set.
 fn crowd(socket: &Path, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<UnixStream>> = (0..SILENT).map(|_| None).collect();
     while !over.load(Ordering::Relaxed) {
@@ -300,7 +300,7 @@ fn crowd(socket: &Path, made: &AtomicUsize, over: &AtomicBool) {
     }
 }
 
-/// They are made again as soon as they are closed.
+/// Each connection that is closed is replaced at once.
 #[test]
 fn seven_hundred_silent_connections_do_not_shut_a_newcomer_out() {
     let mut place = Place::new("e");

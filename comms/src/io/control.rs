@@ -140,7 +140,7 @@ impl Listener {
         Ok(Self { listener, user: None })
     }
 
-    /// The same for programs that run as another user, who can connect as well.
+    /// The same for programs that run as another user: that user can connect as well.
     ///
     /// # Errors
     /// If the system refuses.

@@ -247,7 +247,7 @@ impl Session {
         self.opened.set_patience(session, Duration::from_millis(millis));
     }
 
-    /// Ends the link to a session whose process has stopped while its system runs: no data arrives from it any more. A
+    /// Cuts the link to a session whose process has stopped while its system runs: no data arrives from it any more. A
     /// link to a process of the same machine is left to its lease.
     pub fn cut(&self, session: &str) {
         self.opened.cut_if_silent(session, CUT_AFTER);

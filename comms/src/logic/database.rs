@@ -80,7 +80,7 @@ pub enum Expected {
     Absent,
     /// It has a value.
     Exists,
-    /// Its value is of this transaction, and there was no concurrent write.
+    /// Its value is of this transaction, and no other write was concurrent.
     Version(TxnId),
 }
 
@@ -213,7 +213,7 @@ pub enum DatabaseRefusal {
         /// How many.
         waiting: u32,
     },
-    /// There is no node at present: the request was not sent.
+    /// No node is there at present, so the request was not sent.
     #[error("the node is away, so nothing was asked; try again when it is back")]
     NoNode,
     /// The database's own words.

@@ -97,7 +97,7 @@ fn calls_are_answered_or_say_why_not() {
     let dir = Dir::new("one");
     let (server, client) = (dir.open("s.sock"), dir.open("c.sock"));
     let (_serving, told) = serve(&server);
-    // There is no server yet.
+    // The server has not been started yet.
     assert_eq!(ask(&client, &call(&client, 0, "echo", vec![], LONG)), Err(ObjectError::Gone));
     client.dial(&dial_of(&server), LONG).unwrap();
     for size in [0, 1, 64, 300_000, PAYLOAD_SIZE_MAX] {

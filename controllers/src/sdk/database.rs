@@ -240,7 +240,7 @@ impl Database {
         self.made
     }
 
-    /// Ends a watch. Events that were not looked at are dropped.
+    /// Cancels a watch. Events that were not looked at are dropped.
     pub fn unwatch(&mut self, number: u64) {
         if self.watches.remove(&number) {
             self.news.retain(|(of, _)| *of != number);

@@ -130,7 +130,7 @@ fn version(called: Option<std::ffi::OsString>) -> String {
 }
 
 fn tell(text: &str, code: ExitCode) -> ExitCode {
-    // There is no place to report that standard error is gone.
+    // The loss of standard error cannot be reported anywhere.
     drop(std::io::stderr().write_all(format!("{text}\n").as_bytes()));
     code
 }

@@ -32,8 +32,8 @@ impl<T> Groups<T> {
         Self { queue, size_max, expected: 1, sync: Duration::ZERO }
     }
 
-    /// Waits for the next group until `deadline`; it is empty when that has come, and `None` once there is no sender
-    /// any more.
+    /// Waits for the next group until `deadline`; it is empty when that has come, and `None` once the last
+    /// sender is gone.
     pub fn next(&mut self, deadline: Option<Time>) -> Option<Vec<T>> {
         let first = match deadline {
             Some(deadline) => match self.queue.recv_timeout(deadline.since(clock::now())) {

@@ -8,8 +8,8 @@
 //! force. Each grant has the next term after the one it knows. Among grants that did not see each other the larger term
 //! counts, then the later timestamp.
 //!
-//! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or while there was no owner
-//! yet. Each write that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, for
+//! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or before the first
+//! owner. Each write that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, for
 //! any clocks ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition that its
 //! grant is still valid, so its writer's grant is known even if that robot returned and lost its context.
 //!

@@ -94,7 +94,7 @@ impl State {
         self.entries.len()
     }
 
-    /// Returns whether there are no keys.
+    /// Returns whether it has no keys.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }

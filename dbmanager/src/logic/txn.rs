@@ -78,7 +78,7 @@ pub enum Condition {
     Absent,
     /// The key has a value.
     Exists,
-    /// Its value was written by this transaction, and there was no concurrent write.
+    /// Its value was written by this transaction, and no other write was concurrent.
     Is(Dot),
 }
 

@@ -56,7 +56,7 @@ impl Diagnostics {
         rounds.start = self.found.len();
     }
 
-    /// Ends a round, and begins the next: findings that an earlier round already had are dropped.
+    /// Closes a round, and begins the next one. Findings of earlier rounds are dropped.
     pub(super) fn end_round(&mut self, rounds: &mut Rounds) {
         let new = self.found.split_off(rounds.start);
         self.found.extend(new.into_iter().filter(|found| rounds.known.insert(key(found))));

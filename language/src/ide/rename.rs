@@ -15,7 +15,7 @@ const NAME_MAX: usize = 200;
 /// Why something cannot have another name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RenameError {
-    /// There is no declared name at that place.
+    /// No declared name stands at that place.
     #[error("there is nothing here that has a name of its own")]
     Nameless,
     /// The name is declared in the interface of a program.
@@ -70,7 +70,7 @@ impl Analysis {
     /// Returns the place of the name at a byte offset of the spec, if it can have another one.
     ///
     /// # Errors
-    /// There is no name, or this text may not change it.
+    /// No name stands there, or this text may not change it.
     pub fn prepare_rename(&self, offset: usize) -> Result<Span, RenameError> {
         let (span, symbol) = self.index().place_at(offset).ok_or(RenameError::Nameless)?;
         self.check_own(symbol)?;

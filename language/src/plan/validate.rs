@@ -186,7 +186,7 @@ impl Plan {
         unique("path", groups.map(|(_, group)| &group.path).chain(leaves.map(|(_, leaf)| &leaf.path)))
     }
 
-    /// No group and no leaf is reached twice from `main`. Those that are not reached at all were taken away.
+    /// No group and no leaf is reached twice from `main`. Unreached ones were taken away.
     fn check_tree(&self) -> Result<(), PlanError> {
         let mut group_seen = vec![false; self.groups.len()];
         let mut leaf_seen = vec![false; self.leaves.len()];

@@ -87,7 +87,7 @@ fn check_fix(name: &str, text: &str, interfaces: &[Source], before: &Compiled, (
     let tell = |text: &str, compiled: &Compiled| {
         render(&compiled.diagnostics, &Source::new("hostile.dca", text), interfaces, Style::Plain)
     };
-    // A choice is for a user, who may choose a wrong name.
+    // A choice is for a user: the user may choose a wrong name.
     let is_choice = found.fix.as_ref() != Some(fix);
     let (mut fixed, mut at, mut fix) = (text.to_owned(), found.primary.span, fix.clone());
     for round in 0.. {

@@ -181,7 +181,7 @@ impl Reader {
     }
 }
 
-/// Returns the next line; none if there is no complete one. Half an order is not an order: `stop 5` may have begun as
+/// Returns the next line; none while it is incomplete. Half an order is not an order: `stop 5` may have begun as
 /// `stop 5000`.
 fn next_line(lines: &mut impl BufRead) -> Option<String> {
     let mut line = String::new();

@@ -375,7 +375,7 @@ impl Supervision<'_> {
         }
     }
 
-    /// Ends a program that hangs, unless it is already being stopped.
+    /// Aborts a program that hangs, unless it is already being stopped.
     fn abort(&mut self, why: EndReason) {
         if self.killing || self.deadline.is_some() {
             return;

@@ -21,7 +21,7 @@ const SLOW: &str = "more came than were taken";
 /// The error of a caller whose answers were never ended.
 const LEFT: &str = "the node went away from them";
 
-/// The end of the answers, as soon as it is known.
+/// The end of the answers, once it is known.
 type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;
 
 /// The server's end of a call.
@@ -103,7 +103,7 @@ impl Caller {
         self.answers.max_capacity() - self.answers.capacity()
     }
 
-    /// Waits until there is no receiver any more.
+    /// Waits until the receiver has left.
     ///
     /// # Cancellation
     /// Safe.
@@ -111,7 +111,7 @@ impl Caller {
         self.answers.closed().await;
     }
 
-    /// Marks the answers as complete, unless there was no room for one.
+    /// Marks the answers as complete, unless one of them found no room.
     pub fn end(self) {
         self.settle(Ok(()));
     }

@@ -205,7 +205,7 @@ pub fn ended(dir: &Path) -> Option<ShimReport> {
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
-/// Ends the leftovers of a killed shim, for as long as there are any: a process that the kernel does not remove may
+/// Kills the leftovers of a killed shim until none is left: a process that the kernel does not remove may
 /// still move something.
 async fn end_left(dir: PathBuf) {
     let ending = |round| {

@@ -176,7 +176,7 @@ impl DatabaseThread {
         self.settings.clone()
     }
 
-    /// Ends it. Acknowledged changes are on the disk already.
+    /// Stops the database. Acknowledged changes are on the disk already.
     ///
     /// # Cancellation
     /// It ends in any case.
@@ -258,7 +258,7 @@ impl Worker {
         }
     }
 
-    /// Waits for the first input and returns all waiting ones; none once there is no sender any more.
+    /// Waits for the first input and returns all waiting ones; none once the last sender is gone.
     fn wait(&mut self) -> Option<Vec<Arrival>> {
         let deadline = if self.machine.closed().is_some() { Some(self.reopen_at) } else { self.machine.deadline() };
         self.arrivals.next(deadline)

@@ -11,7 +11,7 @@
 //! ```
 //! A torn record at the end is ignored: its input had no effects. The file is not synced, because its content is void
 //! after a reboot: a log of another boot of the kernel does not count. When the file has grown, a checkpoint replaces
-//! it. While there is nothing to adopt there is no file.
+//! it. A file exists only while something could be adopted.
 
 use crate::logic::agent::Input;
 use crate::logic::node_state::NodeState;

@@ -185,7 +185,7 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries
-        // One of the two may have been removed.
+        // Either of the two files may have been removed.
         .filter(|entry| ["lock", "node.sock.lock"].iter().any(|lock| is_locked(&entry.path().join(lock))))
         .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path().join("node.sock")))
         .collect();
@@ -384,7 +384,7 @@ pub(crate) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
     (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
 }
 
-/// Makes the folder for the sockets of a program that runs as another user, who alone may list it; the group of that
+/// Makes the folder for the sockets of a program that runs as another user. Only that user may list it; the group of that
 /// user may enter the folders above it.
 ///
 /// # Errors

@@ -61,7 +61,7 @@ impl Reader {
         Self { dir, file: None, is_aside: false }
     }
 
-    /// Returns the next bytes; empty if there is no further output yet.
+    /// Returns the next bytes; empty until the program writes more.
     fn read(&mut self) -> io::Result<Vec<u8>> {
         let mut chunk = vec![0; CHUNK];
         loop {

@@ -211,7 +211,7 @@ impl Executer {
         self.running
     }
 
-    /// Ends the group without waiting, because its node leaves. Its activities are still to end.
+    /// Gives the group up without waiting, because its node leaves. Its activities have still to end.
     pub fn abandon(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         (self.running, self.is_abandoned) = (false, true);
         self.waiting.clear();

@@ -28,7 +28,7 @@ pub(super) fn open(folder: &Path) -> Heads {
 }
 
 impl Member {
-    /// Publishes the position of this node's audit log; none if there is no log.
+    /// Publishes the position of this node's audit log; none without a log.
     pub fn audit_position(&self) -> Option<watch::Receiver<Option<Position>>> {
         self.audit.as_ref().map(Audit::position)
     }
@@ -58,7 +58,7 @@ impl Member {
     /// Keeps another node's signature on this one's audit log. Blocks.
     ///
     /// # Errors
-    /// It belongs to another log, there is no room, or the disk refuses.
+    /// The head belongs to another log, finds no room, or the disk refuses.
     pub fn keep_head(&self, head: Head, name: &Name) -> anyhow::Result<()> {
         ensure!(head.position().log == self.id() && head.by() != self.id(), "it is the head of another log");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);

@@ -128,7 +128,7 @@ impl Member {
     /// Takes a renewal that another node has made for this one. Returns whether it is valid for longer now. Blocks.
     ///
     /// # Errors
-    /// It is no better than the present one, or the disk refuses.
+    /// The renewal does not outlast the present one, or the disk refuses.
     pub fn take_renewal(&self, offered: &[u8], by: &str) -> anyhow::Result<bool> {
         let offered = Credential::from_bytes(offered).context("it is no credential")?;
         let own = self.newest().clone();

@@ -43,7 +43,7 @@ impl Member {
     /// Takes in a set of revocations by the team or an admin. Returns whether it was new.
     ///
     /// # Errors
-    /// It is not validly signed, or there is no room for it: then nothing has changed. Or the disk refuses: then it
+    /// It is not validly signed, or finds no room: then nothing has changed. Or the disk refuses: then it
     /// counts until the node ends.
     pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
         let (number, count) = (set.number(), set.keys().len());

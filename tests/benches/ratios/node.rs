@@ -92,7 +92,7 @@ impl Node {
         Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes, WITHIN)?, asked })
     }
 
-    /// Ends the deployment, and waits until all of its processes are gone.
+    /// Stops the deployment, and waits until all of its processes are gone.
     pub(crate) async fn stop(&self, mut deployment: Deployment) -> anyhow::Result<()> {
         let (request, key) = (codec::encode(&Request::Stop { name: "bench".into() })?, key::rpc(HOST, "request"));
         // Both run concurrently: unread reports would be an overrun.

@@ -69,7 +69,7 @@ impl Hosts {
         Trace::read(&self.cluster.folder().join("runs").join(name))
     }
 
-    /// Ends the nodes and checks that no process is left.
+    /// Stops the nodes and checks that no process is left.
     ///
     /// # Panics
     /// A node ends with another exit code than 0, or something is left.

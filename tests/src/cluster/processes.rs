@@ -60,7 +60,7 @@ impl Busy {
     /// Starts `count` processes with this niceness: 19 gives way to all others.
     ///
     /// # Panics
-    /// Panics if there is no shell.
+    /// Panics if the shell cannot be started.
     pub fn start(count: usize, niceness: u8) -> Self {
         let niceness = niceness.to_string();
         let one =

@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 /// that it wrote.
 ///
 /// # Panics
-/// Panics if the command has not ended `SOON`, or if there are no terminals.
+/// Panics if the command has not ended `SOON`, or if no terminal can be opened.
 pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) -> (Option<i32>, String) {
     let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
     grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");

@@ -142,7 +142,7 @@ fn nodes_3_s_of_round_trip_apart_see_each_other() {
     assert!(!ended.err.contains("is not linked"), "{ended}");
 }
 
-/// Makes connections that send nothing, and replaces each as soon as it is closed, until it is told to end.
+/// Makes connections that send nothing, and replaces each closed one, until `over` is set.
 fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<TcpStream>> = (0..SILENT).map(|_| None).collect();
     while !over.load(Ordering::Relaxed) {

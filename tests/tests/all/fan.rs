@@ -252,7 +252,7 @@ fn expect_no_later(what: &str, before: Vec<Duration>, meanwhile: Vec<Duration>) 
     assert!(max < HELD_UP_MAX, "{what}: held up for {max:?}");
 }
 
-/// One of 20 readers is suspended for 3 s, which is longer than the link can buffer, and another one is killed during
+/// Of 20 readers, one is suspended for 3 s, which is longer than the link can buffer, and another one is killed during
 /// this time. The writer and all others go on as before, and lose nothing.
 #[test]
 fn a_reader_that_is_suspended_or_killed_delays_nobody() {

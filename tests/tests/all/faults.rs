@@ -316,7 +316,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them wins. The other
+/// Two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One user wins. The other
 /// is told so, or came so late that its deployment changed the running one. The running deployment is one of the two.
 #[test]
 fn two_users_of_one_name_are_one_winner_and_one_refusal() {

@@ -34,7 +34,7 @@ fn programs(cluster: &Cluster) -> BTreeMap<String, i32> {
     cluster.left().into_iter().filter_map(|process| Some((path(&process)?, process.pid))).collect()
 }
 
-/// Ends the programs of these numbers, each with a different exit code.
+/// Stops the programs of these numbers, each with a different exit code.
 fn end(programs: &BTreeMap<String, i32>, numbers: Range<usize>) {
     for number in numbers {
         let pid = Pid::from_raw(programs[&format!("main/p{number}")]).expect("it is a number");

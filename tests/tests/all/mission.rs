@@ -155,7 +155,7 @@ fn a_locked_door_aborts() {
 
 #[test]
 fn a_hand_that_was_pushed_closes_on_nothing() {
-    // A visitor pushes while the hand is on its way; there is no handle, and the gripper notices.
+    // A visitor pushes while the hand is on its way. The gripper then closes beside the handle, and notices.
     let seen = fly(&world("push_at = 12 s"), Disturbance::NONE);
     check_abort(&seen, "main/dooropensyst/closegrip/fingers: the gripper closed on nothing");
 }

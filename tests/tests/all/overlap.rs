@@ -50,7 +50,7 @@ fn pids(here: &Host) -> BTreeMap<String, u32> {
     here.pids()
 }
 
-/// Ends the mission. Returns the runs of numbers that the sink has received.
+/// Stops the mission. Returns the runs of numbers that the sink has received.
 fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
     end_with(cluster, here, mission, &[])
 }

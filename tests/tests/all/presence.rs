@@ -175,7 +175,7 @@ fn deployed(hosts: &Hosts) -> Program {
     mission
 }
 
-/// Ends a mission that must not have been disturbed.
+/// Stops a mission that must not have been disturbed.
 #[track_caller]
 fn undisturbed(hosts: &Hosts, mission: Program) {
     assert!(mission.is_running(), "{}", mission.text(Stream::Err));

@@ -1,4 +1,4 @@
-//! Applies an event to a system: the parts react one after the other, until there are no further consequences.
+//! Applies an event to a system: the parts react one after the other, until nothing further follows.
 
 use super::transit::Arrival;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};

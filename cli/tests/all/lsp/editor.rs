@@ -132,7 +132,7 @@ impl Editor {
         }
     }
 
-    /// Ends the server like an editor.
+    /// Shuts the server down like an editor.
     pub(crate) fn end(mut self) -> ExitStatus {
         self.ask("shutdown", &Value::Null);
         self.notify("exit", &Value::Null);

@@ -122,7 +122,7 @@ impl NoticeSender {
         }
     }
 
-    /// Ends the channel: its receiver hears the messages that have arrived, and then the end.
+    /// Closes the channel. Its receiver still gets the messages that have arrived, and then the end.
     pub fn close(&self) {
         shutdown(&self.channel.stream, Shutdown::Both).unwrap_or_default();
     }

@@ -73,7 +73,7 @@ pub struct AnswerWay {
     sealer: Option<(Arc<Sealer>, u64)>,
 }
 
-/// An answer in transit with its attachment, or none: dropping a query tells its caller that there is no answer.
+/// An answer in transit with its attachment, or none: dropping a query tells its caller that no answer comes.
 type Outgoing = (Query, Option<(ZBytes, Option<Vec<u8>>)>);
 
 /// A call whose answer has not come yet. Dropping it cancels the call, and the other end is told.
@@ -272,7 +272,7 @@ fn hear(
 ) {
     let (nothing, key) = (ZBytes::new(), query.key_expr().clone());
     let said = (query.attachment(), query.payload().unwrap_or(&nothing));
-    // Dropping the query tells its caller that there is no server.
+    // Dropping the query tells its caller that no server answers.
     let Some((sender, bytes)) = admit(gate, Content::Call, said, &key) else { return };
     let call = codec::decode::<ObjectCall>(&bytes);
     let is_own = |call: &ObjectCall| may_be(gate, sender.as_ref(), &call.id.session);

@@ -7,7 +7,7 @@ use std::io;
 use std::os::fd::BorrowedFd;
 
 /// The limit of unreleased values for one consumer, in bytes, and their least and greatest number. Further values are
-/// lost for it. One of them may wait for its loop.
+/// lost for it. One value may wait for the loop of the consumer.
 const BYTES_MAX: usize = 32 << 20;
 const COUNT_MIN: usize = 3;
 const COUNT_MAX: usize = 16;

@@ -181,7 +181,7 @@ impl Opened {
         self.dialler.cut(session);
     }
 
-    /// Ends the links to a session, unless data arrives from it within `time`. A long answer on a slow link delays all
+    /// Cuts the links to a session, unless data arrives from it within `time`. A long answer on a slow link delays all
     /// other messages, and would be lost with the link.
     pub(crate) fn cut_if_silent(&self, session: &str, time: Duration) {
         let (dialler, session) = (self.dialler.clone(), session.to_owned());

@@ -47,7 +47,7 @@ pub(super) fn set_as_measured(ends: Ends) -> bool {
     patience.is_some_and(|patience| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
-/// Ends a link, at both sides: a waiting reader gets an end of file.
+/// Cuts a link, at both sides: a waiting reader gets an end of file.
 pub(super) fn cut(ends: Ends) {
     if let Some(Err(error)) = find(ends).map(|socket| socket.shutdown(Shutdown::Both)) {
         tracing::debug!(%error, "a link was not cut");

@@ -115,7 +115,7 @@ struct State {
 enum Turn {
     /// Send this, with a proof.
     Send(Query, Vec<u8>, Option<Vec<u8>>),
-    /// Wait for a change; for at most this long, if there is no pull.
+    /// Wait for a change; without a pull, for at most this long.
     Wait(Option<Duration>),
     /// Nothing more.
     Over,
@@ -305,7 +305,7 @@ impl Stream {
         self.changed.notify_one();
     }
 
-    /// Adds an answer; returns whether there is a reader, or none if there is no room for it now.
+    /// Adds an answer; returns whether a reader is left, or `None` while the answer finds no room.
     fn give(&self, answer: &[u8]) -> Option<bool> {
         let mut state = self.lock();
         let is_taken = !state.is_left;
@@ -317,7 +317,7 @@ impl Stream {
         Some(is_taken)
     }
 
-    /// Sends the requested pieces, until all are taken or there is no reader any more.
+    /// Sends the requested pieces, until all are taken or the reader has left.
     async fn send(&self) {
         loop {
             match self.turn() {

@@ -199,7 +199,7 @@ impl Tunnels {
         old.map(|(session, _)| session.clone()).collect()
     }
 
-    /// Ends a tunnel; returns whether there was one.
+    /// Cuts a tunnel; returns whether the session had one.
     pub(super) fn cut(&self, session: &str) -> bool {
         self.table().get(session).map(|standing| standing.end.notify_one()).is_some()
     }

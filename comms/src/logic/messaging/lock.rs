@@ -275,7 +275,7 @@ impl ResourceLock {
         effects.push(LockEffect::Answer { client, answer: LockAnswer::Denied { request, why } });
     }
 
-    /// Ends the requests of a client up to this one, both waiting and granted.
+    /// Withdraws the requests of a client up to this one, both waiting and granted.
     fn release(&mut self, now: Time, client: u64, request: u64) {
         self.waiting.retain(|_, waiter| waiter.client != client || waiter.request > request);
         if self.holder.as_ref().is_some_and(|holder| holder.client == client && holder.request <= request) {

@@ -48,7 +48,7 @@ pub struct QueueStatus {
 /// To a router.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RouterRequest {
-    /// Sends each message that one of the filters takes to this queue; every message if there is no filter. A repeated
+    /// Sends each message that one of the filters takes to this queue; without filters, every message. A repeated
     /// request renews the subscription and replaces its filters.
     Subscribe {
         /// The name of the queue.

@@ -121,7 +121,7 @@ impl DatabaseLine {
         }
     }
 
-    /// Sends a request about a watch. Without a node there is no watch.
+    /// Sends a request about a watch. A watch needs a node.
     fn say(&self, number: u64, request: DatabaseRequest) {
         if let Err(error) = self.notices.send_now(&Notice::Database { number, request }) {
             tracing::debug!(%error, "the node was not told");

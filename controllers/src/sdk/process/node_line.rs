@@ -143,7 +143,7 @@ impl NoticeLog {
     }
 
     /// Sends a notice for the present channel alone, and keeps nothing; never waits. Returns the number of the channel,
-    /// or none if there is no node.
+    /// or none without a node.
     ///
     /// # Errors
     /// If it is too long.
@@ -231,10 +231,10 @@ impl Kept {
 }
 
 impl NodeLine {
-    /// Waits for the next order, however long there is no node. [`Order::Resumed`] shows that there is one again.
+    /// Waits for the next order, even if the node is away for long. [`Order::Resumed`] shows that a node is there again.
     ///
     /// # Errors
-    /// If there is no node and the program's parent is also gone, or the node's message cannot be understood.
+    /// If the node and the program's parent are gone, or the node's message cannot be understood.
     pub(super) fn next(&mut self) -> Result<Order, LineError> {
         loop {
             match self.receiver.recv() {

@@ -38,7 +38,7 @@ pub(super) trait Records: fmt::Debug + Send {
     /// As [`Store::commit`]; writes down the present life too, if there is a new one.
     fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError>;
 
-    /// Ends it in order, if possible.
+    /// Closes it in order, if possible.
     fn close(self: Box<Self>);
 }
 

@@ -3,7 +3,7 @@
 //! [`CommitPipeline::plan`] checks a draft against the present state, [`CommitPipeline::seal`] gives it a timestamp, a
 //! number and a context; the replica then enters it. Values that never leave the robot are written here at once.
 //!
-//! *Urgent and bulk.* There are no classes of transactions. A transaction is shown after all transactions its writer
+//! *Urgent and bulk.* Transactions have no classes. A transaction is shown after all transactions its writer
 //! had seen, which is usually everything its robot had. So an urgent one could hardly overtake anything without
 //! breaking that promise or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at
 //! most four of them), and large data goes beside them: a value names it by its hash. A robot that needs bulk data with

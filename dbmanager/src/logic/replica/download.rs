@@ -140,7 +140,7 @@ impl Downloads {
         }
     }
 
-    /// Returns the state as soon as it is complete.
+    /// Returns the state once it is complete.
     pub(super) fn whole(&mut self, effects: &mut Vec<Effect>) -> Option<Downloaded> {
         let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
         let Download { from, manifest, chunks, .. } = self.current.take_if(|download| whole(download))?;
@@ -153,7 +153,7 @@ impl Downloads {
         }
     }
 
-    /// Ends it, and discards its chunks.
+    /// Cancels it, and discards its chunks.
     pub(super) fn cancel(&mut self) {
         self.current = None;
     }

@@ -55,7 +55,7 @@ pub(crate) fn states_only() -> Ending {
     world.heal(0, 1);
     world.run_for(60_000);
     must(world.replica(0).log().vector() == world.replica(1).log().vector(), "T7: they never meet")?;
-    // One of them has started again, and has left the others' transactions to the others.
+    // One robot has started again, and has left the others' transactions to the others.
     (0..6).for_each(|node| world.join_network(node));
     world.settle()?;
     must(world.value(0, "team/b") == Some(2) && world.value(1, "team/a") == Some(1), "all is there in the end")

@@ -40,7 +40,7 @@ fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
     diagnostic.reason(part.span, "cannot fail")
 }
 
-/// Whether it always ends as soon as it has started.
+/// Whether it always ends at its start.
 fn is_over_at_once(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Skip | ExprKind::Fail(_) => true,

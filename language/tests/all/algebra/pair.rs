@@ -93,7 +93,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Returns events that are not expected: of earlier and of future activations, of idle members and timers and of
-    /// members that do not exist. One of the four endings of an activation stands for all.
+    /// members that do not exist. A single ending of an activation stands for all four.
     pub(crate) fn events_stale(&self) -> Vec<Event> {
         let (active, stopping) = self.machine.members();
         let mut events = Vec::new();

@@ -62,7 +62,7 @@ struct Recorded {
     users: [u32; 2],
 }
 
-/// Ends the leftovers of the program in `dir` whose shim was killed, in one of several rounds; returns whether nothing
+/// Kills the leftovers of the program in `dir` whose shim was killed, in one of several rounds; returns whether nothing
 /// is left. Blocks, for 5 s at most in the first round, `0`. The next one is due [`END_AGAIN`] later.
 pub fn end_round(dir: &Path, round: u32) -> bool {
     let left = Search::instance(dir).kill(if round == 0 { KILL_WITHIN } else { Duration::ZERO });
@@ -109,7 +109,7 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
     left
 }
 
-/// Ends the leftovers of earlier runs of the node in `folder`, except the programs with their folders in `known` whose
+/// Kills the leftovers of earlier runs of the node in `folder`, except the programs with their folders in `known` whose
 /// shims are alive. The processes are listed once for all folders. A program whose shim has reported its end has
 /// neither a record nor a shim, so nothing is searched for it. Blocks.
 pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
@@ -146,7 +146,7 @@ fn instances(folder: &Path) -> impl Iterator<Item = PathBuf> {
     deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>())
 }
 
-/// Ends the processes in a control group that do not descend from these shims, which inherit all orphans of their
+/// Kills the processes in a control group that do not descend from these shims, which inherit all orphans of their
 /// programs.
 fn end_strays(group: &Path, shims: &[i32]) {
     let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());

@@ -26,7 +26,7 @@ pub(super) fn replay(inputs: &InputLog) -> Option<NodeState> {
     None
 }
 
-/// Ends the programs that an earlier node has left in the folder and this one does not adopt. Blocks.
+/// Kills the programs that an earlier node has left in the folder and this one does not adopt. Blocks.
 pub(super) fn end_strangers(dir: &RunDir, state: &NodeState) {
     let known = state.attachments.programs().filter(|(_, program)| !program.is_gone);
     let known: BTreeSet<_> = known.map(|(process, _)| dir.process(process)).collect();

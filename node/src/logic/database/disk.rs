@@ -68,7 +68,7 @@ impl Database {
         self.disk.closed.as_deref()
     }
 
-    /// Ends a call whose answer would name transactions that may not be on the disk; returns whether it was such a
+    /// Closes a call whose answer would name transactions that may not be on the disk; returns whether it was such a
     /// call. A watcher that continues from a position gets no answer, and asks again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
         let asks = matches!(question, Question::Watch { .. } | Question::Follow { .. } | Question::Version(AsOf::Now));

@@ -125,7 +125,7 @@ impl Database {
         }
     }
 
-    /// Returns the reply where there is no conflict: the key has the chosen value already, or it has another one and
+    /// Returns the reply for a key without a conflict: the key has the chosen value already, or it has another one and
     /// nothing was written.
     fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
         let versions = self.replica.state().versions(key);

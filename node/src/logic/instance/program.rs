@@ -347,7 +347,7 @@ impl Instance {
         }
     }
 
-    /// Ends a program that has hung at its start. The refusal, sent once the program is gone, quotes its output.
+    /// Kills a program that has hung at its start. The refusal, sent once the program is gone, quotes its output.
     fn give_up(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         self.program.cause.get_or_insert(cause);
         self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };

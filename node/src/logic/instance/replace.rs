@@ -84,7 +84,7 @@ impl Instance {
         self.start = start;
     }
 
-    /// Ends the program and starts this one in its place. Reports [`Note::Replaced`] when it is up, or
+    /// Stops the program and starts this one in its place. Reports [`Note::Replaced`] when it is up, or
     /// [`Note::Unhealthy`].
     pub fn replace(&mut self, next: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         if self.is_unconfirmed() {
@@ -130,7 +130,7 @@ impl Instance {
         context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
     }
 
-    /// Ends the program, so that `next` can take its place: asks it to leave if it takes orders, otherwise has its shim
+    /// Stops the program, so that `next` can take its place: asks it to leave if it takes orders, otherwise has its shim
     /// end it.
     fn make_place(&mut self, next: Start, takes_orders: bool, context: &mut InstanceContext<'_>) {
         let is_stopping = matches!(self.stage, Stage::Stopping { .. });
@@ -224,7 +224,7 @@ impl Instance {
         is_new
     }
 
-    /// Ends a probation whose time is over.
+    /// Lets the program pass if the time of its probation is over.
     pub(super) fn tick_probation(&mut self, context: &mut InstanceContext<'_>) {
         if self.probation_until().is_some_and(|until| until <= context.now) {
             self.probation = None;

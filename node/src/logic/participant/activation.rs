@@ -132,7 +132,7 @@ impl Participant {
         self.activate_waiting(out);
     }
 
-    /// Ends the waiting activations, because this part of the deployment ends.
+    /// Drops the waiting activations, because this part of the deployment ends.
     pub(super) fn begin_never(&mut self, out: &mut Out<'_>) {
         for (target, activation, _) in std::mem::take(&mut self.together.waiting) {
             self.tell_supervisor(target, activation, Ending::Stopped, out);

@@ -68,7 +68,7 @@ fn each_program_does_as_its_policy_says() {
         panic!("{:?}", world.last_report(call))
     };
     assert_eq!(unconfirmed, &["c2"]);
-    // It goes on as long as it is unknown whether it is still wanted.
+    // The program runs on until it is known whether it is still wanted.
     world.run_for(Duration::from_secs(3600));
     assert_eq!(active(&world, "c2"), [0]);
     heal(&mut world, "c2");

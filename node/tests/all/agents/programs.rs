@@ -51,12 +51,12 @@ impl World {
         self.at(1, host, Coming::Input(input));
     }
 
-    /// Ends a program like `kill -9`.
+    /// Kills a program like `kill -9`.
     pub(super) fn kill(&mut self, host: &str, leaf: u32) {
         self.end(host, leaf, ShimReport::Signalled { signal: 9 });
     }
 
-    /// Ends a program with this report of its shim.
+    /// Lets a program end with this report of its shim.
     pub(super) fn end(&mut self, host: &str, leaf: u32, how: ShimReport) {
         let found = self.alive.iter().find(|(on, process)| on == host && process.leaf == leaf);
         let (_, process) = found.expect("the program is alive").clone();

@@ -61,7 +61,7 @@ fn state(world: &mut World, host: &str, path: &str) -> String {
     processes.find(|process| process.path == path).map(|process| process.state.clone()).unwrap_or_default()
 }
 
-/// Ends the programs that could not be ended, on all hosts.
+/// Lets the programs end that could not be ended, on all hosts.
 fn end_stuck(world: &mut World, module: &str) {
     let is_its = |world: &World, process| world.modules[process] == module;
     let stuck: Vec<_> = world.alive.iter().filter(|(_, process)| is_its(world, process)).cloned().collect();

@@ -1,4 +1,4 @@
-//! The rules as they are written: the effect of a start, of an outcome on the operators around it, and of a stop. Whole
+//! The written rules: the effect of a start, of an outcome on the surrounding operators, and of a stop. Whole
 //! terms are rewritten; nothing is shared with `language::algebra::step`.
 //!
 //! Written from the study of the language, §2.4 with §2.5 and §2.11, and for `finally`, `as`, `::` and `using` from the

@@ -103,7 +103,7 @@ impl Carrying<'_> {
         !is_held_up && self.members(o).iter().all(|member| self.gone.contains(member))
     }
 
-    /// Ends an operand that no operator waits for.
+    /// Completes an operand that no operator waits for.
     fn end(&mut self, o: usize) {
         for node in o..self.program.nodes[o].end {
             let phase = self.state.cells[node].phase;

@@ -9,7 +9,7 @@ use language::plan::{Group, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Executer {
-    /// Makes consumers expect a switch. Those of `then` flip wires of their own once they have taken it.
+    /// Makes consumers expect a switch. The consumers in `then` flip wires of their own once they have taken it.
     pub(in crate::logic::executer) fn expect(
         &self,
         (generation, difference): (u64, &Difference),
