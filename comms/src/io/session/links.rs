@@ -1,8 +1,8 @@
 //! The table of links of a session: which stand, by zenoh's events, and where a lost one is dialled again.
 //!
-//! A place that the program was told, or where a link has stood, is dialled first and stays. Any other place was only said on the
-//! network, where anybody can say anything. So a sender has few places, a place that has failed is left alone for a while, and it
-//! makes room for a place that was not tried yet.
+//! A place that the program was told, where a link has stood, or that has shown the key of its session, is dialled first and stays.
+//! Any other place was only said on the network, where anybody can say anything. So a sender has few places, a place that has failed is
+//! left alone for a while, and it makes room for a place that was not tried yet.
 
 use super::patience;
 use crate::logic::time::Time;
@@ -145,7 +145,7 @@ impl Links {
         is_wanted
     }
 
-    /// Takes note that a link has been made to a session at a place.
+    /// Takes note that a session is at a place: a link was made there, or the place has shown its key.
     pub(super) fn prove(&mut self, session: &str, locator: &Locator) {
         let Some(place) = self.kept.get_mut(session) else { return };
         place.proposed.retain(|proposed| proposed.locator != *locator);

@@ -259,10 +259,10 @@ impl Opened {
         })
     }
 
-    /// Hears that a node has said on the network where it is.
+    /// Returns what a node says to this session that tells the network where it is.
     #[cfg(test)]
-    pub(super) fn hear(&self, node: NearbyNode) {
-        hears(self.id(), self.dialler.clone(), Arc::clone(&self.to_keeper))(node);
+    pub(super) fn ear(&self) -> impl Fn(NearbyNode) + use<> {
+        hears(self.id(), self.dialler.clone(), Arc::clone(&self.to_keeper))
     }
 
     /// Links to a peer whenever it can be reached, and keeps linked to it; waits for nothing. Says why not.

@@ -264,7 +264,11 @@ async fn shown(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<S
             let dialled = tunnels.dial(&place, Some(&id.to_string())).await;
             let (_, name, path) =
                 dialled.map_err(|why| format!("{place} answers after {} ms: {why}", took.as_millis()))?;
-            lock(&dialler.links).names.insert(id.to_string(), name);
+            let mut links = lock(&dialler.links);
+            links.names.insert(id.to_string(), name);
+            // The place has shown the key of that session. The link may be lost again before zenoh returns.
+            links.prove(&id.to_string(), &locator);
+            drop(links);
             through(&path)?
         }
         _ => locator.clone(),
