@@ -1,6 +1,6 @@
 //! `dca graph`: draws a spec.
 
-use crate::io::whole_file;
+use crate::io::{named_file, whole_file};
 use crate::{Controllers, Values, check};
 use anyhow::Context as _;
 use language::{Severity, render};
@@ -26,6 +26,9 @@ pub struct Arguments {
 
 /// Runs the verb; of the diagnostics of the spec only errors are printed.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(output) = &arguments.output {
+        named_file::not_over(output, [arguments.file.as_path()])?;
+    }
     let spec = check::read_with(&arguments.file, &arguments.values)?;
     let interfaces = check::others(&spec, &arguments.controllers)?;
     let (graph, mut diagnostics) = language::graph(&spec, &interfaces, &check::options(&arguments.file, false));

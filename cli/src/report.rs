@@ -1,7 +1,6 @@
 //! `dca report`: makes an HTML page from the record of a run.
 
-use crate::io::recorder;
-use crate::io::whole_file;
+use crate::io::{named_file, recorder, whole_file};
 use crate::logic::page::page;
 use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
@@ -24,6 +23,7 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let record = recorder::file(&arguments.record);
     let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
+    named_file::not_over(&file, [record.as_path()])?;
     let damage = write(&record, &file)?;
     console::say(&file.display().to_string());
     // The page shows the undamaged part.

@@ -47,6 +47,9 @@ pub struct Arguments {
 
 /// Runs the verb; fails unless `main` ended normally.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(chart) = &arguments.chart {
+        named_file::not_over(chart, [arguments.file.as_path()].into_iter().chain(arguments.script.as_deref()))?;
+    }
     let plan = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?.plan;
     if let Some(file) = &arguments.replay {
         return replay(&plan, file);

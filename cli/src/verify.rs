@@ -227,6 +227,9 @@ pub(crate) fn compiled(
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(picture) = &arguments.svg {
+        named_file::not_over(picture, [arguments.file.as_path()])?;
+    }
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
     // Edits are written into the text of the spec, so they are proved for that text.
     let is_own = arguments.fix || arguments.test.is_some();
@@ -248,9 +251,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
     match arguments.svg.as_ref().zip(story) {
         Some((file, (finding, story))) => {
-            if named_file::are_same(file, &arguments.file) {
-                return Err(anyhow!("`{}` is the spec itself; give the picture another name", file.display()).into());
-            }
             whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
         }
         None if arguments.svg.is_some() => console::note("no picture is written: there is no story to draw"),

@@ -3,8 +3,10 @@
 //! A name in a folder may belong to anything. Opening a named pipe waits for a writer, a device may have no end, and a
 //! regular file may be larger than the memory.
 
+use anyhow::anyhow;
 use comms::io::file::bounded;
 pub use comms::io::file::bytes;
+use node::console::Failure;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
@@ -31,6 +33,20 @@ pub fn standard_input(bytes_max: usize) -> io::Result<String> {
 pub fn are_same(one: &Path, other: &Path) -> bool {
     let real = |path: &Path| path.canonicalize().ok();
     real(one).is_some_and(|one| Some(one) == real(other))
+}
+
+/// Checks that a command does not write over a file that it reads.
+///
+/// # Errors
+/// `output` is one of `inputs`.
+pub fn not_over<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Failure> {
+    match inputs.into_iter().find(|input| are_same(output, input)) {
+        Some(_) => {
+            let name = output.display();
+            Err(Failure::Usage(anyhow!("`{name}` is what this command reads; give the output another name")))
+        }
+        None => Ok(()),
+    }
 }
 
 fn utf8(bytes: Vec<u8>) -> io::Result<String> {
