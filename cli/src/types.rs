@@ -22,11 +22,18 @@ pub struct Arguments {
     values: Values,
 }
 
-/// Runs the verb. The spec may have mistakes elsewhere: a program that needs the types may not exist yet.
+/// Runs the verb. The spec may name programs that do not exist yet, since they need the types; it has to be readable.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let spec = check::read_with(&arguments.file, &arguments.values)?;
     let mut sources = check::files(&spec);
     sources.insert(0, spec);
+    for source in &sources {
+        // What cannot be read may have held a type.
+        if let Err(found) = language::format(source) {
+            console::note(&language::render(&found, source, &[], check::style()));
+            return Err(Failure::Reported);
+        }
+    }
     let types = language::record_types(&sources);
     if types.is_empty() {
         let file = arguments.file.display();

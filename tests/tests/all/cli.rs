@@ -127,12 +127,38 @@ fn proofs_have_their_exit_codes() {
     let drawn = cluster.here().ask(&["verify", "--svg", &picture.to_string_lossy(), &bad]);
     let picture = fs::read_to_string(&picture).expect("a picture was drawn");
     assert!(drawn.code == Some(1) && picture.ends_with("</svg>\n"), "{drawn}");
-    let itself = cluster.here().ask(&["verify", "--svg", &bad, &bad]);
-    assert!(itself.code == Some(1) && itself.err.contains("is the spec itself"), "{itself}");
+    let (file, script) = (cluster.file("own.dca", &fs::read_to_string(&good).unwrap()), cluster.file("script", ""));
+    let over = [
+        vec!["verify", "--svg", &file, &file],
+        vec!["graph", &file, "-o", &file],
+        vec!["sim", &file, "--seed", "1", "--chart", &file],
+        vec!["sim", &file, "--script", &script, "--chart", &script],
+        vec!["report", &file, "-o", &file],
+    ];
+    for words in over {
+        let refused = cluster.here().ask(&words);
+        assert!(refused.code == Some(2) && refused.err.contains("is what this command reads"), "{refused}");
+    }
+    assert_eq!(fs::read(&file).unwrap(), fs::read(&good).unwrap());
     let nothing = cluster.here().ask(&["verify", "--svg", "nothing.svg", &good]);
     assert!(nothing.code == Some(0) && nothing.err.contains("no picture is written"), "{nothing}");
     let wrong = cluster.here().ask(&["fmea", "--csv", "--html", &good]);
     assert_eq!(wrong.code, Some(2), "{wrong}");
+}
+
+/// What cannot be read may have held a type, so nothing is printed.
+#[test]
+fn types_are_those_of_a_text_that_can_be_read() {
+    let cluster = Cluster::new();
+    for (text, code) in [
+        ("type R = { a: Length };\nprocess main() { internal_event_actions { wait(1 s) } }", 0),
+        ("type R = { a: Length };\nprocess main( {{{{ garbage", 1),
+        ("type R = { a: Length };\ntype Q = { a: Length ", 1),
+    ] {
+        let file = cluster.file("types.dca", text);
+        let printed = cluster.here().ask(&["types", "--python", &file]);
+        assert!(printed.code == Some(code) && printed.out.contains("class R") == (code == 0), "{printed}");
+    }
 }
 
 /// A wrong command is answered with its usage, and exit code 2.
