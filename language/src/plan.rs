@@ -86,6 +86,12 @@ impl Plan {
         self.hosts.get(main.host as usize).map(String::as_str)
     }
 
+    /// Returns whether a leaf never ends by itself.
+    pub fn is_service(&self, leaf: u32) -> bool {
+        let mut members = self.groups.iter().flat_map(|group| &group.members);
+        members.any(|member| member.service && member.kind == MemberKind::Leaf(leaf))
+    }
+
     /// Returns the ends of a wire: `main/a, Out -> main/b, In`.
     pub fn ends(&self, wire: &Wire) -> String {
         let end = |end: &LeafPort| {

@@ -298,6 +298,7 @@ mod tests {
             secrets: Vec::new(),
             devices: Vec::new(),
             kind: LeafKind::Controller,
+            is_service: false,
             policy: Policy::default(),
             keys: Vec::new(),
             environment: Default::default(),

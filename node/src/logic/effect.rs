@@ -40,6 +40,8 @@ pub struct SpawnOrder {
     pub devices: Vec<String>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
+    /// Whether it is a service: it never ends by itself.
+    pub is_service: bool,
     /// Its policy: the resources it may use, and the action on loss of its agent.
     pub policy: Policy,
     /// The keys of the database that it is connected with.

@@ -101,6 +101,7 @@ pub fn order(process: ProcessId, command: Vec<String>, plan: &Plan, leaf: &Leaf)
     let (path, secrets, devices) = (leaf.path.clone(), secrets(leaf, &command), claimed.collect());
     let before = plan.leaves.iter().take(process.leaf as usize);
     let is_next = before.map(|leaf| &leaf.path).any(|other| *other == path);
+    let is_service = plan.is_service(process.leaf);
     SpawnOrder {
         process,
         path,
@@ -109,6 +110,7 @@ pub fn order(process: ProcessId, command: Vec<String>, plan: &Plan, leaf: &Leaf)
         secrets,
         devices,
         kind: leaf.kind,
+        is_service,
         policy: leaf.policy.clone(),
         keys: leaf.keys.clone(),
         environment: leaf.environment.clone(),

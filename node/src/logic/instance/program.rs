@@ -43,6 +43,8 @@ impl Instance {
             Notice::Taken { ticket, lost, late, missing } => {
                 context.notes.push(Note::Taken { ticket, lost, late, missing });
             }
+            Notice::Done { .. }
+                if self.is_new_service() && self.is_turned_away(FailureCause::ServiceEnded, context) => {}
             Notice::Done { activation, value } => {
                 let ending = if value.len() <= VALUE_MAX {
                     Ending::Done(value)
@@ -52,7 +54,8 @@ impl Instance {
                 };
                 self.ended(activation, ending, context);
             }
-            Notice::Aborted { reason, .. } if self.is_turned_away(&reason, context) => {}
+            Notice::Aborted { ref reason, .. }
+                if self.is_turned_away(FailureCause::Reported(reason.clone()), context) => {}
             Notice::Aborted { activation, reason } => {
                 let failure = self.failure(FailureCause::Reported(reason), context);
                 self.ended(activation, Ending::Aborted(failure), context);
@@ -232,6 +235,8 @@ impl Instance {
     fn gone(&mut self, context: &mut InstanceContext<'_>) {
         let cause =
             self.program.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
+        let ends_well = cause == FailureCause::Exit(0) && !self.is_controller();
+        let cause = if ends_well && self.is_new_service() { FailureCause::ServiceEnded } else { cause };
         let before = std::mem::replace(&mut self.stage, Stage::Dead);
         self.program.clearing = None;
         context.effects.push(Effect::CloseProcess { process: self.start.order.process.clone() });

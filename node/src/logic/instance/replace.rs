@@ -1,8 +1,9 @@
 //! Another program takes the place of this one while the deployment runs.
 //!
 //! The program is asked to leave. Once nothing of it is left, the next one is started as after a restart: it finds the
-//! links and the activation of its predecessor. A new program that dies, cannot make its links or aborts within its
-//! probation is unhealthy: its predecessor is started again in its place. Its supervisor hears nothing of all that.
+//! links and the activation of its predecessor. A new program is unhealthy if it dies, cannot make its links or aborts
+//! within its probation, or if it is a service and ends: its predecessor is started again in its place. Its supervisor
+//! hears nothing of all that.
 
 use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage, watchdog};
 use crate::logic::effect::SpawnOrder;
@@ -58,6 +59,7 @@ impl Instance {
         let mut own = self.start.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
         own.policy.backoff = order.policy.backoff;
+        own.is_service = order.is_service;
         own == *order
     }
 
@@ -213,11 +215,16 @@ impl Instance {
         true
     }
 
-    /// Returns whether a new program that says that it aborts is taken for unhealthy, and ends it then.
-    pub(super) fn is_turned_away(&mut self, reason: &str, context: &mut InstanceContext<'_>) -> bool {
+    /// Returns whether it is a service that has recently taken the place of another program: its end is unhealthy then.
+    pub(super) fn is_new_service(&self) -> bool {
+        self.start.order.is_service && self.probation.is_some() && !self.is_returning()
+    }
+
+    /// Returns whether a new program that says that it ends is taken for unhealthy, and ends it then.
+    pub(super) fn is_turned_away(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) -> bool {
         let is_new = self.probation.is_some() && !self.is_returning() && self.stage == Stage::Running;
         if is_new {
-            self.program.cause = Some(FailureCause::Reported(reason.to_owned()));
+            self.program.cause = Some(cause);
             self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
             self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }

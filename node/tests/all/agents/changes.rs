@@ -151,7 +151,7 @@ fn followers_are_told_which_plan_counts() {
 
 #[test]
 fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
-    for way in ["dies", "aborts", "hangs"] {
+    for way in ["dies", "aborts", "hangs", "ends"] {
         let mut world = World::new(&["c1", "c2"]);
         let call = start(&mut world);
         let text = FEED
@@ -174,6 +174,25 @@ fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
         world.run_for(Duration::from_secs(20));
         assert_eq!(world.ending(call), &Ending::Done(vec![]), "{way}");
     }
+}
+
+#[test]
+fn a_plain_service_that_ends_on_probation_is_put_back() {
+    let module = |way| format!("module Watcher(host) {{ exec \"sh Watcher {way}\"; plain; service; }}\n");
+    let feed = FEED.replace("task instof Long(\"c2\");", "task instof Long(\"c2\"); watcher instof Watcher(\"c2\");");
+    let feed = feed.replace("# task", "# watcher # task");
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", &(module("good") + &feed));
+    world.run_for(Duration::from_secs(1));
+    let change = world.change("c1", &(module("bad") + &feed), (1, 0), &[]);
+    world.run_for(Duration::from_secs(1));
+    let watcher = world.alive.iter().find(|(_, process)| world.modules[process] == "Watcher").unwrap().1.leaf;
+    world.end("c2", watcher, ShimReport::Exited { code: 0 });
+    world.run_for(Duration::from_secs(4));
+    let reasons = outcome(&world, change).unwrap_err();
+    assert!(reasons[0].contains("`main/watcher` was not healthy: a service ended by itself"), "{reasons:?}");
+    assert!(!is_over(&world, call), "the mission goes on");
+    assert_eq!(revision(&mut world).revision, 0);
 }
 
 /// The watchdog finds that later than the probation would end that was asked for.

@@ -193,6 +193,9 @@ impl World {
                 let reason = "it is not well".to_owned();
                 return self.notice(20, host, process, Notice::Aborted { activation, reason });
             }
+            Some("way=ends") => {
+                return self.notice(20, host, process, Notice::Done { activation, value: Vec::new() });
+            }
             _ => {}
         }
         let lasts = match module.as_str() {
