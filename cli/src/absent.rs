@@ -139,6 +139,13 @@ pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Status
     }
     let away = ask(found).await;
     match away.ends.iter().rfind(|end| name.is(&end.deployment)) {
+        Some(end) if is_unknown_at_home(end) => Failure::Unreachable(anyhow!(
+            "`{}` has its home on `{}`, which does not answer: it may run on there. `dca stop {name} --away {}` has the others tell it \
+             once it is there again",
+            end.deployment,
+            end.home,
+            end.home
+        )),
         Some(end) => Failure::Unreachable(anyhow!(
             "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
              `dca stop {name} --forget` takes it off the list",
@@ -271,6 +278,11 @@ pub(crate) fn confirmers(end: &OpenEnd) -> String {
     format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
 }
 
+/// Returns whether only others have ended a deployment: its home, which was lost, may run on.
+fn is_unknown_at_home(end: &OpenEnd) -> bool {
+    end.hosts.iter().any(|one| one.host == end.home && one.why == Why::Lost)
+}
+
 /// Returns the hosts that have not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
 pub(crate) fn open_hosts(end: &OpenEnd) -> String {
     let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, why(one, &end.home))).collect();
@@ -328,6 +340,11 @@ mod tests {
         // Without its home, a participant reports for it.
         let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
         assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
+    }
+
+    #[test]
+    fn a_lost_home_may_run_on() {
+        assert!(is_unknown_at_home(&end("c1", "c1")) && !is_unknown_at_home(&end("c1", "c2")));
     }
 
     #[test]

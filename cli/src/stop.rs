@@ -216,7 +216,8 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
             }
             if clock::now() - heard > SILENT_MAX {
                 return Err(Failure::Unreachable(why.context(format!(
-                    "`{name}` was asked to stop, but its node cannot be asked whether it has; see `dca status`"
+                    "`{home}`, the home of `{name}`, does not answer, and may not have heard that it is to stop; `dca stop {name} \
+                     --away {home}` has the others tell it once it is there again"
                 ))));
             }
             if !is_told && clock::now() - heard > TOLD_AFTER {
