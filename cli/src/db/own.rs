@@ -6,6 +6,7 @@ use anyhow::Context;
 use dbmanager::logic::key::Key;
 use node::console::{self, Failure};
 use node::logic::database::question::{Own as OwnRequest, Question, Reply};
+use node::logic::printable::one_line;
 
 /// The arguments of `dca db own`.
 #[derive(Debug, clap::Args)]
@@ -46,7 +47,7 @@ impl Own {
             return Ok(());
         }
         for (prefix, robot) in owners {
-            console::say(&format!("{prefix}/  {}", robot.as_deref().unwrap_or("everybody")));
+            console::say(&format!("{prefix}/  {}", one_line(robot.as_deref().unwrap_or("everybody"))));
         }
         console::note("`robot/NAME/` belongs to the robot of that name, unless it is listed");
         Ok(())

@@ -217,9 +217,10 @@ impl Database {
                 Input::Call(call, Question::Commit(commit)) => {
                     commits.extend(self.request(now, call, commit.into(), effects));
                 }
-                Input::Call(call, Question::Own(own)) => {
-                    commits.extend(self.request(now, call, own.into(), effects));
-                }
+                Input::Call(call, Question::Own(own)) => match self.unknown_owner(&own) {
+                    Some(why) => effects.extend([Effect::AnswerCaller(call, Reply::Refused(why)), Effect::End(call)]),
+                    None => commits.extend(self.request(now, call, own.into(), effects)),
+                },
                 Input::Call(call, Question::Resolve(resolve)) => match self.settle(&resolve) {
                     Ok(commit) => commits.extend(self.request(now, call, commit.into(), effects)),
                     Err(reply) => effects.extend([Effect::AnswerCaller(call, reply), Effect::End(call)]),

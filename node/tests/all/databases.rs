@@ -52,6 +52,31 @@ fn no_second_team_where_the_first_can_be_heard() {
     assert!(matches!(world.ask(1, Question::Found), Reply::Refused(why) if why.contains("already")));
 }
 
+/// A robot whose team has left it joins the other team by itself: whoever orders that meanwhile is not refused.
+#[test]
+fn the_last_of_a_team_is_told_that_it_joins_by_itself() {
+    let mut world = World::new(&["r1", "r2", "r3", "r4"]);
+    world.away(&[2, 3], true);
+    assert!(matches!(world.ask(0, Question::Found), Reply::Done(_)));
+    world.run(Duration::from_secs(5));
+    world.away(&[0, 1], true);
+    world.away(&[2, 3], false);
+    assert!(matches!(world.ask(2, Question::Found), Reply::Done(_)));
+    world.run(Duration::from_secs(5));
+    world.away(&[0, 1], false);
+    world.run(Duration::from_secs(5));
+    let join = || Question::Join { robot: "r1".into() };
+    assert!(matches!(world.ask(2, join()), Reply::Done(said) if said.contains("asks `r1`")));
+    let has_left = |world: &mut World| {
+        world.run(Duration::from_millis(1));
+        !world.status(3).member
+    };
+    assert!((0..20_000).any(|_| has_left(&mut world)), "it is alone in its team");
+    assert!(matches!(world.ask(3, join()), Reply::Done(said) if said.contains("gives way")));
+    world.run(Duration::from_secs(5));
+    assert!(world.status(3).members.iter().any(|member| member.robot == "r1"), "{:?}", world.status(3));
+}
+
 #[test]
 fn how_far_a_write_has_got_is_told_honestly() {
     let mut world = World::team(&["r1", "r2", "r3"]);
@@ -92,6 +117,11 @@ fn a_prefix_of_the_team_is_given_released_and_taken_by_force() {
     };
     let arm = || commit(vec![put("team/arm/x", &Datum::from(1))], AckLevel::Local);
     let not_owner = |owner: &str| Reply::NotOwner { owner: owner.to_owned() };
+    for nobody in ["r9", "", "a/b", "r2 "] {
+        let refused = world.ask(0, own(Some(nobody), true));
+        assert!(matches!(&refused, Reply::Refused(why) if why.contains("its robots are `r1`, `r2`")), "{refused:?}");
+    }
+    assert_eq!(world.ask(0, Question::Owners), Reply::Owners(vec![]), "nothing was given");
     assert!(matches!(world.ask(0, own(Some("r2"), false)), Reply::Committed(_)));
     world.run(Duration::from_secs(1));
     assert_eq!(world.ask(1, Question::Owners), Reply::Owners(vec![("team/arm".into(), Some("r2".into()))]));

@@ -1,10 +1,12 @@
 //! The orders of an operator: begin a team, join another one, retire a member, heal the clock.
 
-use super::question::{Question, Reply};
+use super::question::{Own, Question, Reply};
 use super::{Database, Effect, status};
+use crate::logic::printable::one_line;
 use comms::logic::time::Time;
 use dbmanager::logic::replica;
 use dbmanager::logic::version_vector::ReplicaId;
+use std::collections::BTreeSet;
 
 impl Database {
     /// Does what an operator wants.
@@ -35,6 +37,9 @@ impl Database {
             return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
         }
         if let Question::Join { robot } = question {
+            if self.is_giving_way_to(now, &robot) {
+                return Reply::Done(format!("`{}` gives way to the team of `{robot}` by itself", self.place.robot));
+            }
             if self.replica.is_member() && self.replica.members().active().any(|(_, member)| member == robot) {
                 return Reply::Done(format!("`{}` and `{robot}` belong to one team already", self.place.robot));
             }
@@ -50,6 +55,17 @@ impl Database {
             return Reply::Done(format!("`{}` belongs to the team `{}` already", self.place.robot, self.place.team));
         }
         self.found(now, effects)
+    }
+
+    /// Returns why keys are not given to a robot: the team has none of that name, and nobody could write there.
+    pub(super) fn unknown_owner(&self, own: &Own) -> Option<String> {
+        let robot = own.robot.as_ref().filter(|robot| **robot != self.place.robot)?;
+        let members: BTreeSet<&str> = self.replica.members().active().map(|(_, member)| member).collect();
+        (!members.contains(robot.as_str())).then(|| {
+            let all: Vec<String> = members.iter().map(|member| format!("`{member}`")).collect();
+            let all = if all.is_empty() { "not known yet".to_owned() } else { all.join(", ") };
+            format!("the team has no robot `{}`, so nothing was given to it: its robots are {all}", one_line(robot))
+        })
     }
 
     /// Retires the previous names of a robot.

@@ -66,6 +66,11 @@ impl Database {
         self.other_team.robots(now, |robot| members.active().any(|(_, member)| member == robot))
     }
 
+    /// Returns whether this robot has left its team, as one that is alone in it does, and the team of `robot` is there.
+    pub(super) fn is_giving_way_to(&self, now: Time, robot: &str) -> bool {
+        !self.replica.is_member() && self.other_team.replica(now, robot).is_some()
+    }
+
     /// Returns the replica of another team that a robot has.
     pub(super) fn replica_of_other_team(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
         let Place { robot: own, team, .. } = &self.place;
