@@ -234,7 +234,7 @@ impl<'p> Steps<'p> {
         let mut effect = std::mem::take(unkept);
         effect.writes.clear();
         effect.commands.clear();
-        effect.outcome = step_in(program, &mut state, event, (&mut effect.commands, ended));
+        effect.outcome = step_in(program, &mut state, event, &mut effect.commands, ended);
         let State { timers, queue, holders, chart, .. } = state;
         let chart = packing.words_of_chart(chart.as_deref());
         (scratch.looked_at, scratch.timers) = (looked_at.into_inner(), timers);

@@ -98,7 +98,7 @@ use std::ops::IndexMut;
 /// # Panics
 /// If `state` was made for another program.
 pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut Vec<Command>) -> Option<Outcome> {
-    step_in(program, state, event, (commands, None))
+    step_in(program, state, event, commands, None)
 }
 
 /// [`step`], for any storage of the state. Tells an observer which operands end on the way, including those that
@@ -107,7 +107,8 @@ pub(super) fn step_in<C: Cells, S: Seats>(
     program: &Program,
     state: &mut State<C, S>,
     event: Event,
-    (commands, ended): (&mut Vec<Command>, Option<&mut Vec<usize>>),
+    commands: &mut Vec<Command>,
+    ended: Option<&mut Vec<usize>>,
 ) -> Option<Outcome> {
     let mut reaction = Reaction { program, state, commands, ended };
     let outcome = match event {

@@ -11,7 +11,8 @@ use crate::algebra::{Cause, Reason, Value};
 pub(super) fn carry_out(
     automaton: &Automaton,
     configuration: &mut Configuration,
-    (actions, event): (&[Action], &Value),
+    actions: &[Action],
+    event: &Value,
     commands: &mut Vec<Command>,
 ) {
     for action in actions {

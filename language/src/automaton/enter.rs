@@ -48,7 +48,8 @@ fn resolved(automaton: &Automaton, configuration: &Configuration, targets: &[usi
 pub(super) fn entry_set(
     automaton: &Automaton,
     configuration: &Configuration,
-    (domain, targets): (usize, &[usize]),
+    domain: usize,
+    targets: &[usize],
 ) -> BTreeSet<usize> {
     let mut entered = BTreeSet::new();
     add(automaton, &mut entered, domain, targets);

@@ -29,7 +29,8 @@ pub(super) fn remember(automaton: &Automaton, configuration: &mut Configuration,
 pub(super) fn suspend(
     automaton: &Automaton,
     configuration: &mut Configuration,
-    (leaves, entered): (&[usize], &BTreeSet<usize>),
+    leaves: &[usize],
+    entered: &BTreeSet<usize>,
 ) {
     let mut notes = Vec::new();
     for &suspended in entered.iter().filter(|&&state| *automaton.kind(state) == StateKind::Suspended) {

@@ -93,7 +93,7 @@ struct Snapshot {
 impl Reaction<'_> {
     fn start(&mut self, value: &Value) -> Option<Outcome> {
         self.configuration.reset(self.automaton);
-        let mut entered = entry_set(self.automaton, self.configuration, (0, &[]));
+        let mut entered = entry_set(self.automaton, self.configuration, 0, &[]);
         entered.insert(0);
         self.enter(&entered, value);
         self.go_on()
@@ -288,14 +288,14 @@ impl Reaction<'_> {
         let mut entered = BTreeSet::new();
         for (transition, domain) in moving.into_iter().zip(domains) {
             let targets = targets(self.configuration, transition);
-            entered.extend(entry_set(self.automaton, self.configuration, (domain, &targets)));
+            entered.extend(entry_set(self.automaton, self.configuration, domain, &targets));
         }
-        suspend(self.automaton, self.configuration, (&left, &entered));
+        suspend(self.automaton, self.configuration, &left, &entered);
         self.leave(&exits);
         let mut ending = None;
         for &number in chosen {
             let transition = self.automaton.transition(number);
-            carry_out(self.automaton, self.configuration, (&transition.actions, value), self.commands);
+            carry_out(self.automaton, self.configuration, &transition.actions, value, self.commands);
             ending = ending.or_else(|| self.ending(&transition.target, value));
         }
         if let Some(outcome) = ending {
@@ -328,7 +328,7 @@ impl Reaction<'_> {
             self.configuration.queue.retain(|queued| !is_of(&queued.cue));
             self.configuration.raised.retain(|cue| !is_of(cue));
             let actions = &automaton.chart().states[state].exit;
-            carry_out(automaton, self.configuration, (actions, &Value::EMPTY), self.commands);
+            carry_out(automaton, self.configuration, actions, &Value::EMPTY, self.commands);
             self.configuration.active[state] = false;
             self.configuration.fresh[state] = false;
         }
@@ -340,7 +340,7 @@ impl Reaction<'_> {
             self.configuration.active[state] = true;
             self.configuration.fresh[state] = true;
             let actions = &self.automaton.chart().states[state].entry;
-            carry_out(self.automaton, self.configuration, (actions, value), self.commands);
+            carry_out(self.automaton, self.configuration, actions, value, self.commands);
             let completed = self.automaton.completed_by(self.configuration, state);
             self.configuration.raised.extend(completed.into_iter().map(Cue::Complete));
         }

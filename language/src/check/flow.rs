@@ -22,7 +22,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         let Some(actions) = &process.actions else { continue };
         let mut clashes = BTreeMap::new();
         instances_of(actions, &mut clashes);
-        diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
+        diagnostics.extend(clashes.into_iter().map(|(slot, (first, second))| runs_twice(process, slot, first, second)));
         service::Order::new(spec, process, members, diagnostics).walk(actions);
         dead::check(members, actions, diagnostics);
         value::check(spec, process, actions, diagnostics);
@@ -59,7 +59,7 @@ fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTr
     all.into_iter().filter_map(|(slot, places)| Some((slot, places.first()?.1))).collect()
 }
 
-fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> Diagnostic {
+fn runs_twice(process: &Process, slot: usize, first: Span, second: Span) -> Diagnostic {
     let name = &process.instances[slot].name;
     let message = format!("`{}` can run twice at the same time", name.text);
     let diagnostic = Diagnostic::new(Code::E0401, second, message).reason(first, "runs here too");

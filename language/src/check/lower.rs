@@ -55,7 +55,7 @@ pub(super) fn lower(
     check_inputs(spec, &tree, &wires.all, diagnostics);
     exclusivity::check(spec, &tree, diagnostics);
     overlap::check(spec, &tree, &wires.all, diagnostics);
-    external::check(spec, &tree, (name, &wires.all), diagnostics);
+    external::check(spec, &tree, name, &wires.all, diagnostics);
     let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();

@@ -141,7 +141,7 @@ impl<'a> Ports<'a> {
         }
         let (Some(from), Some(to)) = (from, to) else { return };
         if let (Some(calls), Some(answers)) = (&from.call, &to.call) {
-            let types = calls::check_types(self.spec, connection, (from, calls), (to, answers));
+            let types = calls::check_types(self.spec, connection, from, calls, to, answers);
             self.diagnostics.extend(types);
             return;
         }

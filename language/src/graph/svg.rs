@@ -37,10 +37,10 @@ pub(super) fn svg(root: &Unit, hosts: &[String]) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
          font-family=\"Helvetica, Arial, sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
-    draw(&mut out, root, &placed, (MARGIN, MARGIN), hosts);
+    draw(&mut out, root, &placed, MARGIN, MARGIN, hosts);
     let mut x = MARGIN;
     for key in keys {
-        key.draw(&mut out, (x, height - LEGEND), hosts);
+        key.draw(&mut out, x, height - LEGEND, hosts);
         x += key.width(hosts);
     }
     out + "</svg>\n"
@@ -98,7 +98,7 @@ impl Key {
         text_width(self.word(hosts)) + 40
     }
 
-    fn draw(self, out: &mut String, (x, y): (i32, i32), hosts: &[String]) {
+    fn draw(self, out: &mut String, x: i32, y: i32, hosts: &[String]) {
         let (left, middle) = (x, y + 7);
         match self {
             Self::Host(host) => {
@@ -106,7 +106,7 @@ impl Key {
                 let place = format!("x=\"{x}\" y=\"{y}\" width=\"14\" height=\"14\"");
                 line(out, format_args!("<rect {place} fill=\"{band}\" stroke=\"#555\"/>"));
             }
-            Self::Service => text(out, (x, y + 12), BOLD, "∞"),
+            Self::Service => text(out, x, y + 12, BOLD, "∞"),
             Self::Unused => {
                 line(
                     out,
@@ -126,16 +126,16 @@ impl Key {
                 line(out, format_args!("<path d=\"M{left} {middle} h17\" {style}/>"));
             }
         }
-        text(out, (x + 20, y + 11), PLAIN, self.word(hosts));
+        text(out, x + 20, y + 11, PLAIN, self.word(hosts));
     }
 }
 
 /// Draws the names of the devices that a process claims, on its lower border.
-fn draw_plate(out: &mut String, plate: &str, (middle, bottom): (i32, i32)) {
+fn draw_plate(out: &mut String, plate: &str, middle: i32, bottom: i32) {
     let width = plate_width(plate);
     let place = format!("x=\"{}\" y=\"{}\" width=\"{width}\" height=\"14\"", middle - width / 2, bottom - 7);
     line(out, format_args!("<rect {place} rx=\"7\" fill=\"{PLATE}\" stroke=\"#333\" stroke-width=\"0.8\"/>"));
-    text(out, (middle, bottom + 4), Face { size: 10, is_bold: false, more: " text-anchor=\"middle\"" }, plate);
+    text(out, middle, bottom + 4, Face { size: 10, is_bold: false, more: " text-anchor=\"middle\"" }, plate);
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
@@ -164,7 +164,7 @@ impl Face<'_> {
     }
 }
 
-fn text(out: &mut String, (x, y): (i32, i32), face: Face<'_>, text: &str) {
+fn text(out: &mut String, x: i32, y: i32, face: Face<'_>, text: &str) {
     let size = if face.size == PLAIN.size { String::new() } else { format!(" font-size=\"{}\"", face.size) };
     let weight = if face.is_bold { " font-weight=\"bold\"" } else { "" };
     let width = format!(" textLength=\"{}\" lengthAdjust=\"spacingAndGlyphs\"", face.width(text));
@@ -176,7 +176,7 @@ fn escape(text: &str) -> String {
 }
 
 /// Draws a box, its content, and its ports on top.
-fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), hosts: &[String]) {
+fn draw(out: &mut String, unit: &Unit, placed: &Placed, x: i32, y: i32, hosts: &[String]) {
     let Placed { width, height, .. } = placed;
     let (band, fill) = HOSTS[unit.host % HOSTS.len()];
     let host = hosts.get(unit.host).map_or("", String::as_str);
@@ -202,54 +202,54 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
             ),
         );
     }
-    head(out, unit, placed, (x, y), host);
+    head(out, unit, placed, x, y, host);
     for (link, points) in unit.links.iter().zip(&placed.lines) {
-        arrow(out, link, points, (x, y));
+        arrow(out, link, points, x, y);
     }
     for (net, indent) in labels(unit) {
         let link = &unit.links[net];
         let Some(start) = placed.lines[net].first() else { continue };
         let face = Face { size: 9, is_bold: false, more: &format!(" fill=\"{}\"", colour(link)) };
-        text(out, (x + start.0 + 8 + indent, y + start.1 - 3), face, &link.label);
+        text(out, x + start.0 + 8 + indent, y + start.1 - 3, face, &link.label);
     }
     for (inner, place) in unit.units.iter().zip(&placed.inner) {
-        draw(out, inner, place, (x + place.x, y + place.y), hosts);
+        draw(out, inner, place, x + place.x, y + place.y, hosts);
     }
     for (port, &(port_x, port_y)) in unit.ports.iter().zip(&placed.ports) {
         // The arrows of a group's own ports continue inside: its names are above them.
         let above = if unit.is_group { 5 } else { -4 };
-        port_mark(out, port, (x + port_x, y + port_y), above);
+        port_mark(out, port, x + port_x, y + port_y, above);
     }
     if let Some(plate) = plate(unit) {
-        draw_plate(out, &plate, (x + width / 2, y + height));
+        draw_plate(out, &plate, x + width / 2, y + height);
     }
     line(out, format_args!("</g>"));
 }
 
-fn head(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host: &str) {
+fn head(out: &mut String, unit: &Unit, placed: &Placed, x: i32, y: i32, host: &str) {
     let name = if unit.is_service { format!("{} ∞", unit.name) } else { unit.name.clone() };
-    text(out, (x + 8, y + 15), BOLD, &name);
+    text(out, x + 8, y + 15, BOLD, &name);
     let face = Face { size: 10, is_bold: false, more: " text-anchor=\"end\" fill=\"#444\"" };
-    text(out, (x + placed.width - 8, y + 15), face, host);
+    text(out, x + placed.width - 8, y + 15, face, host);
     if unit.is_group {
-        text(out, (x + 8 + BOLD.width(&name) + 8, y + 15), Face { more: " fill=\"#444\"", ..PLAIN }, &unit.kind);
+        text(out, x + 8 + BOLD.width(&name) + 8, y + 15, Face { more: " fill=\"#444\"", ..PLAIN }, &unit.kind);
     } else {
         let face = Face { size: 11, is_bold: false, more: " text-anchor=\"middle\" fill=\"#555\"" };
-        text(out, (x + placed.width / 2, y + BAND + 13), face, &unit.kind);
+        text(out, x + placed.width / 2, y + BAND + 13, face, &unit.kind);
     }
 }
 
 /// An input points into the box, an output out of it; a port without a connection is hollow.
-fn port_mark(out: &mut String, port: &super::model::Port, (x, y): (i32, i32), above: i32) {
+fn port_mark(out: &mut String, port: &super::model::Port, x: i32, y: i32, above: i32) {
     let (fill, stroke) = if port.is_used { ("#222", "#222") } else { ("white", WRONG) };
     line(out, format_args!("<path d=\"M{} {} l9 5 l-9 5 z\" fill=\"{fill}\" stroke=\"{stroke}\"/>", x - 4, y - 5));
     let colour = if port.is_used { "#222" } else { WRONG };
     let (x, anchor) = if port.direction == Direction::In { (x + 8, "start") } else { (x - 8, "end") };
     let more = format!(" text-anchor=\"{anchor}\" fill=\"{colour}\"");
-    text(out, (x, y - above), Face { size: 10, is_bold: false, more: &more }, &port.name);
+    text(out, x, y - above, Face { size: 10, is_bold: false, more: &more }, &port.name);
 }
 
-fn arrow(out: &mut String, link: &Link, points: &[(i32, i32)], (x, y): (i32, i32)) {
+fn arrow(out: &mut String, link: &Link, points: &[(i32, i32)], x: i32, y: i32) {
     let colour = colour(link);
     let dash = match (link.is_cut, link.is_pull) {
         (true, _) => " stroke-dasharray=\"2 4\"",

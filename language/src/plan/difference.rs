@@ -165,9 +165,9 @@ pub fn difference_with(running: &Plan, wanted: &Plan, again: &BTreeSet<u32>) -> 
         let Some(after) = wanted.groups.get(*new as usize) else { continue };
         if let Some(before) = running.groups.get(*number as usize) {
             obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
-            obstacles.extend(obstacle_of_order(running, (before, after)));
+            obstacles.extend(obstacle_of_order(running, before, after));
         }
-        wire_group((running, &mut plan), &numbers, (wanted, after, *number), &mut wires);
+        wire_group(running, &mut plan, &numbers, wanted, after, *number, &mut wires);
         changes.extend(change_of_group(running, &plan, *number));
     }
     if !obstacles.is_empty() {
@@ -196,9 +196,12 @@ fn elsewhere(before: &Leaf, after: &Leaf, is_added: bool) -> Option<String> {
 
 /// Gives a group the sets, the event actions and the supervision that are wanted.
 fn wire_group(
-    (running, plan): (&Plan, &mut Plan),
+    running: &Plan,
+    plan: &mut Plan,
     numbers: &Numbers,
-    (wanted, after, number): (&Plan, &Group, u32),
+    wanted: &Plan,
+    after: &Group,
+    number: u32,
     wires: &mut Wires,
 ) {
     let before = running.groups.get(number as usize);
@@ -251,7 +254,7 @@ fn change_of_group(running: &Plan, plan: &Plan, number: u32) -> Option<PlanChang
 }
 
 /// Where the order of processes counts, it has to stay.
-fn obstacle_of_order(running: &Plan, (before, after): (&Group, &Group)) -> Option<String> {
+fn obstacle_of_order(running: &Plan, before: &Group, after: &Group) -> Option<String> {
     let counts = [before, after].iter().any(|group| group.supervision.strategy == Strategy::RestForOne);
     let names = |group: &Group| group.members.iter().map(|member| member.name.clone()).collect::<Vec<_>>();
     let (old, new) = (names(before), names(after));

@@ -67,7 +67,7 @@ impl Accepts {
             Self::Any | Self::Text => true,
             Self::Number => number().is_some(),
             Self::Truth => text == "true" || text == "false",
-            Self::Between { low, high } => number().is_some_and(|number| is_between(number, (*low, *high))),
+            Self::Between { low, high } => number().is_some_and(|number| is_between(number, *low, *high)),
             Self::OneOf(all) => all.iter().any(|one| match one {
                 Constant::Text(one) => one == text,
                 Constant::Number(one) => number().is_some_and(|number| number.total_cmp(one).is_eq()),
@@ -81,12 +81,13 @@ impl Accepts {
     }
 
     fn quantity(&self, text: &str, of: &str, ends: (Option<f64>, Option<f64>)) -> Result<String, String> {
+        let (low, high) = ends;
         let hint = || format!("write it in {}", unit::spellings(of));
         match unit::read(text) {
-            Ok((number, None)) if is_between(number, ends) => Ok(text.to_owned()),
+            Ok((number, None)) if is_between(number, low, high) => Ok(text.to_owned()),
             Ok((_, None)) | Err(NotRead::NoNumber) => Err(self.expected()),
             Ok((number, Some(dimension))) if unit::of_type(of).is_some_and(|(own, _)| own == dimension) => {
-                if is_between(number, ends) { Ok(number.to_string()) } else { Err(self.expected()) }
+                if is_between(number, low, high) { Ok(number.to_string()) } else { Err(self.expected()) }
             }
             Ok((_, Some(dimension))) => {
                 let other = unit::type_of(dimension).map_or_else(|| "another quantity".to_owned(), with_article);
@@ -132,7 +133,7 @@ impl Accepts {
     }
 }
 
-fn is_between(number: f64, (low, high): (Option<f64>, Option<f64>)) -> bool {
+fn is_between(number: f64, low: Option<f64>, high: Option<f64>) -> bool {
     low.is_none_or(|low| low <= number) && high.is_none_or(|high| number <= high)
 }
 

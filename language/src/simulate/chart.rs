@@ -83,13 +83,13 @@ impl Timeline {
             let y = MARGIN + row(index);
             let (x, weight) =
                 (MARGIN + line.indent, if line.kind == Kind::Group { " font-weight=\"bold\"" } else { "" });
-            text(&mut out, (x, y + BAR - 2.0), weight, &line.name);
+            text(&mut out, x, y + BAR - 2.0, weight, &line.name);
             let bars = || self.bars.iter().filter(|bar| bar.line == line.path);
             bars().for_each(|bar| page.bar(&mut out, bar, line.kind, y));
             // The next bar may begin where one has ended: marks are on top.
             bars().for_each(|bar| page.end(&mut out, bar, y));
         }
-        legend(&mut out, &self.bars, (page.left, bottom + 36.0));
+        legend(&mut out, &self.bars, page.left, bottom + 36.0);
         out + "</svg>\n"
     }
 
@@ -165,7 +165,7 @@ impl Page {
             let x = self.left + tick * self.scale;
             draw(out, format_args!("<path d=\"M{x:.1} {MARGIN} V{bottom:.1}\" stroke=\"#dddddd\"/>"));
             let style = " text-anchor=\"middle\" font-size=\"10\" fill=\"#666\"";
-            text(out, (x, bottom + 13.0), style, &format!("{tick} s"));
+            text(out, x, bottom + 13.0, style, &format!("{tick} s"));
             tick += step;
         }
     }
@@ -190,15 +190,15 @@ impl Page {
     fn end(&self, out: &mut String, bar: &Bar, y: f64) {
         let Some((at, transition)) = &bar.end else { return };
         let end = self.x(*at);
-        mark(out, transition, (end, y + BAR / 2.0));
+        mark(out, transition, end, y + BAR / 2.0);
         if let Some(why) = reason(bar) {
-            text(out, (end + 9.0, y + BAR - 3.0), &format!(" font-size=\"10\" fill=\"{ABORTED}\""), why);
+            text(out, end + 9.0, y + BAR - 3.0, &format!(" font-size=\"10\" fill=\"{ABORTED}\""), why);
         }
     }
 }
 
 /// How something ended: a disc when it was done, a cross when it failed, a square when it was stopped.
-fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
+fn mark(out: &mut String, transition: &Transition, x: f64, y: f64) {
     match transition {
         Transition::Done => draw(out, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{DONE}\"/>")),
         Transition::Aborted(_) => draw(
@@ -226,7 +226,7 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
 }
 
 /// Draws the meaning of each mark that is on the page.
-fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
+fn legend(out: &mut String, bars: &[Bar], mut x: f64, y: f64) {
     let meanings =
         [(Transition::Done, "done"), (Transition::Aborted(String::new()), "aborted"), (Transition::Stopped, "stopped")];
     for (transition, word) in meanings {
@@ -235,8 +235,8 @@ fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
             end == Some(std::mem::discriminant(&transition))
         };
         if bars.iter().any(|bar| is_kind(&bar)) {
-            mark(out, &transition, (x + 5.0, y - 4.0));
-            text(out, (x + 16.0, y), " font-size=\"10\" fill=\"#666\"", word);
+            mark(out, &transition, x + 5.0, y - 4.0);
+            text(out, x + 16.0, y, " font-size=\"10\" fill=\"#666\"", word);
             x += 80.0;
         }
     }
@@ -280,7 +280,7 @@ fn draw(out: &mut String, shape: std::fmt::Arguments<'_>) {
     out.push('\n');
 }
 
-fn text(out: &mut String, (x, y): (f64, f64), style: &str, text: &str) {
+fn text(out: &mut String, x: f64, y: f64, style: &str, text: &str) {
     let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     draw(out, format_args!("<text x=\"{x:.1}\" y=\"{y:.1}\"{style}>{text}</text>"));
 }

@@ -18,7 +18,7 @@ use super::{Cell, Phase, Reaction};
 use crate::algebra::event::{Activation, Command, Outcome, Value};
 use crate::algebra::program::{Kind, Program};
 use crate::algebra::state::{MemberState, State};
-use alike::{count, is_alike, sets, tags, taken};
+use alike::{Compared, count, is_alike, sets, tags, taken};
 use chain::Chain;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -132,7 +132,7 @@ impl Carrying<'_> {
         let chains = [Chain::Sequence, Chain::Conditional, Chain::Otherwise];
         let is_link = |chain: &Chain| chain.has(self.program, o) || chain.has(self.next, n);
         for chain in chains.into_iter().filter(is_link).collect::<Vec<_>>() {
-            if calm && self.attempt(o, n, |me| me.place_chain(o, n, (chain, calm))).is_ok() {
+            if calm && self.attempt(o, n, |me| me.place_chain(o, n, chain, calm)).is_ok() {
                 return Ok(());
             }
         }
@@ -211,9 +211,9 @@ impl Carrying<'_> {
             }
             (Kind::Tagged(tag), Kind::Tagged(other)) if tag == other => self.place_operands(o, n, is_calm),
             (Kind::Match { .. }, Kind::Match { .. }) => self.place_arm(o, n, is_calm),
-            (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, (Chain::Sequence, is_calm)),
-            (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, (Chain::Conditional, is_calm)),
-            (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, (Chain::Otherwise, is_calm)),
+            (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, Chain::Sequence, is_calm),
+            (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, Chain::Conditional, is_calm),
+            (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, Chain::Otherwise, is_calm),
             (Kind::Chart, Kind::Chart) if old.chart == new.chart => {
                 self.draft.timers.extend((0..old.timers()).map(|timer| (timer, timer)));
                 self.place_operands(o, n, is_calm)
@@ -257,7 +257,8 @@ impl Carrying<'_> {
         }
         (0..length).all(|at| {
             self.left = self.left.saturating_sub(1);
-            self.left > 0 && is_alike((old, o + at), (new, n + at), (o, n))
+            let compared = |program, first: usize| Compared { program, node: first + at, first };
+            self.left > 0 && is_alike(compared(old, o), compared(new, n))
         })
     }
 

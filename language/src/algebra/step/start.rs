@@ -23,7 +23,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Otherwise => self.s_else(node, value),
             Kind::Concurrent { tasks } => self.s_par(node, *tasks, &value),
             Kind::FailFast { operands } => self.s_ff(node, *operands, &value),
-            Kind::AnyOf { count, operands } => self.s_any(node, (*count, *operands), &value),
+            Kind::AnyOf { count, operands } => self.s_any(node, *count, *operands, &value),
             Kind::Disable => self.s_dis(node, &value),
             Kind::Match { tags } => self.s_match(node, tags.clone(), value),
             Kind::Shield { .. } => self.s_shield(node, value),
@@ -120,7 +120,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     }
 
     /// [s-par] for `any`.
-    fn s_any(&mut self, node: usize, (count, operands): (u32, u32), value: &Value) -> Option<Outcome> {
+    fn s_any(&mut self, node: usize, count: u32, operands: u32, value: &Value) -> Option<Outcome> {
         self.start_all(node, operands, value);
         self.any(node, count)
     }

@@ -9,13 +9,13 @@ use crate::plan::{Leaf, Transfer, Wire};
 use std::collections::BTreeSet;
 
 /// Reports each instance with `runs_in` that cannot refer to a process of another deployment than `name`.
-pub(super) fn check(spec: &Spec, tree: &Tree, (name, wires): (&str, &[Wire]), diagnostics: &mut Diagnostics) {
+pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let mut told = BTreeSet::new();
     for (number, leaf) in (0_u32..).zip(&tree.leaves) {
         let (group, slot) = tree.place_of[number as usize];
         let instance = &spec.processes[tree.process_of[group]].instances[slot];
         let Some(runs_in) = &instance.policies.runs_in else { continue };
-        let found = own(spec, instance, (runs_in, name)).or_else(|| connected(wires, (number, leaf)));
+        let found = own(spec, instance, runs_in, name).or_else(|| connected(wires, number, leaf));
         let Some((why, help)) = found else { continue };
         // One text may describe several leaves.
         if told.insert(runs_in.span) {
@@ -26,7 +26,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, (name, wires): (&str, &[Wire]), di
 }
 
 /// Returns the mistake in the instance itself, and advice.
-fn own(spec: &Spec, instance: &Instance, (runs_in, name): (&RunsIn, &str)) -> Option<(String, &'static str)> {
+fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option<(String, &'static str)> {
     if runs_in.deployment == name {
         return Some(("that is this deployment".to_owned(), "leave `runs_in` away: its program is started here"));
     }
@@ -51,7 +51,7 @@ fn own(spec: &Spec, instance: &Instance, (runs_in, name): (&RunsIn, &str)) -> Op
 }
 
 /// Returns the mistake in its connections, and advice.
-fn connected(wires: &[Wire], (number, leaf): (u32, &Leaf)) -> Option<(String, &'static str)> {
+fn connected(wires: &[Wire], number: u32, leaf: &Leaf) -> Option<(String, &'static str)> {
     if let Some(keys) = leaf.keys.first() {
         let why = format!("its `{}` is connected with keys of the database", keys.port);
         return Some((why, "connect them in the spec of that deployment"));

@@ -15,7 +15,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut 
         let (group, slot) = tree.place_of[number as usize];
         let instance = &spec.processes[tree.process_of[group]].instances[slot];
         let Some(span) = instance.policies.overlap else { continue };
-        let Some(why) = obstacle(tree, wires, (number, leaf), group) else { continue };
+        let Some(why) = obstacle(tree, wires, number, leaf, group) else { continue };
         // One text may describe several leaves.
         if told.insert(span) {
             diagnostics.push(no_overlap(span, &instance.name.text, &why));
@@ -28,7 +28,7 @@ fn is_meant(leaf: &Leaf) -> bool {
 }
 
 /// Returns why the connections of a leaf cannot be handed over, if so.
-fn obstacle(tree: &Tree, wires: &[Wire], (number, leaf): (u32, &Leaf), group: usize) -> Option<String> {
+fn obstacle(tree: &Tree, wires: &[Wire], number: u32, leaf: &Leaf, group: usize) -> Option<String> {
     let written = leaf.keys.iter().find(|keys| keys.is_write);
     if let Some(keys) = written {
         return Some(format!("it writes `{}` of the database, and both would", keys.keys));

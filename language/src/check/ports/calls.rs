@@ -38,8 +38,10 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
 pub(super) fn check_types(
     spec: &Spec,
     connection: &Connection,
-    (from, calls): (&Port, &Call),
-    (to, answers): (&Port, &Call),
+    from: &Port,
+    calls: &Call,
+    to: &Port,
+    answers: &Call,
 ) -> Vec<Diagnostic> {
     let (from_name, to_name) = (&connection.from.port.text, &connection.to.port.text);
     let text = |kind: &Option<Kind>| kind.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string);

@@ -1,12 +1,13 @@
 //! The meaning of a sentence's names in the groups of a plan.
 
 use super::words::Kind;
-use super::{Place, Read, Words, unreadable};
+use super::{Read, Words, unreadable};
 use crate::check::index;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{MemberKind, Plan};
 use crate::similar;
 use crate::sites::{Atom, EventKind, Occurrence, ProcessRef};
+use crate::source::Span;
 
 /// The words for the events of a process.
 pub(crate) const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
@@ -93,7 +94,7 @@ impl Names<'_> {
     fn kind(&self, who: ProcessRef, event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
         Ok(Some(match event {
             Some("done") if words.eat(".") => match words.name() {
-                Some(outcome) => EventKind::Done(Some(self.outcome(who, outcome)?)),
+                Some((name, span)) => EventKind::Done(Some(self.outcome(who, name, span)?)),
                 None => return Err(unreadable(words.want("an outcome"))),
             },
             Some("done") => EventKind::Done(None),
@@ -105,7 +106,7 @@ impl Names<'_> {
     }
 
     /// An outcome that a process may have: one that its module declares, of a group one that anything below it may leave.
-    fn outcome(&self, who: ProcessRef, (name, span): Place) -> Read<String> {
+    fn outcome(&self, who: ProcessRef, name: String, span: Span) -> Read<String> {
         let group = &self.plan.groups[who.group as usize];
         let member = who.member.map(|slot| &group.members[slot as usize]);
         let mut known = Vec::new();
@@ -160,7 +161,7 @@ impl Names<'_> {
             } else if last_words(words).any(|word| word == name) {
                 return Ok((who, Some(name)));
             } else if !(is_first && (name == own.process || name == "main" && self.group == 0)) {
-                return Err(self.unknown(words, &(name, span), inside));
+                return Err(self.unknown(words, &name, span, inside));
             }
             is_first = false;
             if !words.eat(".") {
@@ -174,23 +175,23 @@ impl Names<'_> {
         (0..).zip(members).find(|(_, member)| member.name == name).map(|(slot, _)| slot)
     }
 
-    fn unknown(&self, words: &Words, (name, span): &Place, inside: Option<u32>) -> Box<Diagnostic> {
+    fn unknown(&self, words: &Words, name: &str, span: Span, inside: Option<u32>) -> Box<Diagnostic> {
         let Some(group) = inside else {
             let message = format!("`{name}` is nothing that happens to a process");
             let mut all: Vec<String> = last_words(words).map(|word| format!("`{word}`")).collect();
             let last = all.pop().unwrap_or_default();
             let help = format!("{} or {last}", all.join(", "));
-            let found = Diagnostic::new(Code::E0802, *span, message).help(help);
+            let found = Diagnostic::new(Code::E0802, span, message).help(help);
             return Box::new(match similar::near(name, last_words(words)) {
-                Some(near) => found.rename(*span, &near),
+                Some(near) => found.rename(span, &near),
                 None => found,
             });
         };
         let group = &self.plan.groups[group as usize];
-        let diagnostic = Diagnostic::new(Code::E0802, *span, format!("`{}` has no process `{name}`", group.process));
+        let diagnostic = Diagnostic::new(Code::E0802, span, format!("`{}` has no process `{name}`", group.process));
         let members = group.members.iter().map(|member| member.name.as_str());
         Box::new(match similar::near(name, members.chain(last_words(words))) {
-            Some(near) => diagnostic.rename(*span, &near),
+            Some(near) => diagnostic.rename(span, &near),
             None => diagnostic,
         })
     }

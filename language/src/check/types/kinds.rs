@@ -66,10 +66,10 @@ impl TypeChecker<'_> {
         let Some(kind) = &param.kind else { return };
         match (self.spec.shape(kind), &value.kind) {
             (_, ValueKind::Broken) => {}
-            (Shape::Record(fields), ValueKind::Record(given)) => self.record(kind, fields, (given, value.span)),
-            (_, ValueKind::Param(index)) => self.handed_on(param, kind, (*index, value.span)),
+            (Shape::Record(fields), ValueKind::Record(given)) => self.record(kind, fields, given, value.span),
+            (_, ValueKind::Param(index)) => self.handed_on(param, kind, *index, value.span),
             (Shape::List(element, count), ValueKind::List(given)) => {
-                self.list(param, (element, count), given, value.span);
+                self.list(param, element, count, given, value.span);
             }
             (Shape::Record(_), _) => self.other(param, kind, "a record", value.span),
             (Shape::List(..), _) => self.other(param, kind, "a list", value.span),
@@ -83,7 +83,7 @@ impl TypeChecker<'_> {
     }
 
     /// The values of a list: as many as its type requires, each of its type.
-    fn list(&mut self, param: &Param, (element, count): (&str, Option<usize>), given: &[Value], span: Span) {
+    fn list(&mut self, param: &Param, element: &str, count: Option<usize>, given: &[Value], span: Span) {
         if let Some(count) = count.filter(|&count| count != given.len()) {
             let message = format!("`{}` has {count} values of type {element}, not {}", param.name.text, given.len());
             self.wrong(param, span, message);
@@ -128,7 +128,7 @@ impl TypeChecker<'_> {
     }
 
     /// A parameter of the group around that is handed on.
-    fn handed_on(&mut self, param: &Param, kind: &Kind, (index, span): (usize, Span)) {
+    fn handed_on(&mut self, param: &Param, kind: &Kind, index: usize, span: Span) {
         let Some(outer) = self.outer.get(index) else { return };
         let Some(given) = &outer.kind else { return };
         let is_fit = match (self.spec.shape(kind), self.spec.shape(given)) {
@@ -160,7 +160,7 @@ impl TypeChecker<'_> {
     }
 
     /// The values of a record: every field once, each of its type.
-    fn record(&mut self, kind: &Kind, fields: &[Param], (given, span): (&[(Name, Value)], Span)) {
+    fn record(&mut self, kind: &Kind, fields: &[Param], given: &[(Name, Value)], span: Span) {
         let mut is_known = true;
         for (name, value) in given {
             if let Some(field) = fields.iter().find(|field| field.name.text == name.text) {

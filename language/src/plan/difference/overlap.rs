@@ -6,7 +6,7 @@ use crate::plan::{LeafKind, MemberKind};
 
 impl Pairing<'_> {
     /// Gives a member that runs another leaf, if its next program is to overlap with the present one. Returns its number.
-    pub(super) fn succeed(&mut self, wanted: u32, number: u32, (group, slot): (u32, u32)) -> Option<u32> {
+    pub(super) fn succeed(&mut self, wanted: u32, number: u32, group: u32, slot: u32) -> Option<u32> {
         let (before, after) = (self.running.leaves.get(number as usize)?, self.wanted.leaves.get(wanted as usize)?);
         let is_service = self.member(group, slot).is_some_and(|member| member.service);
         let may_overlap = after.policy.replacement == Replacement::Overlap

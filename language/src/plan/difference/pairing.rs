@@ -46,7 +46,7 @@ impl<'a> Pairing<'a> {
                 continue;
             }
             let slot = match self.slot_of(number, &member.name) {
-                Some((slot, kind)) => self.pair(member, (number, slot), kind),
+                Some((slot, kind)) => self.pair(member, number, slot, kind),
                 None => self.add(member, number),
             };
             slots.push(slot);
@@ -65,10 +65,10 @@ impl<'a> Pairing<'a> {
         members.filter(|(_, member)| member.name == name).map(|(slot, member)| (slot, member.kind)).next()
     }
 
-    fn pair(&mut self, member: &Member, (group, slot): (u32, u32), kind: MemberKind) -> u32 {
+    fn pair(&mut self, member: &Member, group: u32, slot: u32, kind: MemberKind) -> u32 {
         match (member.kind, kind) {
             (MemberKind::Leaf(wanted), MemberKind::Leaf(number)) => {
-                let number = self.succeed(wanted, number, (group, slot)).unwrap_or(number);
+                let number = self.succeed(wanted, number, group, slot).unwrap_or(number);
                 self.numbers.leaves.insert(wanted, number);
             }
             (MemberKind::Group(wanted), MemberKind::Group(number)) => self.pair_group(wanted, number),

@@ -18,13 +18,13 @@ impl Simulation<'_> {
         if matches!(goal, Goal::Stopped) && is_stopped {
             self.reached(path)?;
         }
-        let found = [true, false].into_iter().find_map(|is_straight| self.way((path, group), goal, is_straight));
+        let found = [true, false].into_iter().find_map(|is_straight| self.way(path, group, goal, is_straight));
         *self = found.ok_or("it does not come to that")?;
         Ok(())
     }
 
     /// A way to the end of a group.
-    fn way(&self, (path, group): (&str, usize), goal: &Goal, is_straight: bool) -> Option<Self> {
+    fn way(&self, path: &str, group: usize, goal: &Goal, is_straight: bool) -> Option<Self> {
         let mut ways = VecDeque::from([self.clone()]);
         for _ in 0..WAYS_MAX {
             let way = ways.pop_front()?;

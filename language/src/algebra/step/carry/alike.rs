@@ -34,9 +34,20 @@ pub(super) fn taken(program: &Program, node: usize) -> BTreeSet<&str> {
     program.taken(node).iter().map(|&index| program.resources()[index].as_str()).collect()
 }
 
-/// Whether two nodes mean the same, `o` and `n` being the first of those that are compared.
-pub(super) fn is_alike((old, a): (&Program, usize), (new, b): (&Program, usize), (o, n): (usize, usize)) -> bool {
-    if old.nodes[a].end - o != new.nodes[b].end - n {
+/// A node that is compared with one of another program.
+#[derive(Clone, Copy)]
+pub(super) struct Compared<'a> {
+    pub(super) program: &'a Program,
+    pub(super) node: usize,
+    /// The first node of those that are compared.
+    pub(super) first: usize,
+}
+
+/// Whether two nodes mean the same.
+pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
+    let (a, b, old_first, new_first) = (old.node, new.node, old.first, new.first);
+    let (old, new) = (old.program, new.program);
+    if old.nodes[a].end - old_first != new.nodes[b].end - new_first {
         return false;
     }
     match (&old.nodes[a].kind, &new.nodes[b].kind) {

@@ -39,7 +39,7 @@ impl Chain {
 impl Carrying<'_> {
     /// In `P ; Q ; R`, with any nesting of its pairs, one operand runs. The operands before and after it may be
     /// anything.
-    pub(super) fn place_chain(&mut self, o: usize, n: usize, (chain, calm): (Chain, bool)) -> Result<(), Misfit> {
+    pub(super) fn place_chain(&mut self, o: usize, n: usize, chain: Chain, calm: bool) -> Result<(), Misfit> {
         let (links, others) = (chain.links(self.program, o), chain.links(self.next, n));
         let is_active = |link: &usize| self.state.cells[*link].phase.is_active();
         let Some(place) = links.iter().position(is_active) else { return Err(self.misfit(o, "")) };

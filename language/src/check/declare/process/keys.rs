@@ -26,7 +26,7 @@ pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
             let is_first = first.span().start < end.span().start;
             let is_write = is_first == node.token(BackArrow).is_some();
             match keys_of(&text, is_write) {
-                Ok(keys) => all.extend(connections(&node, &end, (&keys, is_write), names)),
+                Ok(keys) => all.extend(connections(&node, &end, &keys, is_write, names)),
                 Err(why) => names.diagnostics.push(*why),
             }
         }
@@ -91,7 +91,7 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
 }
 
 /// `robot[i], Claims` means one connection of each robot.
-fn connections(node: &Node, end: &Node, (keys, is_write): (&str, bool), names: &mut Names<'_>) -> Vec<KeyConnection> {
+fn connections(node: &Node, end: &Node, keys: &str, is_write: bool, names: &mut Names<'_>) -> Vec<KeyConnection> {
     let mut all = Vec::new();
     let variable = index::unbound(std::slice::from_ref(end), names, &[]);
     let count = variable.as_ref().map_or(1, |(_, count)| *count);

@@ -29,12 +29,12 @@ pub(super) fn supervision(group: &Node, reader: &mut Reader<'_>) -> Option<(Supe
             continue;
         }
         let words: Vec<&str> = words.iter().map(|word| word.text.as_str()).collect();
-        read(&mut supervision, (&name, &words), &rule, reader);
+        read(&mut supervision, &name, &words, &rule, reader);
     }
     Some((supervision, pauses))
 }
 
-fn read(supervision: &mut Supervision, (name, words): (&Name, &[&str]), rule: &Node, reader: &mut Reader<'_>) {
+fn read(supervision: &mut Supervision, name: &Name, words: &[&str], rule: &Node, reader: &mut Reader<'_>) {
     let before = reader.diagnostics.count();
     let (is_read, help) = if name.text == "strategy" {
         let strategy = match words {
