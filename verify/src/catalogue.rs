@@ -11,6 +11,7 @@ use crate::finding::{Finding, diagnostic, help};
 use crate::limits::late;
 use crate::model::{Ends, Model, Seat, run_nodes};
 use crate::story::{place, story_to_the_end};
+use crate::system::MemberRef;
 use crate::system::{Changed, Frame, Label, Mode, Phase, System, escalates};
 use language::plan::Expression;
 use language::{Code, Span};
@@ -50,11 +51,11 @@ pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catal
     let parts = inside_out(model);
     for (done, part) in parts.iter().enumerate() {
         limits.goes_on.hear(WorkDone::Jobs { what: "groups", done, of: parts.len() });
-        explore_part(model, *part, limits, (&mut catalogue, &mut asked));
+        explore_part(model, *part, limits, &mut catalogue, &mut asked);
     }
     let suspects = std::mem::take(&mut asked.suspects);
-    outside::judge(model, suspects, limits, (&mut catalogue, &mut asked));
-    too_late(model, (&mut catalogue, &mut asked));
+    outside::judge(model, suspects, limits, &mut catalogue, &mut asked);
+    too_late(model, &mut catalogue, &mut asked);
     summary(model, &asked, &mut catalogue);
     catalogue
 }
@@ -75,12 +76,7 @@ fn inside_out(model: &Model<'_>) -> Vec<usize> {
     order
 }
 
-fn explore_part(
-    model: &mut Model<'_>,
-    part: usize,
-    limits: &Limits<'_>,
-    (catalogue, asked): (&mut Catalogue, &mut Asked),
-) {
+fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     let (mut ends, mut is_whole) = ([Ends::default(), Ends::default()], true);
     let holds = |seat: &Seat| matches!(seat, Seat::Part(inner) if model.parts[*inner].may_hang);
     let mut may_hang = model.parts[part].members.iter().any(holds);
@@ -108,7 +104,7 @@ fn explore_part(
             if let Some(reached) = graph.reached {
                 catalogue.unfinished.push((model.parts[part].group, reached));
             } else {
-                judge(&system, &graph, part, limits, (catalogue, asked));
+                judge(&system, &graph, part, limits, catalogue, asked);
             }
         }
     }
@@ -154,10 +150,11 @@ fn judge(
     graph: &Graph,
     part: usize,
     limits: &Limits<'_>,
-    (catalogue, asked): (&mut Catalogue, &mut Asked),
+    catalogue: &mut Catalogue,
+    asked: &mut Asked,
 ) {
-    unreached(system, graph, part, (catalogue, asked));
-    stops::judge((system, graph), part, limits, (catalogue, asked));
+    unreached(system, graph, part, catalogue, asked);
+    stops::judge(system, graph, part, limits, catalogue, asked);
     let has_usings = !usings(system, part).is_empty();
     let place = catalogue.findings.len();
     let mut suspect = |node: usize, waits: bool, finding: Option<Finding>| {
@@ -165,15 +162,15 @@ fn judge(
         asked.suspects.extend(finding.map(suspect));
     };
     for node in promises(system, part) {
-        suspect(node, false, stuck(system, graph, (part, node)));
+        suspect(node, false, stuck(system, graph, part, node));
     }
     for node in usings(system, part) {
-        suspect(node, true, waits_for_ever(system, graph, (part, node)));
+        suspect(node, true, waits_for_ever(system, graph, part, node));
     }
 }
 
 /// The processes of a part that no order of events starts.
-fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Catalogue, asked: &mut Asked) {
     let runs = run_nodes(&system.model.parts[part].expression);
     let mut is_reached = vec![false; runs.len()];
     graph.which(system, |frame| {
@@ -194,14 +191,14 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
             let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
             let found = help(found, "what stands before it never ends in the way that would start it");
             asked.unreached = true;
-            let story = nearest(system, graph, (part, *node)).map(|state| story_to_the_end(system, graph, state));
+            let story = nearest(system, graph, part, *node).map(|state| story_to_the_end(system, graph, state));
             catalogue.findings.push(Finding::fails(found, story));
         }
     }
 }
 
 /// The processes that a limit leaves no time for; those that never start in any order of events are already reported.
-fn too_late(model: &Model<'_>, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     let told: BTreeSet<Span> =
         catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();
     let is_new = |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| !told.contains(&it.primary.span));
@@ -213,7 +210,7 @@ fn too_late(model: &Model<'_>, (catalogue, asked): (&mut Catalogue, &mut Asked))
 
 /// Where a run comes nearest to a node that it never reaches: the first state in which the innermost operator around it is active
 /// that ever is.
-fn nearest(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<u32> {
+fn nearest(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<u32> {
     let mut around = Vec::new();
     let mut next = 0;
     crate::model::walk(&system.model.parts[part].expression, &mut |expression| {
@@ -251,8 +248,8 @@ fn promised(system: &System<'_>, part: usize, expression: &Expression, next: &mu
 }
 
 /// A state from which a node that promises to end cannot, although no program fails.
-fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
-    let running = graph.which(system, |frame| waits_or_is_active(frame, (0, node), false));
+fn stuck(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<Finding> {
+    let running = graph.which(system, |frame| waits_or_is_active(frame, 0, node, false));
     let is_active = |frame: &Frame| frame.states[0].is_node_active(node);
     let mut ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
     let first = |ended: &[bool]| {
@@ -261,10 +258,10 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
     };
     first(&ended)?;
     // A round of a loop that restarts at once has also ended, although no state shows it as inactive.
-    ends_round(system, graph, (0, node), (&running, &mut ended));
+    ends_round(system, graph, 0, node, &running, &mut ended);
     let state = first(&ended)?;
     let name = system.model.group_name(system.model.parts[part].group);
-    let span = blocking(system, graph, (part, node), state);
+    let span = blocking(system, graph, part, node, state);
     let message = match node {
         0 => format!("`{name}` can get stuck: from here it never ends"),
         _ => format!("a part of `{name}` can get stuck: from here it never ends"),
@@ -274,18 +271,13 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
 }
 
 /// Whether a node of a unit waits for a resource, or is active, in a state where the whole has not been stopped.
-fn waits_or_is_active(frame: &Frame, (unit, node): (usize, usize), waits: bool) -> bool {
+fn waits_or_is_active(frame: &Frame, unit: usize, node: usize, waits: bool) -> bool {
     let state = &frame.states[unit];
     frame.phase == Phase::Running && if waits { state.is_node_waiting(node) } else { state.is_node_active(node) }
 }
 
 /// Adds the states from which something that happens by itself ends a node of a unit.
-fn ends_round(
-    system: &System<'_>,
-    graph: &Graph,
-    (unit, node): (usize, usize),
-    (running, ended): (&[bool], &mut [bool]),
-) {
+fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, running: &[bool], ended: &mut [bool]) {
     let (mut frame, mut stepper) = (system.initial(), system.stepper());
     let mut changes = Vec::new();
     for state in (0..graph.store.count()).filter(|&state| running[state as usize]) {
@@ -294,7 +286,7 @@ fn ends_round(
             let is_own = unit_of(label) == Some(unit);
             ended[state as usize] |= is_own && stepper.ended(&frame, label).contains(&node);
             // The part that contains it may restart it as a whole.
-            if let Some((around, member)) = system.units[unit].parent {
+            if let Some(MemberRef { unit: around, member }) = system.units[unit].parent {
                 stepper.apply(&mut frame, label, Some(&mut changes));
                 ended[state as usize] |= changes.iter().any(|change| {
                     let is_end = matches!(change.what, Changed::Done(_) | Changed::Aborted | Changed::Stopped);
@@ -365,7 +357,7 @@ fn usings(system: &System<'_>, part: usize) -> Vec<usize> {
 }
 
 /// A `using` that waits and never gets its resources.
-fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
+fn waits_for_ever(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<Finding> {
     let waits = graph.which(system, |frame| frame.phase == Phase::Running && frame.states[0].is_node_waiting(node));
     let goes_on: Vec<bool> = graph.which(system, |frame| !frame.states[0].is_node_waiting(node));
     let can = graph.can_reach(&goes_on, &|label| system.is_natural(label));
@@ -376,7 +368,7 @@ fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usiz
 }
 
 /// The place of the cause: the first node that waits, or the outermost active node.
-fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), state: u32) -> Span {
+fn blocking(system: &System<'_>, graph: &Graph, part: usize, node: usize, state: u32) -> Span {
     let frame = at_the_end(system, graph, state);
     let waiting = usings(system, part).into_iter().find(|&node| frame.states[0].is_node_waiting(node));
     let shields = shields(system, part).into_iter().find(|&node| frame.states[0].is_node_active(node));

@@ -15,6 +15,7 @@ use crate::explore::{Limits, Nobody, WorkDone, explore};
 use crate::model::{Model, short};
 use crate::property::around;
 use crate::story::{Story, seconds};
+use crate::system::MemberRef;
 use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, crashes, is_torn};
 use crate::threads::{Alone, each};
 use crate::times::Times;
@@ -228,7 +229,7 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     };
     let mut injections = Vec::new();
     for (group, slot, kind) in programs {
-        let (unit, member) = system.find(group, slot)?;
+        let MemberRef { unit, member } = system.find(group, slot)?;
         injections.push(Some(Injection { unit, member, kind }));
     }
     // A loss counts as the first fault.
@@ -241,7 +242,7 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
         system.lose(loss);
     }
     for fault in injections.into_iter().flatten() {
-        system.follow_fault((fault.unit, fault.member), fault.kind);
+        system.follow_fault(MemberRef { unit: fault.unit, member: fault.member }, fault.kind);
     }
     Some(system)
 }
@@ -318,7 +319,7 @@ fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, t
     let mut phases: BTreeMap<String, PhaseRows> = BTreeMap::new();
     case.each_fault(|judged| phases.entry(judged.phase.clone()).or_default().note(judged));
     let rows = phases.into_values().flat_map(PhaseRows::rows);
-    table.rows.extend(rows.map(|judged| case.row((name(), words.join(" and ")), judged)));
+    table.rows.extend(rows.map(|judged| case.row(name(), words.join(" and "), judged)));
 }
 
 impl Severity {

@@ -46,26 +46,26 @@ impl Story {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
              font-family=\"Helvetica, Arial, sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
         );
-        text(&mut out, (MARGIN, MARGIN + LINE / 2), "font-weight=\"bold\"", title);
+        text(&mut out, MARGIN, MARGIN + LINE / 2, "font-weight=\"bold\"", title);
         for step in 0..steps {
-            text(&mut out, (at(step) - LETTER / 2, top), "fill=\"#555555\"", &(step + 1).to_string());
-            line(&mut out, (at(step), top + 4), (at(step), bottom), "stroke=\"#dddddd\"");
+            text(&mut out, at(step) - LETTER / 2, top, "fill=\"#555555\"", &(step + 1).to_string());
+            line(&mut out, at(step), top + 4, at(step), bottom, "stroke=\"#dddddd\"");
         }
         let mut y = top + LINE;
         let mut last = None;
         for ((host, process), bars) in &lanes {
             if last != Some(host) {
-                text(&mut out, (MARGIN, y + LINE - 4), "font-weight=\"bold\" fill=\"#555555\"", host);
+                text(&mut out, MARGIN, y + LINE - 4, "font-weight=\"bold\" fill=\"#555555\"", host);
                 y += LANE;
                 last = Some(host);
             }
-            text(&mut out, (MARGIN + 12, y + LINE - 4), "", process);
+            text(&mut out, MARGIN + 12, y + LINE - 4, "", process);
             bars.iter().for_each(|bar| draw(&mut out, bar, y));
             y += LANE;
         }
-        self.mark(&mut out, (top + 4, bottom), steps);
+        self.mark(&mut out, top + 4, bottom, steps);
         for (number, told) in (1..).zip(&lines) {
-            text(&mut out, (MARGIN, bottom + MARGIN + number * LINE), "xml:space=\"preserve\"", told);
+            text(&mut out, MARGIN, bottom + MARGIN + number * LINE, "xml:space=\"preserve\"", told);
         }
         out + "</svg>\n"
     }
@@ -89,16 +89,16 @@ impl Story {
     }
 
     /// Marks the moment of the violation, or the steps that repeat for ever.
-    fn mark(&self, out: &mut String, (top, bottom): (usize, usize), steps: usize) {
+    fn mark(&self, out: &mut String, top: usize, bottom: usize, steps: usize) {
         match self.again.filter(|again| *again < steps) {
             Some(again) => {
                 let (from, to) = (at(again) - STEP / 2, at(steps) - STEP / 2);
-                line(out, (from, bottom), (to, bottom), &format!("stroke=\"{WRONG}\" stroke-width=\"3\""));
-                text(out, (from, bottom + LINE - 3), &format!("fill=\"{WRONG}\""), "and so on for ever");
+                line(out, from, bottom, to, bottom, &format!("stroke=\"{WRONG}\" stroke-width=\"3\""));
+                text(out, from, bottom + LINE - 3, &format!("fill=\"{WRONG}\""), "and so on for ever");
             }
             None => {
                 let x = at(steps) - STEP / 2;
-                line(out, (x, top), (x, bottom), &format!("stroke=\"{WRONG}\" stroke-width=\"2\""));
+                line(out, x, top, x, bottom, &format!("stroke=\"{WRONG}\" stroke-width=\"2\""));
             }
         }
     }
@@ -126,14 +126,14 @@ fn draw(out: &mut String, bar: &Bar, y: usize) {
         Some(Became::Active | Became::Stopping) | None => return,
     };
     let colour = if bar.end == Some(Became::Failed) { WRONG } else { "#555555" };
-    text(out, (right + 3, y + LINE - 4), &format!("font-size=\"10\" fill=\"{colour}\""), sign);
+    text(out, right + 3, y + LINE - 4, &format!("font-size=\"10\" fill=\"{colour}\""), sign);
 }
 
-fn line(out: &mut String, (x1, y1): (usize, usize), (x2, y2): (usize, usize), style: &str) {
+fn line(out: &mut String, x1: usize, y1: usize, x2: usize, y2: usize, style: &str) {
     let _infallible = writeln!(out, "<line x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\" {style}/>");
 }
 
-fn text(out: &mut String, (x, y): (usize, usize), style: &str, text: &str) {
+fn text(out: &mut String, x: usize, y: usize, style: &str, text: &str) {
     let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let _infallible = writeln!(out, "<text x=\"{x}\" y=\"{y}\" {style}>{text}</text>");
 }

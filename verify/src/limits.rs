@@ -40,7 +40,7 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
             };
             let message = format!("this takes {takes}, so the limit of {limit} always passes");
             let found = help(diagnostic(Code::E0815, span, message), advice);
-            findings.push(Finding::fails(found, passes(times.model, (group, own), limits)));
+            findings.push(Finding::fails(found, passes(times.model, group, own, limits)));
         });
     }
     if findings.is_empty() && count > 0 {
@@ -63,7 +63,7 @@ fn takes_time(group: &Group, expression: &Expression) -> bool {
 }
 
 /// The story of a limit that passes: the `within` with this number in the expression of a group.
-fn passes(model: &Model<'_>, (group, within): (u32, usize), limits: &Limits<'_>) -> Option<Story> {
+fn passes(model: &Model<'_>, group: u32, within: usize, limits: &Limits<'_>) -> Option<Story> {
     let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
     let system = System::new(model, group as usize, &is_piece);
     let graph = explore(&system, limits, true, &Nobody).graph;

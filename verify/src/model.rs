@@ -89,7 +89,7 @@ impl<'a> Model<'a> {
         }
         let mut pieces = Vec::new();
         for group in 0..plan.groups.len() {
-            let part = Outline::of(&model, (group, whole), &mut pieces);
+            let part = Outline::of(&model, group, whole, &mut pieces);
             model.parts.push(part);
         }
         model.parts.append(&mut pieces);
@@ -182,7 +182,7 @@ struct Outline<'m> {
 }
 
 impl Outline<'_> {
-    fn of(model: &Model<'_>, (group, whole): (usize, u64), pieces: &mut Vec<Part>) -> Part {
+    fn of(model: &Model<'_>, group: usize, whole: u64, pieces: &mut Vec<Part>) -> Part {
         let source = &model.plan.groups[group];
         let first_piece = model.plan.groups.len();
         let mut outline = Outline { group, source, parts: pieces, first_piece };

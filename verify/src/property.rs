@@ -10,6 +10,7 @@ use crate::explore::{Found, Graph, Limits, WorkDone, explore};
 use crate::finding::{Assumption, Finding, Verdict, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
+use crate::system::MemberRef;
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes};
 use crate::times::Times;
 use language::Code;
@@ -94,7 +95,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         system.mode = mode;
         system.notes = 1;
         let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
-        let is_group = |&(unit, member): &(usize, u32)| system.is_group((unit, member));
+        let is_group = |&MemberRef { unit, member }: &MemberRef| system.is_group(MemberRef { unit, member });
         system.follow_messages(&seats.iter().copied().filter(is_group).collect::<Vec<_>>());
         if mode.crashes {
             system.follow_restarts(&seats);
@@ -188,7 +189,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     }
 
     /// Whether it may take longer from when something has happened to a process until another one has stopped.
-    fn stops_after(&self, (cause, who): (ProcessRef, ProcessRef), limit: Duration) -> Option<Finding> {
+    fn stops_after(&self, cause: ProcessRef, who: ProcessRef, limit: Duration) -> Option<Finding> {
         self.is_slow(self.times.stop_after(cause, who), limit)
     }
 
@@ -203,7 +204,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     fn after(&self, mode: Mode, event: &Occurrence, consequence: &Consequence) -> Finding {
         match consequence {
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops_after((event.who, *who), limit)) {
+                if let Some(found) = limit.and_then(|limit| self.stops_after(event.who, *who, limit)) {
                     return found;
                 }
                 self.safe(mode, &[event.who, *who], &Goal::StillRuns(Some(event.clone()), *who))
@@ -246,7 +247,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Stopped(who, limit) => {
                 // A program that has died takes no time to stop; whether it is started again is another matter.
                 if let Some(found) =
-                    limit.filter(|_| *who != struck).and_then(|limit| self.stops_after((struck, *who), limit))
+                    limit.filter(|_| *who != struck).and_then(|limit| self.stops_after(struck, *who, limit))
                 {
                     return Some(found);
                 }
@@ -266,9 +267,9 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     /// The smallest system in which a fault may strike a program and another process is seen.
     fn faulty(&self, kind: FaultKind, struck: ProcessRef, other: ProcessRef) -> Option<System<'m>> {
         let mut system = self.system(&[struck, other], Mode::default());
-        let (unit, member) = system.find(struck.group, struck.member?)?;
+        let MemberRef { unit, member } = system.find(struck.group, struck.member?)?;
         system.mode.fault = Some(Injection { unit, member, kind });
-        system.follow_fault((unit, member), kind);
+        system.follow_fault(MemberRef { unit, member }, kind);
         let other = other.member.and_then(|slot| system.find(other.group, slot));
         if kind == FaultKind::Crash
             && let Some(other) = other
@@ -289,7 +290,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let system = self.faulty(FaultKind::Hang, hung, who)?;
         let counts = |label: Label| {
             let Label::Done(unit, member, _) = label else { return true };
-            span.end.is_some() || !system.is_below((usize::from(unit), u32::from(member)), who)
+            span.end.is_some()
+                || !system.is_below(MemberRef { unit: usize::from(unit), member: u32::from(member) }, who)
         };
         if let Some(found) = self.is_live(&system, &Goal::Ending(hung, who), &counts) {
             return Some(found);

@@ -58,8 +58,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
         if diagnostic.code == Code::E0812 && finding.story.is_none() {
             continue;
         }
-        let candidates =
-            candidates::of(before.spec, (before.plan, before.sites), diagnostic).into_iter().take(TRIED_MAX);
+        let candidates = candidates::of(before.spec, before.plan, before.sites, diagnostic).into_iter().take(TRIED_MAX);
         let holds = |fix: &Fix| {
             if !limits.goes_on.goes_on() {
                 return false;
@@ -71,7 +70,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
             if questions(before.plan, before.sites) != questions(&plan, &sites) {
                 return false;
             }
-            is_repaired((before.report, &verify(&plan, &sites, limits)), finding)
+            is_repaired(before.report, &verify(&plan, &sites, limits), finding)
         };
         repairs.extend(candidates.filter(holds).take(OFFERED_MAX).map(|fix| Repair {
             sentence: finding.sentence.clone(),
@@ -101,7 +100,7 @@ fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
 
 /// Whether a mistake is gone from the second of two reports about the same questions, nothing new is in it, and all of
 /// it is decided that was.
-fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
+fn is_repaired(before: &Report, after: &Report, finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;
     let was_there = |other: &Finding| before.findings.iter().any(|old| is_same(old, other));

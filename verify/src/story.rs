@@ -4,6 +4,7 @@ mod event;
 
 use crate::explore::Graph;
 use crate::model::{Model, Seat};
+use crate::system::MemberRef;
 use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, System};
 use event::event;
 use language::TraceEvent;
@@ -142,7 +143,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
 fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
     let member = change.member?;
     let process = member_name(system, change.unit, member)?;
-    let host = host_name(system, (change.unit, member)).to_owned();
+    let host = host_name(system, MemberRef { unit: change.unit, member }).to_owned();
     let became = match change.what {
         Changed::Sent => return None,
         Changed::Started => Became::Active,
@@ -162,7 +163,7 @@ fn is_stop(step: &Step) -> bool {
 }
 
 /// The host of a member; nothing for a piece of a group.
-fn host_name<'s>(system: &'s System<'_>, (unit, member): (usize, u32)) -> &'s str {
+fn host_name<'s>(system: &'s System<'_>, MemberRef { unit, member }: MemberRef) -> &'s str {
     let plan = system.model.plan;
     let group = &plan.groups[system.model.parts[system.units[unit].part].group as usize];
     let host = group.members.get(member as usize).map(|source| match source.kind {
@@ -175,7 +176,7 @@ fn host_name<'s>(system: &'s System<'_>, (unit, member): (usize, u32)) -> &'s st
 /// The members that run, and those that are being stopped. Open groups are left out, their members are not.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
-    for (unit, member) in there(system, frame) {
+    for MemberRef { unit, member } in there(system, frame) {
         let Some(name) = member_name(system, unit, member) else { continue };
         match frame.states[unit].activity(member) {
             Activity::Stopping if !system.is_silent(frame, unit) => stopping.push(name),
@@ -186,17 +187,18 @@ pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<S
 }
 
 /// The active members, while the whole goes on or some of it runs beyond a loss.
-fn there(system: &System<'_>, frame: &Frame) -> Vec<(usize, u32)> {
+fn there(system: &System<'_>, frame: &Frame) -> Vec<MemberRef> {
     let is_on = frame.phase != Phase::Idle && (!frame.phase.is_over() || system.is_split(frame));
     if is_on { system.there(frame) } else { Vec::new() }
 }
 
 /// The processes in the closed pieces of groups that continue.
 fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
-    let pieces =
-        there(system, frame).into_iter().filter(|(unit, member)| member_name(system, *unit, *member).is_none());
+    let pieces = there(system, frame)
+        .into_iter()
+        .filter(|MemberRef { unit, member }| member_name(system, *unit, *member).is_none());
     let mut names = Vec::new();
-    for (unit, member) in pieces {
+    for MemberRef { unit, member } in pieces {
         let part = &system.model.parts[system.units[unit].part];
         if let Some(Seat::Part(piece)) = part.members.get(member as usize) {
             let held = system.model.held(*piece).into_iter();
@@ -244,7 +246,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
             format!("the order to stop reaches `{}`", system.model.group_name(part.group))
         }
         Label::Arrived(unit, member) => {
-            let host = host_name(system, (usize::from(unit), u32::from(member)));
+            let host = host_name(system, MemberRef { unit: usize::from(unit), member: u32::from(member) });
             format!("the order to start {} reaches `{host}`", name(unit, member))
         }
         Label::Told(unit, number) => {
@@ -279,16 +281,18 @@ fn cause(system: &System<'_>, label: Label) -> String {
             let group = system.model.group_name(part.group);
             format!("a program of `{group}` dies, once more than the group bears")
         }
-        Label::Fault(unit, member) => format!("{} {}", name(unit, member), fault(system, (unit, member), false)),
-        Label::Second(unit, member) => format!("{} {}", name(unit, member), fault(system, (unit, member), true)),
+        Label::Fault(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, false)),
+        Label::Second(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, true)),
     }
 }
 
 /// The effect of a fault on a member, as a verb.
-fn fault(system: &System<'_>, (unit, member): (u16, u16), is_second: bool) -> &'static str {
+fn fault(system: &System<'_>, unit: u16, member: u16, is_second: bool) -> &'static str {
     let injected = if is_second { system.mode.second } else { system.mode.fault };
     match injected.map(|fault| fault.kind) {
-        Some(FaultKind::Crash) if system.is_restarted((usize::from(unit), u32::from(member))) => {
+        Some(FaultKind::Crash)
+            if system.is_restarted(MemberRef { unit: usize::from(unit), member: u32::from(member) }) =>
+        {
             "CRASHES: it is started again, and has forgotten what it knew"
         }
         Some(kind) => kind.verb(),

@@ -87,12 +87,20 @@ impl Phase {
     }
 }
 
+/// A member of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct MemberRef {
+    pub(crate) unit: usize,
+    /// Its slot.
+    pub(crate) member: u32,
+}
+
 /// A part in a system.
 #[derive(Debug)]
 pub(crate) struct Unit {
     pub(crate) part: usize,
     /// The unit around it, and its member slot there.
-    pub(crate) parent: Option<(usize, u32)>,
+    pub(crate) parent: Option<MemberRef>,
     /// For each member, its unit if it is part of the system, else its possible ends with and without failures.
     pub(crate) seats: Vec<Occupant>,
     packing: Packing,
@@ -195,7 +203,7 @@ impl<'a> System<'a> {
         self.is_whole
     }
 
-    fn add(&mut self, part: usize, parent: Option<(usize, u32)>, is_open: &dyn Fn(usize) -> bool) -> usize {
+    fn add(&mut self, part: usize, parent: Option<MemberRef>, is_open: &dyn Fn(usize) -> bool) -> usize {
         let source = &self.model.parts[part];
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
@@ -209,7 +217,7 @@ impl<'a> System<'a> {
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
                 Seat::Part(inner) if runs.contains(&slot) && is_open(inner) => {
-                    Occupant::Unit(self.add(inner, Some((index, slot)), is_open))
+                    Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open))
                 }
                 Seat::Part(inner) => {
                     // A member that nothing runs has no behaviour.
@@ -241,24 +249,25 @@ impl<'a> System<'a> {
     }
 
     /// The unit and slot of a member of a group, if that group is in the system.
-    pub(crate) fn find(&self, group: u32, slot: u32) -> Option<(usize, u32)> {
+    pub(crate) fn find(&self, group: u32, slot: u32) -> Option<MemberRef> {
         let holds = |unit: &Unit| {
             let part = &self.model.parts[unit.part];
             part.group == group && crate::model::runs(&part.expression).contains(&slot)
         };
-        self.units.iter().position(holds).map(|unit| (unit, slot))
+        self.units.iter().position(holds).map(|unit| MemberRef { unit, member: slot })
     }
 
     /// Whether a member is a group or a piece of one.
-    pub(crate) fn is_group(&self, (unit, member): (usize, u32)) -> bool {
+    pub(crate) fn is_group(&self, MemberRef { unit, member }: MemberRef) -> bool {
         matches!(self.model.parts[self.units[unit].part].members.get(member as usize), Some(Seat::Part(_)))
     }
 
     /// Whether a member is a process, or inside it.
-    pub(crate) fn is_below(&self, member: (usize, u32), who: ProcessRef) -> bool {
+    pub(crate) fn is_below(&self, member: MemberRef, who: ProcessRef) -> bool {
         let Some(slot) = who.member else { return true };
         let seat = self.find(who.group, slot);
-        std::iter::successors(Some(member), |(unit, _)| self.units[*unit].parent).any(|at| Some(at) == seat)
+        std::iter::successors(Some(member), |MemberRef { unit, .. }| self.units[*unit].parent)
+            .any(|at| Some(at) == seat)
     }
 
     // ---- packing ----

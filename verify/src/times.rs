@@ -134,13 +134,14 @@ impl Times<'_, '_> {
             Some((outer, slot)) => self.until_ended(outer, slot),
             None => None,
         };
-        self.narrowest((group, source), &source.expression, slot, outer).unwrap_or(outer)
+        self.narrowest(group, source, &source.expression, slot, outer).unwrap_or(outer)
     }
 
     /// The same below an expression, around which something has the bound `outer`; nothing if the member has no place there.
     fn narrowest(
         &self,
-        (group, source): (u32, &Group),
+        group: u32,
+        source: &Group,
         expression: &Expression,
         slot: u32,
         outer: Option<Duration>,
@@ -152,7 +153,7 @@ impl Times<'_, '_> {
         }
         let operands = expression.operands().into_iter();
         operands
-            .filter_map(|operand| self.narrowest((group, source), operand, slot, bound))
+            .filter_map(|operand| self.narrowest(group, source, operand, slot, bound))
             .reduce(|one, other| one.zip(other).map(|(one, other)| one.max(other)))
     }
 
@@ -219,7 +220,7 @@ impl Times<'_, '_> {
                 Span { stop: held, ..parts[0] }
             }
             Expression::Using { .. } => {
-                let turn = self.turn((group, source), expression);
+                let turn = self.turn(group, source, expression);
                 let (done_most, end) = (add(turn, parts[0].done_most), add(turn, parts[0].end));
                 Span { done_most, end, ..parts[0] }
             }

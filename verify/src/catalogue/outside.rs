@@ -38,7 +38,8 @@ pub(super) fn judge(
     model: &Model<'_>,
     suspects: Vec<Suspect>,
     limits: &Limits<'_>,
-    (catalogue, asked): (&mut Catalogue, &mut Asked),
+    catalogue: &mut Catalogue,
+    asked: &mut Asked,
 ) {
     let around = around(model);
     let mut last = None;
@@ -109,10 +110,10 @@ fn stuck_in(system: &System<'_>, suspect: &Suspect, limits: &Limits<'_>) -> Outs
     if let Some(reached) = graph.reached {
         return Outside::Open(reached);
     }
-    let holds = graph.which(system, |frame| waits_or_is_active(frame, (unit, suspect.node), suspect.waits));
+    let holds = graph.which(system, |frame| waits_or_is_active(frame, unit, suspect.node, suspect.waits));
     let mut ended: Vec<bool> = holds.iter().map(|holds| !holds).collect();
     if !suspect.waits {
-        ends_round(system, &graph, (unit, suspect.node), (&holds, &mut ended));
+        ends_round(system, &graph, unit, suspect.node, &holds, &mut ended);
     }
     let can = graph.can_reach(&ended, &|label| system.is_natural(label));
     match (0..graph.store.count()).find(|&state| !can[state as usize]) {

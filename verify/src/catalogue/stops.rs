@@ -16,7 +16,7 @@ fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<F
     let stopping = graph.which(system, is_stopping);
     let state = (0..graph.store.count()).find(|&state| stopping[state as usize] && !can[state as usize])?;
     let name = system.model.group_name(system.model.parts[part].group);
-    let span = blocking(system, graph, (part, 0), state);
+    let span = blocking(system, graph, part, 0, state);
     let found = diagnostic(Code::E0813, span, format!("a stop of `{name}` may never end"));
     let found =
         help(found, "give the `shield` a bound, `shield(10 s) P`, or what `finally` runs a limit, `Q within 5 s`");
@@ -26,10 +26,12 @@ fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<F
 /// Checks that every stop of a part ends. The operands of a `shield` or a `finally` are explored if they may run for
 /// ever.
 pub(super) fn judge(
-    (alone, graph): (&System<'_>, &Graph),
+    alone: &System<'_>,
+    graph: &Graph,
     part: usize,
     limits: &Limits<'_>,
-    (catalogue, asked): (&mut Catalogue, &mut Asked),
+    catalogue: &mut Catalogue,
+    asked: &mut Asked,
 ) {
     if let Some(finding) = stop_without_end(alone, graph, part) {
         asked.stops = true;

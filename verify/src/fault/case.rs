@@ -8,6 +8,7 @@ use crate::explore::Graph;
 use crate::limits::is_limit;
 use crate::model::{Seat, short};
 use crate::story::{Step, Story, effects, member_name, running, seconds, tell, timer_of};
+use crate::system::MemberRef;
 use crate::system::{FaultKind, Frame, Label, Occupant, Phase, Stepper, System, is_restarted, taken_along};
 use crate::times::Times;
 use language::algebra::Activity;
@@ -19,7 +20,7 @@ use std::time::Duration;
 pub(super) struct Struck {
     pub(super) kind: FaultKind,
     /// The program; none for a host.
-    pub(super) seat: Option<(usize, u32)>,
+    pub(super) seat: Option<MemberRef>,
 }
 
 /// A fault, or two, in all states that they can happen in.
@@ -63,11 +64,12 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .collect();
         let is_lossy = system.mode.lost.is_some();
         // A program that was given up fails each time that it is started.
-        let is_given_up = |seat: (usize, u32)| {
+        let is_given_up = |seat: MemberRef| {
             let given_up = |kind| matches!(kind, FaultKind::GivenUp | FaultKind::Unanswered);
             struck.iter().any(|struck| struck.seat == Some(seat) && given_up(struck.kind))
         };
-        let fails = |unit: u16, member: u16| is_lossy || is_given_up((unit.into(), member.into()));
+        let fails =
+            |unit: u16, member: u16| is_lossy || is_given_up(MemberRef { unit: unit.into(), member: member.into() });
         let counts = |label: Label| {
             system.is_natural(label) || matches!(label, Label::Aborted(unit, member) if fails(unit, member))
         };
@@ -82,7 +84,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         let done = graph.can_reach(&phase(|phase| phase == Phase::Done), &is_free);
         let fails = graph.can_reach(&phase(|phase| phase == Phase::Aborted), &is_free);
         let hung = struck.iter().filter(|struck| struck.kind == FaultKind::Hang).filter_map(|struck| struck.seat);
-        let ended = hung.filter(|seat| is_step(system, *seat)).map(|(unit, member)| {
+        let ended = hung.filter(|seat| is_step(system, *seat)).map(|MemberRef { unit, member }| {
             let idle = graph.which(system, |frame| frame.states[unit].activity(member) == Activity::Idle);
             graph.can_reach(&idle, &counts)
         });
@@ -104,7 +106,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                 if !after.is_faulty || self.struck.len() > 1 && !after.is_twice_faulty {
                     continue;
                 }
-                let judged = self.judge((&before, &after), (state, label, target));
+                let judged = self.judge(&before, &after, state, label, target);
                 // A process that is being stopped ends in any case, whatever fault strikes it.
                 if self.is_asked(&before, label) && judged.severity < Severity::Adrift {
                     continue;
@@ -114,10 +116,10 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    fn judge(&self, (before, after): (&Frame, &Frame), (state, fault, target): (u32, Label, u32)) -> Judged {
+    fn judge(&self, before: &Frame, after: &Frame, state: u32, fault: Label, target: u32) -> Judged {
         let settled = self.settle(after);
         let mission = self.mission(&settled, target);
-        let severity = self.severity((before, after), &settled, mission, (fault, target));
+        let severity = self.severity(before, after, &settled, mission, fault, target);
         // The mission could already fail without the fault.
         let may_anyway = mission == Mission::MayFail && self.fails[state as usize];
         let mission = if may_anyway { Mission::CanBeDone } else { mission };
@@ -137,8 +139,10 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         if seat.is_none() || !self.struck.iter().any(|struck| is_own(&struck)) {
             return false;
         }
-        let mut seats = std::iter::successors(seat, |(unit, _)| self.system.units[*unit].parent);
-        seats.any(|(unit, member)| frame.ordered[unit] || frame.states[unit].activity(member) == Activity::Stopping)
+        let mut seats = std::iter::successors(seat, |MemberRef { unit, .. }| self.system.units[*unit].parent);
+        seats.any(|MemberRef { unit, member }| {
+            frame.ordered[unit] || frame.states[unit].activity(member) == Activity::Stopping
+        })
     }
 
     fn mission(&self, settled: &Settled, target: u32) -> Mission {
@@ -165,10 +169,12 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 
     fn severity(
         &self,
-        (before, after): (&Frame, &Frame),
+        before: &Frame,
+        after: &Frame,
         settled: &Settled,
         mission: Mission,
-        (fault, target): (Label, u32),
+        fault: Label,
+        target: u32,
     ) -> Severity {
         let there = self.system.there(&settled.frame);
         if there.iter().any(|seat| self.system.is_adrift(&settled.frame, *seat)) {
@@ -199,13 +205,15 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             return if mission == Mission::Fails { Severity::FailsLater } else { Severity::Handled };
         }
         let (were, are) = (self.others(before), self.others(&settled.frame));
-        let is_back = struck_by(fault).is_some_and(|(unit, member)| {
+        let is_back = struck_by(fault).is_some_and(|MemberRef { unit, member }| {
             settled.frame.states[unit].activity(member) == Activity::Active
-                && !self.system.is_refused(&settled.frame, (unit, member))
+                && !self.system.is_refused(&settled.frame, MemberRef { unit, member })
         });
         let is_new = is_back || are.iter().any(|seat| !were.contains(seat));
         let starts_anew = is_new || self.new_pause(before, after).is_some();
-        let waits = are.iter().any(|(unit, member)| self.system.waits_for_ever(&settled.frame, (*unit, *member)));
+        let waits = are.iter().any(|MemberRef { unit, member }| {
+            self.system.waits_for_ever(&settled.frame, MemberRef { unit: *unit, member: *member })
+        });
         match [Mission::Fails, Mission::EndsByLimit].contains(&mission) {
             _ if starts_anew && !waits => Severity::Handled,
             true => Severity::FailsLater,
@@ -219,13 +227,13 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     fn waits(&self, frame: &Frame, mission: Mission) -> bool {
         let waits = |unit: usize| {
             let mut members = frame.states[unit].members_active();
-            members.any(|member| self.system.waits_for_ever(frame, (unit, member)))
+            members.any(|member| self.system.waits_for_ever(frame, MemberRef { unit, member }))
         };
         mission == Mission::GoesOn && (0..self.system.units.len()).any(waits)
     }
 
     /// The program in a seat.
-    fn leaf(&self, (unit, member): (usize, u32)) -> Option<u32> {
+    fn leaf(&self, MemberRef { unit, member }: MemberRef) -> Option<u32> {
         match self.system.model.parts[self.system.units[unit].part].members.get(member as usize) {
             Some(Seat::Leaf(leaf)) => Some(*leaf),
             Some(Seat::Part(_)) | None => None,
@@ -236,23 +244,24 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     fn gone(&self, before: &Frame, after: &Frame) -> Vec<u32> {
         let left = self.system.there(after);
         let gone = self.system.there(before).into_iter().filter(|seat| !left.contains(seat));
-        gone.flat_map(|(unit, member)| self.system.model.leaves_in(self.system.units[unit].part, member)).collect()
+        gone.flat_map(|MemberRef { unit, member }| self.system.model.leaves_in(self.system.units[unit].part, member))
+            .collect()
     }
 
     /// The program that this fault makes hang, if it does.
-    fn hung(&self, fault: Label) -> Option<(usize, u32)> {
+    fn hung(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault)?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Hang).then_some(seat)
     }
 
     /// The program that this fault has started again, if it does.
-    fn restarted(&self, fault: Label) -> Option<(usize, u32)> {
+    fn restarted(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault).filter(|seat| self.system.is_restarted(*seat))?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Crash).then_some(seat)
     }
 
     /// The clause about a program that is restarted.
-    fn restart(&self, (unit, member): (usize, u32)) -> String {
+    fn restart(&self, MemberRef { unit, member }: MemberRef) -> String {
         let model = self.system.model;
         let group = model.parts[self.system.units[unit].part].group;
         let slots = taken_along(model, group, member).into_iter();
@@ -266,16 +275,17 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 
     /// The members that run and are not being stopped, except those that the faults strike. Members on a lost host are
     /// included.
-    fn others(&self, frame: &Frame) -> Vec<(usize, u32)> {
-        let is_struck = |seat: (usize, u32)| self.struck.iter().any(|struck| struck.seat == Some(seat));
-        let is_stopping = |(unit, member): (usize, u32)| frame.states[unit].activity(member) == Activity::Stopping;
+    fn others(&self, frame: &Frame) -> Vec<MemberRef> {
+        let is_struck = |seat: MemberRef| self.struck.iter().any(|struck| struck.seat == Some(seat));
+        let is_stopping =
+            |MemberRef { unit, member }: MemberRef| frame.states[unit].activity(member) == Activity::Stopping;
         let there = self.system.there(frame).into_iter();
         there.filter(|seat| !is_struck(*seat) && !self.system.is_on_lost(*seat) && !is_stopping(*seat)).collect()
     }
 
     fn names(&self) -> Vec<String> {
         let seats = self.struck.iter().filter_map(|struck| struck.seat);
-        seats.filter_map(|(unit, member)| member_name(self.system, unit, member)).collect()
+        seats.filter_map(|MemberRef { unit, member }| member_name(self.system, unit, member)).collect()
     }
 
     /// The pause after a fault before the run continues: a timer that was not armed before.
@@ -298,13 +308,15 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     fn phase(&self, frame: &Frame) -> String {
         let own = self.names();
         let (mut steps, mut stopping) = (Vec::new(), Vec::new());
-        for (unit, member) in self.system.there(frame) {
+        for MemberRef { unit, member } in self.system.there(frame) {
             let Some(name) = member_name(self.system, unit, member).filter(|name| !own.contains(name)) else {
                 continue;
             };
             match frame.states[unit].activity(member) {
                 Activity::Stopping => stopping.push(name),
-                Activity::Active | Activity::Idle if is_step(self.system, (unit, member)) => steps.push(name),
+                Activity::Active | Activity::Idle if is_step(self.system, MemberRef { unit, member }) => {
+                    steps.push(name);
+                }
                 Activity::Active | Activity::Idle => {}
             }
         }
@@ -317,14 +329,14 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 
     // ---- the row ----
 
-    pub(super) fn row(&self, (program, fault): (String, String), judged: Judged) -> Row {
+    pub(super) fn row(&self, program: String, fault: String, judged: Judged) -> Row {
         let told = self.story(&judged);
         let effect = self.effect(&judged);
         let Judged { phase, severity, safe_within, mission, settled, .. } = judged;
         let (mut running, stopping) = running(self.system, &settled.frame);
         running.extend(stopping);
         for struck in self.struck.iter().filter(|struck| struck.kind == FaultKind::Unanswered) {
-            let name = struck.seat.and_then(|(unit, member)| member_name(self.system, unit, member));
+            let name = struck.seat.and_then(|MemberRef { unit, member }| member_name(self.system, unit, member));
             running.extend(name.map(|name| format!("perhaps {name}")));
         }
         Row { program, fault, phase, effect, running, safe_within, mission, severity, story: told }
@@ -372,8 +384,9 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     }
 
     /// The shortest limit that ends the hanging program.
-    fn limit_that_ends(&self, frame: &Frame, (unit, member): (usize, u32)) -> Option<Duration> {
-        if !is_step(self.system, (unit, member)) {
+    fn limit_that_ends(&self, frame: &Frame, seat: MemberRef) -> Option<Duration> {
+        let MemberRef { unit, member } = seat;
+        if !is_step(self.system, seat) {
             return None;
         }
         let mut labels = Vec::new();
@@ -405,7 +418,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 }
 
 /// Whether a member is a step, which ends, and no service.
-pub(super) fn is_step(system: &System<'_>, (unit, member): (usize, u32)) -> bool {
+pub(super) fn is_step(system: &System<'_>, MemberRef { unit, member }: MemberRef) -> bool {
     match &system.units[unit].seats[member as usize] {
         Occupant::Box(ends) => !ends[0].done.is_empty(),
         Occupant::Unit(_) => true,
@@ -413,9 +426,9 @@ pub(super) fn is_step(system: &System<'_>, (unit, member): (usize, u32)) -> bool
 }
 
 /// The program that a fault strikes.
-fn struck_by(fault: Label) -> Option<(usize, u32)> {
+fn struck_by(fault: Label) -> Option<MemberRef> {
     if let Label::Fault(unit, member) | Label::Second(unit, member) = fault {
-        Some((usize::from(unit), u32::from(member)))
+        Some(MemberRef { unit: usize::from(unit), member: u32::from(member) })
     } else {
         None
     }

@@ -6,6 +6,7 @@ use super::span::{Span, span};
 use super::{Mission, Row, Severity, Table, torn};
 use crate::explore::{Limits, Nobody, explore};
 use crate::story::{member_name, running, story};
+use crate::system::MemberRef;
 use crate::system::{FaultKind, Frame, Phase, System};
 use crate::times::Times;
 use crate::wires::{Line, lines};
@@ -77,6 +78,6 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
 /// The steps that run.
 fn phase(system: &System<'_>, frame: &Frame) -> String {
     let steps = system.there(frame).into_iter().filter(|seat| is_step(system, *seat));
-    let names: Vec<String> = steps.filter_map(|(unit, member)| member_name(system, unit, member)).collect();
+    let names: Vec<String> = steps.filter_map(|MemberRef { unit, member }| member_name(system, unit, member)).collect();
     if names.is_empty() { BETWEEN.to_owned() } else { names.join(", ") }
 }

@@ -3,6 +3,7 @@
 use super::span::{Span, span};
 use crate::explore::Graph;
 use crate::model::Model;
+use crate::system::MemberRef;
 use crate::system::{Frame, Phase, System};
 use crate::wires::{Line, lines};
 use language::algebra::Activity;
@@ -47,16 +48,17 @@ impl<'c, 'a> Readers<'c, 'a> {
         let of_gone = |line: &&Line| gone.contains(&model.plan.wires[line.wire as usize].from.leaf);
         let inputs: BTreeSet<(u32, String)> =
             self.lines().iter().filter(of_gone).map(|line| input(model, line)).collect();
-        inputs.into_iter().any(|input| self.misses(input, settled, state))
+        inputs.into_iter().any(|(leaf, port)| self.misses(leaf, port, settled, state))
     }
 
-    fn misses(&self, (leaf, port): (u32, String), settled: &Frame, state: u32) -> bool {
+    fn misses(&self, leaf: u32, port: String, settled: &Frame, state: u32) -> bool {
         let spans = self.spans(|model, line| input(model, line) == (leaf, port.clone()));
         let works = |frame: &Frame| {
             frame.phase == Phase::Running && spans.first().is_some_and(|span| self.system.is_running(frame, span.to))
         };
         let has_sender = |frame: &Frame| {
-            let is_active = |(unit, member): (usize, u32)| frame.states[unit].activity(member) != Activity::Idle;
+            let is_active =
+                |MemberRef { unit, member }: MemberRef| frame.states[unit].activity(member) != Activity::Idle;
             spans.iter().any(|span| is_active(span.from))
         };
         let mut missed = self.missed.borrow_mut();

@@ -2,6 +2,7 @@
 
 use crate::model::Seat;
 use crate::story::effects;
+use crate::system::MemberRef;
 use crate::system::{Change, Frame, Label, Stepper, System};
 use crate::times::Times;
 use language::plan::LinkLoss;
@@ -29,7 +30,7 @@ pub(super) struct Settled {
     /// How long that took; none if nothing bounds it.
     pub(super) after: Option<Duration>,
     /// The programs that ran beyond the loss of a host: they stop by themselves, as their `on_link_loss` says.
-    pub(super) beyond: BTreeSet<(usize, u32)>,
+    pub(super) beyond: BTreeSet<MemberRef>,
     /// The actions of the nodes when they noted the loss of a host.
     pub(super) noted: Vec<String>,
     /// Whether it never came to rest.
@@ -64,11 +65,15 @@ pub(super) fn settle<'s>(
         for &label in &labels {
             let due = match label {
                 Label::Reached(_) | Label::Arrived(..) | Label::Heard(..) | Label::Back(..) => now,
-                Label::Aborted(unit, member) if system.is_refused(&settled.frame, (unit.into(), member.into())) => now,
+                Label::Aborted(unit, member)
+                    if system.is_refused(&settled.frame, MemberRef { unit: unit.into(), member: member.into() }) =>
+                {
+                    now
+                }
                 Label::Noted(_) => now.max(NOTED_AFTER),
                 Label::Stopped(unit, member) => {
                     let since = *since.entry((unit, member)).or_insert(now);
-                    let limit = longest_stop(times, system, (unit.into(), member.into()));
+                    let limit = longest_stop(times, system, MemberRef { unit: unit.into(), member: member.into() });
                     settled.after = settled.after.filter(|_| limit.is_some());
                     since.saturating_add(limit.unwrap_or_default())
                 }
@@ -107,7 +112,7 @@ pub(super) fn settle<'s>(
 pub(super) fn longest_stop(
     times: &Times<'_, '_>,
     system: &System<'_>,
-    (unit, member): (usize, u32),
+    MemberRef { unit, member }: MemberRef,
 ) -> Option<Duration> {
     let part = &system.model.parts[system.units[unit].part];
     match part.members.get(member as usize) {

@@ -2,6 +2,7 @@
 
 use crate::model::{Model, short, walk};
 use crate::property::place_of;
+use crate::system::MemberRef;
 use crate::system::{Frame, System};
 use crate::wires::Line;
 use language::plan::{Expression, LeafPort};
@@ -14,8 +15,8 @@ pub(super) struct Span {
     /// A unit of the group that has the wire, and the nodes that open it, each with its unit; none if it is always open.
     unit: usize,
     nodes: Option<Vec<(usize, usize)>>,
-    pub(super) from: (usize, u32),
-    pub(super) to: (usize, u32),
+    pub(super) from: MemberRef,
+    pub(super) to: MemberRef,
     /// The wire in the words of a spec.
     pub(super) words: String,
 }
@@ -59,7 +60,7 @@ fn end(model: &Model<'_>, port: &LeafPort) -> String {
 }
 
 /// The seat of a program, or of the innermost group around it that is not looked into.
-fn seat_of(system: &System<'_>, leaf: u32) -> Option<(usize, u32)> {
+fn seat_of(system: &System<'_>, leaf: u32) -> Option<MemberRef> {
     let around = |(group, _): &(u32, u32)| system.model.around[*group as usize];
     let mut places = std::iter::successors(place_of(system.model, leaf), around);
     places.find_map(|(group, slot)| system.find(group, slot))

@@ -1,6 +1,7 @@
 //! Whether a step watches others, so that they continue unwatched while it hangs.
 
 use super::case::is_step;
+use crate::system::MemberRef;
 use crate::system::{Frame, System};
 use language::algebra::Activity;
 use language::plan::Expression;
@@ -8,9 +9,9 @@ use language::plan::Expression;
 /// Whether others run in parallel with a step and continue without it: in another operand of a `#` or an `any`, or
 /// beside an operand that is never done, as `button ; fail("...")` is. A limit further in is for the step itself. A
 /// limit further out also ends the watched step.
-pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: (usize, u32)) -> bool {
-    let seats = std::iter::successors(Some(seat), |(unit, _)| system.units[*unit].parent);
-    let mut looks = seats.filter_map(|(unit, member)| {
+pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: MemberRef) -> bool {
+    let seats = std::iter::successors(Some(seat), |MemberRef { unit, .. }| system.units[*unit].parent);
+    let mut looks = seats.filter_map(|MemberRef { unit, member }| {
         let mut look = Look { system, frame, unit, member, node: 0, is_watcher: None };
         look.at(&system.model.parts[system.units[unit].part].expression);
         look.is_watcher
@@ -52,7 +53,8 @@ impl Look<'_, '_> {
         let is_active = state.is_node_active(node);
         if let Expression::Run { member, .. } = expression {
             let runs = is_active && state.activity(*member) == Activity::Active;
-            let (own, can_be_done) = (runs && *member == self.member, is_step(self.system, (self.unit, *member)));
+            let (own, can_be_done) =
+                (runs && *member == self.member, is_step(self.system, MemberRef { unit: self.unit, member: *member }));
             return Sight { own, other: runs && !own, timer: false, can_be_done };
         }
         if let Some(own) = of.iter().position(|sight| sight.own).filter(|_| self.is_watcher.is_none()) {

@@ -56,7 +56,7 @@ impl Question<'_, '_, '_> {
         if let Some(reached) = graph.reached {
             return Some(self.open(reached.words()));
         }
-        match accepted(&system, &graph, (&parts.atoms, &automaton), self.limits) {
+        match accepted(&system, &graph, &parts.atoms, &automaton, self.limits) {
             Ok(run) => run.map(|run| self.does_not_hold(&system, &run)),
             Err(reached) => Some(self.open(reached.words())),
         }
@@ -78,7 +78,8 @@ impl Question<'_, '_, '_> {
 fn accepted(
     system: &System<'_>,
     graph: &Graph,
-    (atoms, automaton): (&[Atom], &Automaton),
+    atoms: &[Atom],
+    automaton: &Automaton,
     limits: &Limits<'_>,
 ) -> Result<Option<Run>, crate::explore::Reached> {
     let letters: Vec<u32> = (0..graph.store.count()).map(|state| letter(system, graph.store.get(state))).collect();

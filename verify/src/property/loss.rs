@@ -64,7 +64,7 @@ impl<'m> Question<'_, 'm, '_> {
             by_itself.map(|leaf| stops_by_itself_after(self.times.model.plan.leaves[leaf as usize].policy.link_loss));
         let noted = by_itself.max().unwrap_or(NOTED_AFTER).max(NOTED_AFTER);
         let stop = own.map(|own| own.saturating_add(noted - NOTED_AFTER));
-        self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after((*member, who), rest)))
+        self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after(*member, who, rest)))
     }
 
     /// Whether the loss of a host separates a program from the home, or a supervisor above it.

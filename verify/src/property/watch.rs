@@ -2,6 +2,7 @@
 
 use super::is_running;
 use crate::explore::Observer;
+use crate::system::MemberRef;
 use crate::system::{Change, Changed, Frame, Phase, System};
 use language::algebra::Activity;
 use language::sites::{EventKind, Occurrence, ProcessRef};
@@ -76,7 +77,7 @@ pub(super) struct Seats(Vec<(ProcessRef, Option<Seat>)>);
 /// Unit and slot, and where it is noted that its program is away, if that is.
 #[derive(Clone, Copy, Debug)]
 struct Seat {
-    at: (usize, u32),
+    at: MemberRef,
     away: Option<usize>,
 }
 
@@ -114,7 +115,8 @@ impl<'w> Watch<'w> {
     fn goes_on(&self, system: &System<'_>, frame: &Frame, start: &Occurrence) -> bool {
         let Occurrence { who, kind: EventKind::Started } = *start else { return false };
         let at = self.seats.seat(who).map(|seat| seat.at);
-        let is_struck = system.mode.fault.is_some_and(|fault| at == Some((fault.unit, fault.member)));
+        let is_struck =
+            system.mode.fault.is_some_and(|fault| at == Some(MemberRef { unit: fault.unit, member: fault.member }));
         let runs = is_running(system, frame, who) && self.is_active(system, frame, who);
         !is_struck && runs && (who.member.is_none() || self.is_there(system, frame, who))
     }
@@ -131,7 +133,8 @@ impl Watch<'_> {
         &self,
         mut is_over: bool,
         changes: &[Change],
-        (event, other): (Option<&Occurrence>, &Occurrence),
+        event: Option<&Occurrence>,
+        other: &Occurrence,
         after: &mut Frame,
     ) -> bool {
         for change in changes {
@@ -161,9 +164,9 @@ impl Seats {
     /// Whether a process is active, even while it stops, and its program exists.
     pub(super) fn is_active(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
-            Some(Seat { at: (unit, member), away }) => {
+            Some(Seat { at: MemberRef { unit, member }, away }) => {
                 let is_away = away.is_some_and(|place| System::notes_away(frame, place));
-                let is_under_way = system.is_group_under_way(frame, (unit, member));
+                let is_under_way = system.is_group_under_way(frame, MemberRef { unit, member });
                 frame.states[unit].activity(member) != Activity::Idle && !is_away && !is_under_way
             }
             None => who.member.is_none() && [Phase::Running, Phase::Stopping].contains(&frame.phase),
@@ -179,7 +182,9 @@ impl Seats {
     pub(super) fn is(&self, change: &Change, event: &Occurrence) -> bool {
         let is_there = match (event.who.member, change.member) {
             (None, None) => true,
-            (Some(_), Some(member)) => self.seat(event.who).is_some_and(|seat| seat.at == (change.unit, member)),
+            (Some(_), Some(member)) => {
+                self.seat(event.who).is_some_and(|seat| seat.at == MemberRef { unit: change.unit, member })
+            }
             (_, _) => false,
         };
         is_there
@@ -236,7 +241,7 @@ impl Observer for Watch<'_> {
             }
             Goal::Then(event, other) => {
                 let is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);
-                self.is_still_allowed(is_over, changes, (event.as_ref(), other), after)
+                self.is_still_allowed(is_over, changes, event.as_ref(), other, after)
             }
             Goal::Owed(event, other) => {
                 if event.is_none() && self.happens(is_fault, changes, None) {

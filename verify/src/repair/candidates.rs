@@ -25,7 +25,7 @@ struct Spec<'s> {
 
 /// The edits that might repair a mistake, the most likely first.
 #[expect(clippy::wildcard_enum_match_arm, reason = "most codes are not the verifier's")]
-pub(super) fn of(spec: &Source, (plan, sites): (&Plan, &Sites), found: &Diagnostic) -> Vec<Fix> {
+pub(super) fn of(spec: &Source, plan: &Plan, sites: &Sites, found: &Diagnostic) -> Vec<Fix> {
     let mut nodes = Vec::new();
     for (group, source) in plan.groups.iter().enumerate() {
         // As `walk` comes by, and `algebra::Program` numbers them.

@@ -1,6 +1,7 @@
 //! The events that may happen next in a system.
 
 use super::{Ends, FaultKind, Frame, Injection, Label, Occupant, Phase, System, small};
+use crate::system::MemberRef;
 use language::algebra::Activity;
 
 impl System<'_> {
@@ -29,8 +30,8 @@ impl System<'_> {
             }
             for member in frame.states[unit].members_active() {
                 match &self.units[unit].seats[member as usize] {
-                    Occupant::Box(ends) => self.member_labels(frame, (unit, member), ends, labels),
-                    Occupant::Unit(_) if self.is_refused(frame, (unit, member)) => {
+                    Occupant::Box(ends) => self.member_labels(frame, MemberRef { unit, member }, ends, labels),
+                    Occupant::Unit(_) if self.is_refused(frame, MemberRef { unit, member }) => {
                         labels.push(Label::Aborted(small(unit), small(member as usize)));
                     }
                     Occupant::Unit(_) => {}
@@ -47,15 +48,16 @@ impl System<'_> {
         }
     }
 
-    fn member_labels(&self, frame: &Frame, (unit, member): (usize, u32), ends: &[Ends; 2], labels: &mut Vec<Label>) {
+    fn member_labels(&self, frame: &Frame, seat: MemberRef, ends: &[Ends; 2], labels: &mut Vec<Label>) {
+        let MemberRef { unit, member } = seat;
         let (at, slot) = (small(unit), small(member as usize));
-        if self.is_refused(frame, (unit, member)) {
+        if self.is_refused(frame, seat) {
             labels.push(Label::Aborted(at, slot));
             return;
         }
         let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
-        if self.is_unheard(frame, (unit, member)) || self.is_under_way(frame, (unit, member)) {
-            if self.may_have_ended(frame, (unit, member)) {
+        if self.is_unheard(frame, seat) || self.is_under_way(frame, seat) {
+            if self.may_have_ended(frame, seat) {
                 match is_stopping {
                     true => labels.push(Label::Stopped(at, slot)),
                     false => labels.extend(ends[1].done.iter().map(|value| Label::Done(at, slot, self.number(value)))),
@@ -63,7 +65,7 @@ impl System<'_> {
             }
             return;
         }
-        let mut hangs = self.waits_for_ever(frame, (unit, member));
+        let mut hangs = self.waits_for_ever(frame, seat);
         let ends = &ends[usize::from(!self.mode.aborts)];
         let is_struck = |fault: Injection| (fault.unit, fault.member) == (unit, member);
         let faults = [
@@ -75,8 +77,8 @@ impl System<'_> {
         }
         let ends_by_itself = match is_stopping {
             // Before the order to stop reaches it.
-            true => self.is_distant_group((unit, member)),
-            false => !self.death_labels(frame, (unit, member), labels),
+            true => self.is_distant_group(seat),
+            false => !self.death_labels(frame, seat, labels),
         };
         if is_stopping {
             labels.push(Label::Stopped(at, slot));
@@ -90,7 +92,7 @@ impl System<'_> {
         for (fault, has_happened, label) in faults {
             let may = |fault: Injection| {
                 let is_due = is_stopping == (fault.kind == FaultKind::Unanswered);
-                is_struck(fault) && is_due && !self.is_away(frame, (unit, member))
+                is_struck(fault) && is_due && !self.is_away(frame, seat)
             };
             if !has_happened && fault.is_some_and(may) {
                 labels.push(label);

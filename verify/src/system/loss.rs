@@ -11,6 +11,7 @@ mod note;
 
 use super::{Frame, Occupant, System};
 use crate::model::{Model, Seat};
+use crate::system::MemberRef;
 use language::algebra::Activity;
 use language::plan::{Expression, LinkLoss, MemberKind};
 use std::collections::{BTreeMap, BTreeSet};
@@ -83,7 +84,7 @@ impl System<'_> {
     }
 
     /// Keeps the resources of a `using` taken for a member whose stop is not confirmed.
-    pub(super) fn keep_taken(&mut self, (unit, member): (usize, u32)) {
+    pub(super) fn keep_taken(&mut self, MemberRef { unit, member }: MemberRef) {
         if self.rift.is_some() {
             return;
         }
@@ -95,7 +96,7 @@ impl System<'_> {
     }
 
     /// Notes that the stop of a member was not confirmed.
-    pub(super) fn stays_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) {
+    pub(super) fn stays_taken(&self, frame: &mut Frame, MemberRef { unit, member }: MemberRef) {
         if let Some(rift) = &self.rift {
             frame.rift[rift.starts[unit] + member as usize] |= FENCED;
         }
@@ -172,20 +173,20 @@ impl System<'_> {
     }
 
     /// Whether the loss separates a member from its supervisor.
-    pub(crate) fn is_severed(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    pub(crate) fn is_severed(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut(rift.units[unit], rift.seats[unit][member as usize])
     }
 
     /// Whether the loss separates a member from the home, or a supervisor above it.
-    pub(crate) fn is_cut_off(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    pub(crate) fn is_cut_off(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut_from_above(rift, unit, rift.seats[unit][member as usize])
     }
 
     /// The same of a host on which a member of a unit runs, whether the loss has happened or not.
     fn is_cut_from_above(&self, rift: &Rift, unit: usize, host: u32) -> bool {
-        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
         self.is_cut(rift.home, host) || above.any(|unit| self.is_cut(rift.units[unit], host))
     }
 
@@ -194,8 +195,9 @@ impl System<'_> {
     }
 
     /// Whether a member that is active has failed for its supervisor, or is about to, because its host is lost.
-    pub(crate) fn is_refused(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
-        if self.is_given_up(frame, (unit, member)) {
+    pub(crate) fn is_refused(&self, frame: &Frame, member_ref: MemberRef) -> bool {
+        let MemberRef { unit, member } = member_ref;
+        if self.is_given_up(frame, member_ref) {
             return true;
         }
         let Some(loss) = self.mode.lost.filter(|_| frame.is_faulty) else { return false };
@@ -203,67 +205,67 @@ impl System<'_> {
             let seat = self.model.parts[self.units[unit].part].members.get(member as usize);
             return matches!(seat, Some(Seat::Leaf(leaf)) if self.model.plan.leaves[*leaf as usize].host == loss.host);
         };
-        self.is_severed(frame, (unit, member)) && self.has_noted(frame, rift.units[unit])
-            || self.flags(frame, (unit, member)) & HELD != 0
+        self.is_severed(frame, member_ref) && self.has_noted(frame, rift.units[unit])
+            || self.flags(frame, member_ref) & HELD != 0
     }
 
     /// Whether nothing is heard of a member, and its supervisor does not know yet why.
-    pub(super) fn is_unheard(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn is_unheard(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.is_severed(frame, seat) && !self.is_refused(frame, seat)
     }
 
     /// Whether the report that a member has ended may be on its way since before the loss, and be heard.
-    pub(super) fn may_have_ended(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn may_have_ended(&self, frame: &Frame, seat: MemberRef) -> bool {
         let has_begun = self.flags(frame, seat) & (UNREACHED | HELD | WAITS) == 0 && !self.is_under_way(frame, seat);
         self.mode.hears_late && has_begun && self.is_unheard(frame, seat)
     }
 
     /// Whether an active member has not begun because a lost host may still use its resources.
-    pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.flags(frame, seat) & WAITS != 0
     }
 
-    fn flags(&self, frame: &Frame, (unit, member): (usize, u32)) -> u8 {
+    fn flags(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> u8 {
         let rift = self.rift.as_ref().filter(|_| frame.is_faulty || frame.is_twice_faulty);
         rift.map_or(0, |rift| frame.rift[rift.starts[unit] + member as usize])
     }
 
     /// Whether a program, or a closed group, is really running or stopping, even if its supervisor does not know it.
-    pub(crate) fn is_there(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
-        let is_active =
-            frame.states[unit].activity(member) != Activity::Idle && !self.is_under_way(frame, (unit, member));
+    pub(crate) fn is_there(&self, frame: &Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
+        let is_active = frame.states[unit].activity(member) != Activity::Idle && !self.is_under_way(frame, seat);
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty || frame.is_twice_faulty) else {
             return is_active;
         };
-        let flags = self.flags(frame, (unit, member));
+        let flags = self.flags(frame, seat);
         let has_begun = flags & (GONE | UNREACHED | HELD | WAITS) == 0;
         !self.is_out(frame, rift.seats[unit][member as usize]) && (flags & ORPHAN != 0 || is_active && has_begun)
     }
 
     /// Whether a member is really running or stopping, or anything in it.
-    pub(crate) fn is_anything_there(&self, frame: &Frame, seat: (usize, u32)) -> bool {
-        match self.units[seat.0].seats[seat.1 as usize] {
+    pub(crate) fn is_anything_there(&self, frame: &Frame, seat: MemberRef) -> bool {
+        match self.units[seat.unit].seats[seat.member as usize] {
             Occupant::Box(_) => self.is_there(frame, seat),
             Occupant::Unit(inner) => {
                 let slots = (0_u32..).zip(&self.units[inner].seats).map(|(slot, _)| slot);
-                slots.into_iter().any(|slot| self.is_anything_there(frame, (inner, slot)))
+                slots.into_iter().any(|slot| self.is_anything_there(frame, MemberRef { unit: inner, member: slot }))
             }
         }
     }
 
     /// Whether a member is on the host that may be lost.
-    pub(crate) fn is_on_lost(&self, (unit, member): (usize, u32)) -> bool {
+    pub(crate) fn is_on_lost(&self, MemberRef { unit, member }: MemberRef) -> bool {
         let host = self.rift.as_ref().map(|rift| rift.seats[unit][member as usize]);
         host.is_some() && host == self.mode.lost.map(|loss| loss.host)
     }
 
     /// The programs that run or stop, and the groups that do and are not looked into.
-    pub(crate) fn there(&self, frame: &Frame) -> Vec<(usize, u32)> {
+    pub(crate) fn there(&self, frame: &Frame) -> Vec<MemberRef> {
         let mut there = Vec::new();
         for (unit, source) in self.units.iter().enumerate() {
             for (member, occupant) in (0..).zip(&source.seats) {
-                if matches!(occupant, Occupant::Box(_)) && self.is_there(frame, (unit, member)) {
-                    there.push((unit, member));
+                if matches!(occupant, Occupant::Box(_)) && self.is_there(frame, MemberRef { unit, member }) {
+                    there.push(MemberRef { unit, member });
                 }
             }
         }
@@ -271,28 +273,28 @@ impl System<'_> {
     }
 
     /// Whether a program runs without a supervisor that the mission can reach.
-    pub(crate) fn is_adrift(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    pub(crate) fn is_adrift(&self, frame: &Frame, member_ref: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
-        let seats = std::iter::successors(Some((unit, member)), |(unit, _)| self.units[*unit].parent);
-        let is_lost = |seat: (usize, u32)| self.is_severed(frame, seat) || self.is_silent(frame, seat.0);
+        let seats = std::iter::successors(Some(member_ref), |seat| self.units[seat.unit].parent);
+        let is_lost = |seat: MemberRef| self.is_severed(frame, seat) || self.is_silent(frame, seat.unit);
         let is_home_away = self.is_out(frame, rift.home);
-        self.is_there(frame, (unit, member)) && (is_home_away || seats.into_iter().any(is_lost))
+        self.is_there(frame, member_ref) && (is_home_away || seats.into_iter().any(is_lost))
     }
 
     /// Whether a member runs and is not being stopped, it or a group around it.
-    pub(crate) fn is_running(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_running(&self, frame: &Frame, seat: MemberRef) -> bool {
         let mut at = Some(seat);
-        while let Some((unit, member)) = at {
-            let at_seat = (unit, member);
-            if self.is_severed(frame, (unit, member)) || self.is_silent(frame, unit) {
+        while let Some(seat) = at {
+            let MemberRef { unit, member } = seat;
+            if self.is_severed(frame, seat) || self.is_silent(frame, unit) {
                 // The parts around it do not matter any more.
                 return match self.units[unit].seats[member as usize] {
-                    Occupant::Box(_) => self.is_there(frame, (unit, member)),
+                    Occupant::Box(_) => self.is_there(frame, seat),
                     Occupant::Unit(inner) => frame.states[inner].is_node_active(0) && !self.is_silent(frame, inner),
                 };
             }
             let is_active = frame.states[unit].activity(member) == Activity::Active;
-            if !is_active || self.waits_for_ever(frame, at_seat) || self.is_group_under_way(frame, at_seat) {
+            if !is_active || self.waits_for_ever(frame, seat) || self.is_group_under_way(frame, seat) {
                 return false;
             }
             at = self.units[unit].parent;
@@ -301,7 +303,7 @@ impl System<'_> {
     }
 
     /// The reaction of the programs of a member to unreachable hosts; closed groups have none.
-    pub(crate) fn link_loss(&self, (unit, member): (usize, u32)) -> LinkLoss {
+    pub(crate) fn link_loss(&self, MemberRef { unit, member }: MemberRef) -> LinkLoss {
         match self.model.parts[self.units[unit].part].members.get(member as usize) {
             Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].policy.link_loss,
             Some(Seat::Part(_)) | None => LinkLoss::Leave,

@@ -1,6 +1,7 @@
 //! The parts of a stop that are not finished: answers, orders and reports in transit.
 
 use super::{Frame, Occupant, System};
+use crate::system::MemberRef;
 use language::algebra::Activity;
 
 impl System<'_> {
@@ -10,7 +11,8 @@ impl System<'_> {
             let state = &frame.states[unit];
             let is_box = |member: u32| matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
             let is_awaited = |member: u32| {
-                is_box(member) && state.activity(member) == Activity::Stopping || self.is_refused(frame, (unit, member))
+                is_box(member) && state.activity(member) == Activity::Stopping
+                    || self.is_refused(frame, MemberRef { unit, member })
             };
             !self.is_silent(frame, unit) && state.members_active().any(is_awaited)
         };

@@ -2,6 +2,7 @@
 
 use super::transit::Arrival;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
+use crate::system::MemberRef;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
 use std::collections::VecDeque;
 
@@ -132,15 +133,17 @@ impl Reaction<'_, '_> {
             }
             Label::Done(unit, member, value) => self.ends(unit, member, Outcome::Done(self.system.value(value))),
             Label::Aborted(unit, member) => {
-                let seat = (usize::from(unit), u32::from(member));
-                let is_asked = self.frame.states[seat.0].activity(seat.1) == Activity::Stopping;
+                let seat = MemberRef { unit: usize::from(unit), member: u32::from(member) };
+                let is_asked = self.frame.states[seat.unit].activity(seat.member) == Activity::Stopping;
                 let is_lost = self.system.is_refused(self.frame, seat) && !self.system.is_given_up(self.frame, seat);
                 let is_unknown = is_asked && (is_lost || self.system.was_unconfirmed(self.frame, seat));
                 let outcome = if is_unknown { unconfirmed() } else { failed() };
                 self.ends(unit, member, outcome)
             }
-            Label::Arrived(unit, member) => self.arrives((usize::from(unit), u32::from(member))),
-            Label::Heard(unit, member) => self.hears((usize::from(unit), u32::from(member))),
+            Label::Arrived(unit, member) => {
+                self.arrives(MemberRef { unit: usize::from(unit), member: u32::from(member) })
+            }
+            Label::Heard(unit, member) => self.hears(MemberRef { unit: usize::from(unit), member: u32::from(member) }),
             Label::Lost => {
                 self.frame.is_faulty = true;
                 self.lose_orders();
@@ -153,10 +156,10 @@ impl Reaction<'_, '_> {
                 None
             }
             Label::Stopped(unit, member) => self.ends(unit, member, Outcome::Stopped),
-            Label::Died(unit, member) => self.dies((usize::from(unit), u32::from(member))),
+            Label::Died(unit, member) => self.dies(MemberRef { unit: usize::from(unit), member: u32::from(member) }),
             Label::Back(unit, member) => {
                 let (unit, member) = (usize::from(unit), u32::from(member));
-                self.system.is_here(self.frame, (unit, member));
+                self.system.is_here(self.frame, MemberRef { unit, member });
                 self.change(unit, Some(member), || Changed::Started);
                 None
             }
@@ -175,17 +178,17 @@ impl Reaction<'_, '_> {
             }
             Label::Fault(unit, member) => {
                 self.frame.is_faulty = true;
-                self.strikes((unit, member), self.system.mode.fault)
+                self.strikes(unit, member, self.system.mode.fault)
             }
             Label::Second(unit, member) => {
                 self.frame.is_twice_faulty = true;
-                self.strikes((unit, member), self.system.mode.second)
+                self.strikes(unit, member, self.system.mode.second)
             }
         }
     }
 
-    fn strikes(&mut self, (unit, member): (u16, u16), fault: Option<Injection>) -> Option<(usize, Event)> {
-        let (kind, seat) = (fault?.kind, (usize::from(unit), u32::from(member)));
+    fn strikes(&mut self, unit: u16, member: u16, fault: Option<Injection>) -> Option<(usize, Event)> {
+        let (kind, seat) = (fault?.kind, MemberRef { unit: usize::from(unit), member: u32::from(member) });
         match kind {
             FaultKind::Crash if self.system.is_restarted(seat) => self.dies(seat),
             FaultKind::Crash => self.ends(unit, member, failed()),
@@ -193,7 +196,7 @@ impl Reaction<'_, '_> {
                 self.system.give_up_member(self.frame, seat, kind);
                 self.ends(unit, member, failed())
             }
-            FaultKind::TooMany => self.too_many(seat.0),
+            FaultKind::TooMany => self.too_many(seat.unit),
             FaultKind::Unanswered => {
                 self.system.give_up_member(self.frame, seat, kind);
                 self.system.stays_taken(self.frame, seat);
@@ -204,7 +207,7 @@ impl Reaction<'_, '_> {
     }
 
     /// The supervisor hears nothing of it.
-    fn dies(&mut self, seat: (usize, u32)) -> Option<(usize, Event)> {
+    fn dies(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
         for (unit, member, what) in self.system.dies(self.frame, seat) {
             self.change(unit, Some(member), || what);
         }
@@ -249,7 +252,7 @@ impl Reaction<'_, '_> {
                 Blow::Tell(unit, member) => self.change(unit, Some(member), || Changed::Stopped),
                 Blow::Stop(unit) if !self.system.is_silent(self.frame, unit) => return Some((unit, Event::Stop)),
                 Blow::End(unit, member) if !self.system.is_silent(self.frame, unit) => {
-                    let is_severed = self.system.is_severed(self.frame, (unit, member));
+                    let is_severed = self.system.is_severed(self.frame, MemberRef { unit, member });
                     match self.frame.states[unit].activity(member) {
                         Activity::Active => return Some((unit, self.ended(unit, member, failed()))),
                         Activity::Stopping if is_severed => {
@@ -265,41 +268,43 @@ impl Reaction<'_, '_> {
     }
 
     fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
-        let seat = (usize::from(unit), u32::from(member));
+        let seat = MemberRef { unit: usize::from(unit), member: u32::from(member) };
         // A refusal is reported by the supervisor's own node.
         let is_there = !self.system.is_refused(self.frame, seat) && self.system.is_distant_group(seat);
         if is_there && self.reports(seat, &outcome) {
             return None;
         }
-        Some((seat.0, self.ended(seat.0, seat.1, outcome)))
+        Some((seat.unit, self.ended(seat.unit, seat.member, outcome)))
     }
 
     /// A group on another host has ended, and reports that to its supervisor. Returns whether it is one.
-    fn reports(&mut self, (unit, member): (usize, u32), outcome: &Outcome) -> bool {
-        let travels = self.system.send_end(self.frame, (unit, member), outcome);
+    fn reports(&mut self, seat: MemberRef, outcome: &Outcome) -> bool {
+        let MemberRef { unit, member } = seat;
+        let travels = self.system.send_end(self.frame, seat, outcome);
         if travels {
             self.change(unit, Some(member), || changed(outcome, false));
-            self.system.is_here(self.frame, (unit, member));
+            self.system.is_here(self.frame, seat);
         }
         travels
     }
 
     /// The order to start a member reaches its host.
-    fn arrives(&mut self, seat: (usize, u32)) -> Option<(usize, Event)> {
+    fn arrives(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
         let Some(Arrival::Start(value)) = self.system.receive(self.frame, seat) else { return None };
         if !self.system.is_taken(self.frame, seat) {
             return None;
         }
-        self.change(seat.0, Some(seat.1), || Changed::Started);
-        match self.system.units[seat.0].seats[seat.1 as usize] {
+        self.change(seat.unit, Some(seat.member), || Changed::Started);
+        match self.system.units[seat.unit].seats[seat.member as usize] {
             Occupant::Unit(inner) => Some((inner, Event::Start(value))),
             Occupant::Box(_) => None,
         }
     }
 
     /// A unit hears how a member on another host has ended.
-    fn hears(&mut self, (unit, member): (usize, u32)) -> Option<(usize, Event)> {
-        let Some(Arrival::End(outcome)) = self.system.receive(self.frame, (unit, member)) else { return None };
+    fn hears(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
+        let MemberRef { unit, member } = seat;
+        let Some(Arrival::End(outcome)) = self.system.receive(self.frame, seat) else { return None };
         let is_awaited = self.frame.states[unit].activity(member) != Activity::Idle;
         (is_awaited && !self.system.is_silent(self.frame, unit)).then(|| (unit, event_of(member, outcome)))
     }
@@ -308,9 +313,9 @@ impl Reaction<'_, '_> {
     fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) -> Event {
         let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
         self.change(unit, Some(member), || changed(&outcome, is_asked));
-        self.system.is_here(self.frame, (unit, member));
-        if !self.system.is_severed(self.frame, (unit, member)) {
-            self.system.receive(self.frame, (unit, member));
+        self.system.is_here(self.frame, MemberRef { unit, member });
+        if !self.system.is_severed(self.frame, MemberRef { unit, member }) {
+            self.system.receive(self.frame, MemberRef { unit, member });
         }
         event_of(member, outcome)
     }
@@ -329,7 +334,7 @@ impl Reaction<'_, '_> {
         for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {
-                    let seat = (unit, *member);
+                    let seat = MemberRef { unit, member: *member };
                     self.system.is_here(self.frame, seat);
                     let begins = self.system.begins(self.frame, seat);
                     // A message sent over a loss never arrives.
@@ -367,14 +372,14 @@ impl Reaction<'_, '_> {
         let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] else { return };
         if self.system.model.parts[self.system.units[inner].part].is_piece {
             self.queue.push_back((inner, Event::Stop));
-        } else if self.system.waits_for_ever(self.frame, (unit, member)) {
+        } else if self.system.waits_for_ever(self.frame, MemberRef { unit, member }) {
             // It has never begun.
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
-        } else if !self.system.is_severed(self.frame, (unit, member)) {
+        } else if !self.system.is_severed(self.frame, MemberRef { unit, member }) {
             // A member that has already ended has nothing to stop.
-            if !self.system.has_ended_unheard(self.frame, (unit, member)) {
+            if !self.system.has_ended_unheard(self.frame, MemberRef { unit, member }) {
                 self.frame.ordered[inner] = true;
-                self.system.send_stop(self.frame, (unit, member));
+                self.system.send_stop(self.frame, MemberRef { unit, member });
             }
         }
     }
@@ -384,12 +389,12 @@ impl Reaction<'_, '_> {
         self.forget_order(unit);
         let is_escalated = self.system.take_escalation(self.frame, unit);
         let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed() } else { outcome };
-        if let Some((around, member)) = self.system.units[unit].parent {
+        if let Some(MemberRef { unit: around, member }) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
-            let is_heard =
-                !self.system.is_severed(self.frame, (around, member)) && !self.system.is_silent(self.frame, around);
+            let is_heard = !self.system.is_severed(self.frame, MemberRef { unit: around, member })
+                && !self.system.is_silent(self.frame, around);
             let is_awaited = is_heard && self.frame.states[around].activity(member) != Activity::Idle;
-            if is_awaited && !self.reports((around, member), &outcome) {
+            if is_awaited && !self.reports(MemberRef { unit: around, member }, &outcome) {
                 let event = self.ended(around, member, outcome);
                 self.queue.push_back((around, event));
             }

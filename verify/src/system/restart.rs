@@ -9,6 +9,7 @@
 
 use super::{Changed, FaultKind, Frame, Label, System, small};
 use crate::model::{Model, Seat};
+use crate::system::MemberRef;
 use language::algebra::Activity;
 use language::plan::{LeafKind, MemberKind, Restart, Strategy};
 use std::time::Duration;
@@ -30,7 +31,7 @@ const ESCALATES: u8 = 1;
 #[derive(Debug, Default)]
 pub(super) struct Restarts {
     /// The members of which it is known whether they are away or given up.
-    seats: Vec<(usize, u32)>,
+    seats: Vec<MemberRef>,
     /// The units that may stop for restarts.
     units: Vec<usize>,
 }
@@ -94,7 +95,7 @@ pub(crate) fn taken_along(model: &Model<'_>, group: u32, slot: u32) -> Vec<u32> 
 
 impl System<'_> {
     /// Keeps in mind whether these members are away, if they are ever started again, and lets them and every group die too often.
-    pub(crate) fn follow_restarts(&mut self, members: &[(usize, u32)]) {
+    pub(crate) fn follow_restarts(&mut self, members: &[MemberRef]) {
         let seats: Vec<_> = members.iter().copied().filter(|seat| self.is_restarted(*seat)).collect();
         self.restarts.seats.extend(seats);
         self.restarts.seats.sort_unstable();
@@ -103,7 +104,7 @@ impl System<'_> {
     }
 
     /// Keeps track of a member that a fault strikes.
-    pub(crate) fn follow_fault(&mut self, member: (usize, u32), kind: FaultKind) {
+    pub(crate) fn follow_fault(&mut self, member: MemberRef, kind: FaultKind) {
         match kind {
             FaultKind::Crash => self.follow_restarts(&[member]),
             FaultKind::GivenUp | FaultKind::Unanswered => self.restarts.seats.push(member),
@@ -118,7 +119,7 @@ impl System<'_> {
     }
 
     /// Whether the program of a member is started again when it dies.
-    pub(crate) fn is_restarted(&self, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_restarted(&self, seat: MemberRef) -> bool {
         self.leaf(seat).is_some_and(|leaf| is_restarted(self.model, leaf))
     }
 
@@ -127,7 +128,7 @@ impl System<'_> {
         !part.is_piece && escalates(self.model, part.group)
     }
 
-    fn leaf(&self, (unit, member): (usize, u32)) -> Option<u32> {
+    fn leaf(&self, MemberRef { unit, member }: MemberRef) -> Option<u32> {
         match self.model.parts[self.units[unit].part].members.get(member as usize) {
             Some(Seat::Leaf(leaf)) => Some(*leaf),
             Some(Seat::Part(_)) | None => None,
@@ -136,7 +137,7 @@ impl System<'_> {
 
     /// The unit of the whole group of which a unit is a piece.
     fn whole(&self, unit: usize) -> usize {
-        let outwards = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        let outwards = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
         outwards.into_iter().find(|unit| !self.model.parts[self.units[*unit].part].is_piece).unwrap_or(unit)
     }
 
@@ -145,16 +146,16 @@ impl System<'_> {
     }
 
     /// The place of a member's restart notes.
-    pub(crate) fn place_of(&self, seat: (usize, u32)) -> Option<usize> {
+    pub(crate) fn place_of(&self, seat: MemberRef) -> Option<usize> {
         self.restarts.seats.iter().position(|other| *other == seat)
     }
 
-    fn flags_of(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
+    fn flags_of(&self, frame: &Frame, seat: MemberRef) -> u8 {
         self.place_of(seat).map_or(0, |place| frame.restarts[place])
     }
 
     /// Whether the program of a member has died and does not run yet again.
-    pub(crate) fn is_away(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_away(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.flags_of(frame, seat) & AWAY != 0
     }
 
@@ -164,11 +165,11 @@ impl System<'_> {
     }
 
     /// Whether a member can no longer be started.
-    pub(super) fn is_given_up(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn is_given_up(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.flags_of(frame, seat) & (GIVEN_UP | UNCONFIRMED) != 0
     }
 
-    pub(super) fn was_unconfirmed(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn was_unconfirmed(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.flags_of(frame, seat) & UNCONFIRMED != 0
     }
 
@@ -186,9 +187,9 @@ impl System<'_> {
 
     /// Adds the labels for the death of an active member. Returns whether the member is away, so that it has no other
     /// labels.
-    pub(super) fn death_labels(&self, frame: &Frame, seat: (usize, u32), labels: &mut Vec<Label>) -> bool {
+    pub(super) fn death_labels(&self, frame: &Frame, seat: MemberRef, labels: &mut Vec<Label>) -> bool {
         let Some(place) = self.place_of(seat) else { return false };
-        let (unit, member) = (small(seat.0), small(seat.1 as usize));
+        let (unit, member) = (small(seat.unit), small(seat.member as usize));
         let is_away = frame.restarts[place] & AWAY != 0;
         if is_away {
             labels.push(Label::Back(unit, member));
@@ -202,7 +203,7 @@ impl System<'_> {
     }
 
     /// Notes at the activation, or at the end of one, that a member is not away.
-    pub(super) fn is_here(&self, frame: &mut Frame, seat: (usize, u32)) {
+    pub(super) fn is_here(&self, frame: &mut Frame, seat: MemberRef) {
         if let Some(place) = self.place_of(seat) {
             frame.restarts[place] &= !AWAY;
         }
@@ -210,13 +211,13 @@ impl System<'_> {
 
     /// The program of a member has died and is restarted. Returns the changes: this member, and the members restarted
     /// with it.
-    pub(super) fn dies(&self, frame: &mut Frame, seat: (usize, u32)) -> Vec<(usize, u32, Changed)> {
-        let mut changes = vec![(seat.0, seat.1, Changed::Away)];
+    pub(super) fn dies(&self, frame: &mut Frame, seat: MemberRef) -> Vec<(usize, u32, Changed)> {
+        let mut changes = vec![(seat.unit, seat.member, Changed::Away)];
         let with = self.restarts.seats.iter().filter(|other| self.is_taken_along(seat, **other));
-        changes.extend(with.map(|&(unit, member)| (unit, member, Changed::Away)));
+        changes.extend(with.map(|&MemberRef { unit, member }| (unit, member, Changed::Away)));
         changes.retain(|&(unit, member, _)| frame.states[unit].activity(member) == Activity::Active);
         for (unit, member, _) in &changes {
-            if let Some(place) = self.place_of((*unit, *member)) {
+            if let Some(place) = self.place_of(MemberRef { unit: *unit, member: *member }) {
                 frame.restarts[place] |= AWAY;
             }
         }
@@ -224,19 +225,19 @@ impl System<'_> {
     }
 
     /// Whether a member is restarted together with another one.
-    fn is_taken_along(&self, struck: (usize, u32), other: (usize, u32)) -> bool {
-        let group = self.model.parts[self.units[struck.0].part].group;
-        let slots = taken_along(self.model, group, struck.1);
-        let outwards = std::iter::successors(Some(other), |(unit, _)| self.units[*unit].parent);
-        let whole = self.whole(struck.0);
-        let mut at = outwards
-            .into_iter()
-            .filter(|(unit, _)| self.model.parts[self.units[*unit].part].group == group && self.whole(*unit) == whole);
-        self.is_restarted(other) && at.any(|(_, slot)| slots.contains(&slot))
+    fn is_taken_along(&self, struck: MemberRef, other: MemberRef) -> bool {
+        let group = self.model.parts[self.units[struck.unit].part].group;
+        let slots = taken_along(self.model, group, struck.member);
+        let outwards = std::iter::successors(Some(other), |MemberRef { unit, .. }| self.units[*unit].parent);
+        let whole = self.whole(struck.unit);
+        let mut at = outwards.into_iter().filter(|MemberRef { unit, .. }| {
+            self.model.parts[self.units[*unit].part].group == group && self.whole(*unit) == whole
+        });
+        self.is_restarted(other) && at.any(|MemberRef { member: slot, .. }| slots.contains(&slot))
     }
 
     /// A member is not started any more.
-    pub(super) fn give_up_member(&self, frame: &mut Frame, seat: (usize, u32), kind: FaultKind) {
+    pub(super) fn give_up_member(&self, frame: &mut Frame, seat: MemberRef, kind: FaultKind) {
         // A plain program is held ready again.
         let is_controller =
             self.leaf(seat).is_some_and(|leaf| self.model.plan.leaves[leaf as usize].kind == LeafKind::Controller);

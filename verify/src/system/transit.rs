@@ -10,6 +10,7 @@
 use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};
 use crate::model::Seat;
+use crate::system::MemberRef;
 use language::algebra::Outcome;
 
 /// The order to start is under way.
@@ -33,7 +34,7 @@ const STOP: usize = 3;
 #[derive(Debug, Default)]
 pub(super) struct Transit {
     /// The members whose messages are tracked.
-    seats: Vec<(usize, u32)>,
+    seats: Vec<MemberRef>,
     /// For each of them, the host of its supervisor and its own: indices into `Plan::hosts`.
     hosts: Vec<(u32, u32)>,
 }
@@ -50,7 +51,7 @@ pub(super) enum Arrival {
 impl System<'_> {
     /// Makes messages take time between hosts: to and from every open group, and to those of `members` that are not
     /// open.
-    pub(crate) fn follow_messages(&mut self, members: &[(usize, u32)]) {
+    pub(crate) fn follow_messages(&mut self, members: &[MemberRef]) {
         let mut followed = Transit::default();
         for unit in 0..self.units.len() {
             let own = self.host_of(unit);
@@ -59,10 +60,10 @@ impl System<'_> {
             runs.dedup();
             for member in runs {
                 let is_open = matches!(self.units[unit].seats[member as usize], Occupant::Unit(_));
-                let host = self.host_of_seat((unit, member));
-                let is_known = self.transit.seats.contains(&(unit, member));
-                if host != own && (is_open || is_known || members.contains(&(unit, member))) {
-                    followed.seats.push((unit, member));
+                let host = self.host_of_seat(MemberRef { unit, member });
+                let is_known = self.transit.seats.contains(&MemberRef { unit, member });
+                if host != own && (is_open || is_known || members.contains(&MemberRef { unit, member })) {
+                    followed.seats.push(MemberRef { unit, member });
                     followed.hosts.push((own, host));
                 }
             }
@@ -72,11 +73,12 @@ impl System<'_> {
 
     /// Makes all orders to start that share a link with the order to a member take time, so that a later message on the
     /// link finds them there.
-    pub(crate) fn follow_link(&mut self, (unit, member): (usize, u32)) {
-        let link = (self.host_of(unit), self.host_of_seat((unit, member)));
+    pub(crate) fn follow_link(&mut self, member_ref: MemberRef) {
+        let MemberRef { unit, .. } = member_ref;
+        let link = (self.host_of(unit), self.host_of_seat(member_ref));
         let mut others = Vec::new();
         for unit in (0..self.units.len()).filter(|unit| self.host_of(*unit) == link.0 && link.0 != link.1) {
-            let slots = (0_u32..).zip(&self.units[unit].seats).map(|(slot, _)| (unit, slot));
+            let slots = (0_u32..).zip(&self.units[unit].seats).map(|(slot, _)| MemberRef { unit, member: slot });
             others.extend(slots.filter(|seat| self.host_of_seat(*seat) == link.1));
         }
         self.follow_messages(&others);
@@ -88,7 +90,7 @@ impl System<'_> {
     }
 
     /// The host of a member.
-    fn host_of_seat(&self, (unit, member): (usize, u32)) -> u32 {
+    fn host_of_seat(&self, MemberRef { unit, member }: MemberRef) -> u32 {
         let plan = self.model.plan;
         match self.model.parts[self.units[unit].part].members[member as usize] {
             Seat::Leaf(leaf) => plan.leaves[leaf as usize].host,
@@ -102,36 +104,36 @@ impl System<'_> {
     }
 
     /// The place of the messages to and from a member; none if they are not tracked.
-    fn transit_of(&self, seat: (usize, u32)) -> Option<usize> {
+    fn transit_of(&self, seat: MemberRef) -> Option<usize> {
         self.transit.seats.iter().position(|other| *other == seat)
     }
 
     /// Whether the messages to and from a member are tracked.
-    pub(super) fn is_followed(&self, seat: (usize, u32)) -> bool {
+    pub(super) fn is_followed(&self, seat: MemberRef) -> bool {
         self.transit_of(seat).is_some()
     }
 
-    fn message(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
+    fn message(&self, frame: &Frame, seat: MemberRef) -> u8 {
         self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + WHAT])
     }
 
     /// Whether something is under way to or from a member: it does not run, although its supervisor takes it for active.
-    pub(crate) fn is_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_under_way(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.message(frame, seat) != 0
     }
 
     /// Whether a member has ended, and its supervisor does not know.
-    pub(super) fn has_ended_unheard(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn has_ended_unheard(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.message(frame, seat) > START
     }
 
     /// Whether a member is a group whose messages are tracked.
-    pub(super) fn is_distant_group(&self, seat: (usize, u32)) -> bool {
+    pub(super) fn is_distant_group(&self, seat: MemberRef) -> bool {
         self.is_group(seat) && self.is_followed(seat)
     }
 
     /// Whether a group is active for the supervisor around it and does not run: something is under way to or from it.
-    pub(crate) fn is_group_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_group_under_way(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.is_under_way(frame, seat) && self.is_distant_group(seat)
     }
 
@@ -141,7 +143,7 @@ impl System<'_> {
     }
 
     pub(super) fn transit_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
-        for (bytes, &(unit, member)) in frame.transit.chunks_exact(BYTES).zip(&self.transit.seats) {
+        for (bytes, &MemberRef { unit, member }) in frame.transit.chunks_exact(BYTES).zip(&self.transit.seats) {
             let (at, slot) = (small(unit), small(member as usize));
             match bytes[WHAT] {
                 _ if bytes[MESSAGE] != 1 => {}
@@ -152,7 +154,7 @@ impl System<'_> {
     }
 
     /// Whether an order to stop a member may arrive: nothing is before it on the link.
-    pub(super) fn is_stop_next(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(super) fn is_stop_next(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.transit_of(seat).is_none_or(|place| frame.transit[BYTES * place + STOP] == 1)
     }
 
@@ -176,7 +178,7 @@ impl System<'_> {
         of_link.into_iter()
     }
 
-    fn send(&self, frame: &mut Frame, (place, of): (usize, usize), [kind, value]: [u8; 2]) {
+    fn send(&self, frame: &mut Frame, place: usize, of: usize, [kind, value]: [u8; 2]) {
         let way = self.way(place, of, kind);
         let last = self.on_link(frame, way).map(|other| *other).max().unwrap_or(0);
         let bytes = &mut frame.transit[BYTES * place..][..BYTES];
@@ -187,7 +189,7 @@ impl System<'_> {
     }
 
     /// Takes something off its link.
-    fn take(&self, frame: &mut Frame, (place, of): (usize, usize)) -> [u8; 2] {
+    fn take(&self, frame: &mut Frame, place: usize, of: usize) -> [u8; 2] {
         let bytes = &mut frame.transit[BYTES * place..][..BYTES];
         let (kind, value, before) = (bytes[WHAT], bytes[VALUE], std::mem::take(&mut bytes[of]));
         if of == MESSAGE {
@@ -201,30 +203,30 @@ impl System<'_> {
     }
 
     /// Sends the order to start a member. Returns whether it has to travel.
-    pub(super) fn send_start(&self, frame: &mut Frame, seat: (usize, u32), value: &Value) -> bool {
+    pub(super) fn send_start(&self, frame: &mut Frame, seat: MemberRef, value: &Value) -> bool {
         let place = self.transit_of(seat);
         if let Some(place) = place {
-            self.send(frame, (place, MESSAGE), [START, self.number(value)]);
+            self.send(frame, place, MESSAGE, [START, self.number(value)]);
         }
         place.is_some()
     }
 
     /// Sends the order to stop a member, if it has to travel on a link and is not under way.
-    pub(super) fn send_stop(&self, frame: &mut Frame, seat: (usize, u32)) {
+    pub(super) fn send_stop(&self, frame: &mut Frame, seat: MemberRef) {
         if let Some(place) = self.transit_of(seat).filter(|place| frame.transit[BYTES * place + STOP] == 0) {
-            self.send(frame, (place, STOP), [0; 2]);
+            self.send(frame, place, STOP, [0; 2]);
         }
     }
 
     /// An order to stop has arrived, or has no target any more.
-    pub(super) fn receive_stop(&self, frame: &mut Frame, seat: (usize, u32)) {
+    pub(super) fn receive_stop(&self, frame: &mut Frame, seat: MemberRef) {
         if let Some(place) = self.transit_of(seat) {
-            self.take(frame, (place, STOP));
+            self.take(frame, place, STOP);
         }
     }
 
     /// Sends the report that a group has ended. Returns whether it has to travel.
-    pub(super) fn send_end(&self, frame: &mut Frame, seat: (usize, u32), outcome: &Outcome) -> bool {
+    pub(super) fn send_end(&self, frame: &mut Frame, seat: MemberRef, outcome: &Outcome) -> bool {
         let message = match outcome {
             Outcome::Done(value) => [DONE, self.number(value)],
             Outcome::Stopped => [STOPPED, 0],
@@ -233,15 +235,15 @@ impl System<'_> {
         };
         let place = self.transit_of(seat);
         if let Some(place) = place {
-            self.send(frame, (place, MESSAGE), message);
+            self.send(frame, place, MESSAGE, message);
         }
         place.is_some()
     }
 
     /// Takes the message to or from a member.
-    pub(super) fn receive(&self, frame: &mut Frame, seat: (usize, u32)) -> Option<Arrival> {
+    pub(super) fn receive(&self, frame: &mut Frame, seat: MemberRef) -> Option<Arrival> {
         let place = self.transit_of(seat)?;
-        let [kind, value] = self.take(frame, (place, MESSAGE));
+        let [kind, value] = self.take(frame, place, MESSAGE);
         match kind {
             START => Some(Arrival::Start(self.value(value))),
             DONE => Some(Arrival::End(Outcome::Done(self.value(value)))),
@@ -254,12 +256,12 @@ impl System<'_> {
 
     /// Discards the messages that a host does not receive because it has stopped taking messages or has noted the loss
     /// of the link. Returns the members whose order to start never arrives.
-    pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<(usize, u32)> {
+    pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<MemberRef> {
         let mut unreached = Vec::new();
         for (place, &seat) in self.transit.seats.iter().enumerate() {
             let kind = frame.transit[BYTES * place + WHAT];
             if kind != 0 && is_lost(self.way(place, MESSAGE, kind)) {
-                self.take(frame, (place, MESSAGE));
+                self.take(frame, place, MESSAGE);
                 if kind == START {
                     unreached.push(seat);
                 }

@@ -14,7 +14,7 @@ type Way<'e> = Vec<&'e Expression>;
 
 impl Times<'_, '_> {
     /// The most time that a `using` of a group waits; none if nothing bounds it, or if each of two may wait for the other.
-    pub(super) fn turn(&self, (group, source): (u32, &Group), own: &Expression) -> Option<Duration> {
+    pub(super) fn turn(&self, group: u32, source: &Group, own: &Expression) -> Option<Duration> {
         // Two locks in opposite orders would otherwise recurse without end.
         let mark = std::ptr::from_ref(own) as usize;
         if self.turns.borrow().contains(&mark) {
@@ -25,7 +25,7 @@ impl Times<'_, '_> {
         collect(&source.expression, &mut Vec::new(), &mut all);
         let own = all.iter().position(|way| way.last().is_some_and(|last| std::ptr::eq(*last, own)));
         let before = own.and_then(|own| {
-            let holds = rivals(&all, own).into_iter().map(|other| self.hold((group, source), &all[other], &all[own]));
+            let holds = rivals(&all, own).into_iter().map(|other| self.hold(group, source, &all[other], &all[own]));
             holds.into_iter().try_fold(Duration::ZERO, |sum, hold| Some(sum.saturating_add(hold?)))
         });
         self.turns.borrow_mut().pop();
@@ -33,7 +33,7 @@ impl Times<'_, '_> {
     }
 
     /// The longest time that a `using` holds its resources, seen from another one.
-    fn hold(&self, (group, source): (u32, &Group), way: &Way<'_>, own: &Way<'_>) -> Option<Duration> {
+    fn hold(&self, group: u32, source: &Group, way: &Way<'_>, own: &Way<'_>) -> Option<Duration> {
         let (last, around) = way.split_last()?;
         let body = self.of(group, source, last.operands().into_iter().next()?);
         let stopping = around.iter().filter(|operator| is_stopping(operator));

@@ -64,7 +64,7 @@ pub(super) fn find(seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) 
     }
     let Some(round) = product.fair(seen, automaton, limits)? else { return Ok(None) };
     let entry = round.first().copied().unwrap_or(0);
-    Ok(Some(Run { first: product.way(entry), again: Some(product.around(seen, automaton, (entry, &round))) }))
+    Ok(Some(Run { first: product.way(entry), again: Some(product.around(seen, automaton, entry, &round)) }))
 }
 
 impl Seen<'_> {
@@ -251,7 +251,7 @@ impl Product {
     }
 
     /// A way around through an accepted and fair part; all that has to happen does on it, if it is not too long for a reader.
-    fn around(&self, seen: &Seen<'_>, automaton: &Automaton, (entry, part): (u32, &[u32])) -> Vec<Label> {
+    fn around(&self, seen: &Seen<'_>, automaton: &Automaton, entry: u32, part: &[u32]) -> Vec<Label> {
         let mut wanted: BTreeSet<(u32, u32)> = BTreeSet::new();
         for &node in part {
             let place = self.nodes[node as usize].0;
@@ -259,8 +259,8 @@ impl Product {
             let has_to_come = edges.iter().filter(|edge| seen.has_to_come(edge));
             wanted.extend(has_to_come.map(|edge| (seen.configuration(place), edge.number)));
         }
-        let long = self.round(seen, automaton, (entry, part), wanted);
-        if long.len() <= ROUND_MAX { long } else { self.round(seen, automaton, (entry, part), BTreeSet::new()) }
+        let long = self.round(seen, automaton, entry, part, wanted);
+        if long.len() <= ROUND_MAX { long } else { self.round(seen, automaton, entry, part, BTreeSet::new()) }
     }
 
     /// A way around through some nodes on which every promise is fulfilled and these edges of configurations are taken.
@@ -268,7 +268,8 @@ impl Product {
         &self,
         seen: &Seen<'_>,
         automaton: &Automaton,
-        (entry, part): (u32, &[u32]),
+        entry: u32,
+        part: &[u32],
         mut wanted: BTreeSet<(u32, u32)>,
     ) -> Vec<Label> {
         let all = part.iter().fold(0, |sum, &node| sum | self.fulfils(automaton, node));

@@ -3,6 +3,7 @@
 use super::super::reaction::Blow;
 use super::super::{Frame, Label, Occupant, System, small};
 use super::{FENCED, GONE, HELD, LEFT, LossKind, NOTED, ORPHAN, UNREACHED, WAITS};
+use crate::system::MemberRef;
 use language::algebra::Activity;
 use language::plan::LinkLoss;
 use std::collections::VecDeque;
@@ -23,13 +24,14 @@ impl System<'_> {
     }
 
     /// Notes at the activation of a member whether it begins. Returns whether it does.
-    pub(in crate::system) fn begins(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
+    pub(in crate::system) fn begins(&self, frame: &mut Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
         let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else { return true };
         let flag = match () {
-            () if self.is_severed(frame, (unit, member)) => UNREACHED,
-            () if self.is_fenced(frame, (unit, member)) => WAITS,
-            () if self.begins_nothing(frame, (unit, member)) => HELD,
+            () if self.is_severed(frame, seat) => UNREACHED,
+            () if self.is_fenced(frame, seat) => WAITS,
+            () if self.begins_nothing(frame, seat) => HELD,
             () => 0,
         };
         let flags = &mut frame.rift[rift.starts[unit] + member as usize];
@@ -38,35 +40,37 @@ impl System<'_> {
     }
 
     /// Whether the host of a program has noted a loss and lets it begin nothing new.
-    fn begins_nothing(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    fn begins_nothing(&self, frame: &Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
         let Some(rift) = &self.rift else { return false };
         let host = rift.seats[unit][member as usize];
         matches!(self.units[unit].seats[member as usize], Occupant::Box(_))
             && self.has_noted(frame, host)
-            && self.link_loss((unit, member)) != LinkLoss::Keep
+            && self.link_loss(seat) != LinkLoss::Keep
             && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
     }
 
     /// Whether a member begins when the order to start it arrives. Notes the result.
-    pub(in crate::system) fn is_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
+    pub(in crate::system) fn is_taken(&self, frame: &mut Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
         let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else {
-            return !self.is_refused(frame, (unit, member));
+            return !self.is_refused(frame, seat);
         };
         if self.is_out(frame, rift.seats[unit][member as usize]) {
             // The node has left: it answers that there is nothing to start.
-            self.send_end(frame, (unit, member), &super::super::reaction::failed());
+            self.send_end(frame, seat, &super::super::reaction::failed());
             return false;
         }
         let is_given_up = frame.states[unit].activity(member) == Activity::Idle;
         let flag = match () {
-            () if self.begins_nothing(frame, (unit, member)) => HELD,
+            () if self.begins_nothing(frame, seat) => HELD,
             // Its supervisor has given it up before it began.
-            () if is_given_up && self.is_severed(frame, (unit, member)) => ORPHAN,
+            () if is_given_up && self.is_severed(frame, seat) => ORPHAN,
             () => 0,
         };
         frame.rift[rift.starts[unit] + member as usize] |= flag;
-        flag != HELD && (flag == ORPHAN || !self.is_refused(frame, (unit, member)))
+        flag != HELD && (flag == ORPHAN || !self.is_refused(frame, seat))
     }
 
     /// Messages in transit to a dead host never arrive.
@@ -79,7 +83,7 @@ impl System<'_> {
     fn lose_late(&self, frame: &mut Frame, host: u32) {
         let Some(rift) = &self.rift else { return };
         let unreached = self.lose_messages(frame, |(from, to)| to == host && self.is_cut(from, to));
-        for (unit, member) in unreached {
+        for MemberRef { unit, member } in unreached {
             frame.rift[rift.starts[unit] + member as usize] |= UNREACHED;
         }
     }
@@ -94,7 +98,7 @@ impl System<'_> {
         let mut blows = VecDeque::new();
         for (unit, &own) in rift.units.iter().enumerate() {
             for member in (0..).take(rift.seats[unit].len()).filter(|slot| rift.seats[unit][*slot as usize] == host) {
-                let seat = (unit, member);
+                let seat = MemberRef { unit, member };
                 let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
                 if !is_box || !self.is_there(frame, seat) || !(leaves || self.stops(frame, seat)) {
                     continue;
@@ -110,11 +114,11 @@ impl System<'_> {
             if own == host && !leaves && (is_home_away || self.is_supervised_across(unit)) && !rift.endures[unit] {
                 blows.push_back(Blow::Stop(unit));
             }
-            if let Some((around, member)) = self.units[unit].parent
+            if let Some(MemberRef { unit: around, member }) = self.units[unit].parent
                 && own == host
                 && leaves
                 && rift.units[around] != host
-                && !self.is_severed(frame, (around, member))
+                && !self.is_severed(frame, MemberRef { unit: around, member })
             {
                 blows.push_back(Blow::End(around, member));
             }
@@ -131,11 +135,13 @@ impl System<'_> {
         let Some(rift) = &self.rift else { return };
         for unit in (0..rift.units.len()).filter(|unit| rift.units[*unit] == host) {
             let group = self.model.parts[self.units[unit].part].group;
-            let severed: Vec<u32> =
-                frame.states[unit].members_active().filter(|member| self.is_severed(frame, (unit, *member))).collect();
+            let severed: Vec<u32> = frame.states[unit]
+                .members_active()
+                .filter(|member| self.is_severed(frame, MemberRef { unit, member: *member }))
+                .collect();
             for member in severed {
                 let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
-                let is_there = is_box && self.is_there(frame, (unit, member));
+                let is_there = is_box && self.is_there(frame, MemberRef { unit, member });
                 let is_taken = rift.below.contains(&group) || rift.taken[group as usize].contains_key(&member);
                 let flags = &mut frame.rift[rift.starts[unit] + member as usize];
                 if *flags & UNREACHED == 0 {
@@ -151,7 +157,9 @@ impl System<'_> {
         let Some(rift) = &self.rift else { return false };
         let keeps = |unit: usize, member: u32| {
             let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
-            is_box && self.link_loss((unit, member)) != LinkLoss::Leave && self.is_there(frame, (unit, member))
+            is_box
+                && self.link_loss(MemberRef { unit, member }) != LinkLoss::Leave
+                && self.is_there(frame, MemberRef { unit, member })
         };
         (0..rift.units.len()).any(|unit| {
             let runs = rift.units[unit] == host && frame.states[unit].is_node_active(0);
@@ -161,16 +169,17 @@ impl System<'_> {
     }
 
     /// Whether a program stops by its own rules when its node notes the loss.
-    fn stops(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    fn stops(&self, frame: &Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
         let Some(rift) = &self.rift else { return false };
         let host = rift.seats[unit][member as usize];
-        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
-        match self.link_loss((unit, member)) {
+        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
+        match self.link_loss(seat) {
             LinkLoss::Keep | LinkLoss::Hold => false,
             LinkLoss::SafeStopAfter(_) => above.any(|unit| self.is_cut(rift.units[unit], host)),
             LinkLoss::Leave => {
                 self.is_cut(rift.home, host)
-                    || self.is_severed(frame, (unit, member))
+                    || self.is_severed(frame, seat)
                     || rift.units[unit] == host && self.is_below_cut(unit, host)
             }
         }
@@ -179,17 +188,17 @@ impl System<'_> {
     /// Whether a unit, or one around it on the same host, is supervised from beyond the loss.
     fn is_below_cut(&self, unit: usize, host: u32) -> bool {
         let Some(rift) = &self.rift else { return false };
-        let mut around = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        let mut around = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
         around.by_ref().take_while(|unit| rift.units[*unit] == host).any(|unit| self.is_supervised_across(unit))
     }
 
     fn is_supervised_across(&self, unit: usize) -> bool {
         let around = self.units[unit].parent.zip(self.rift.as_ref());
-        around.is_some_and(|((around, _), rift)| self.is_cut(rift.units[around], rift.units[unit]))
+        around.is_some_and(|(MemberRef { unit: around, .. }, rift)| self.is_cut(rift.units[around], rift.units[unit]))
     }
 
     /// Whether something that a member needs may still be used on a lost host.
-    fn is_fenced(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+    fn is_fenced(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = &self.rift else { return false };
         let group = self.model.parts[self.units[unit].part].group;
         let taken = &rift.taken[group as usize];
@@ -197,14 +206,15 @@ impl System<'_> {
         let is_same = |unit: &usize| self.model.parts[self.units[*unit].part].group == group;
         (0..self.units.len()).filter(is_same).any(|unit| {
             let others = taken.iter().filter(|(other, names)| **other != member && !names.is_disjoint(wanted));
-            others.into_iter().any(|(&other, _)| self.is_loose(frame, (unit, other)))
+            others.into_iter().any(|(&other, _)| self.is_loose(frame, MemberRef { unit, member: other }))
         })
     }
 
     /// Whether a lost host may still do something for a member.
-    fn is_loose(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
-        self.flags(frame, (unit, member)) & FENCED != 0
+    fn is_loose(&self, frame: &Frame, seat: MemberRef) -> bool {
+        let MemberRef { unit, member } = seat;
+        self.flags(frame, seat) & FENCED != 0
             || matches!(self.units[unit].seats.get(member as usize), Some(&Occupant::Unit(inner))
-                if (0..).take(self.units[inner].seats.len()).any(|slot| self.is_loose(frame, (inner, slot))))
+                if (0..).take(self.units[inner].seats.len()).any(|slot| self.is_loose(frame, MemberRef { unit: inner, member: slot })))
     }
 }
