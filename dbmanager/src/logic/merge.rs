@@ -80,7 +80,7 @@ impl Side<'_> {
 
 /// Returns whether `new` has not seen a transaction, and no member will rebase it: its origin is active in neither of
 /// the teams.
-fn lacks((old, new): (Side<'_>, Side<'_>), dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
+fn lacks(old: Side<'_>, new: Side<'_>, dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
     is_given_up(old, new, dot.origin) && !new.has(dot, stamp, forked)
 }
 
@@ -92,8 +92,7 @@ fn is_given_up(old: Side<'_>, new: Side<'_>, origin: ReplicaId) -> bool {
 /// Returns the last transactions that arrive with it of each origin that is not a member, with timestamps.
 pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Timestamp)> {
     let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
-    let heads =
-        heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && lacks((old, new), *dot, *stamp, forked));
+    let heads = heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && lacks(old, new, *dot, *stamp, forked));
     let rebased = old.members.all_rebased().filter(|rebased| is_given_up(old, new, rebased.by.origin));
     heads.chain(rebased.map(|rebased| (rebased.last, rebased.stamp))).collect()
 }
@@ -103,7 +102,7 @@ pub fn rebase(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: ReplicaId) 
     let mut pieces: BTreeMap<Source, Piece> = BTreeMap::new();
     for (dot, encoded) in old.log.in_order() {
         let stamp = encoded.open().map(|txn| txn.written()).unwrap_or_default();
-        if lacks((old, new), dot, stamp, forked) {
+        if lacks(old, new, dot, stamp, forked) {
             pieces.entry((stamp, Some(dot))).or_default();
         }
     }
@@ -114,7 +113,7 @@ pub fn rebase(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: ReplicaId) 
         let gone =
             |v: &&Version| old.has(v.dot, v.stamp, forked) && !pending.iter().any(|other| other.stamp == v.stamp);
         let (gone, stays): (Vec<&Version>, Vec<&Version>) = there.iter().partition(gone);
-        for version in pending.iter().filter(|version| lacks((old, new), version.dot, version.stamp, forked)) {
+        for version in pending.iter().filter(|version| lacks(old, new, version.dot, version.stamp, forked)) {
             let source = (version.stamp, Some(version.dot));
             let takes = gone.iter().filter(|d| d.stamp < version.stamp).map(|d| d.dot).collect();
             let write = Write { key: key.clone(), value: version.value.clone() };

@@ -150,7 +150,8 @@ pub fn may_retire(notary: &dyn Notary, by: &Holder, whose: Option<&Holder>) -> b
 /// If it admits or retires an origin without the right to; for a person.
 pub fn check_records(
     notary: &dyn Notary,
-    (txn, author): (&Txn, &Holder),
+    txn: &Txn,
+    author: &Holder,
     holder: impl Fn(ReplicaId) -> Option<Holder>,
 ) -> Result<(), String> {
     let bytes = |write: &Write| write.value.as_ref().map(|value| value.bytes.to_vec()).unwrap_or_default();

@@ -127,7 +127,7 @@ impl Batch {
         self.put(name(b'o', &index.to_be_bytes()), pending.as_ref());
     }
 
-    pub(crate) fn versions(&mut self, (kind, key): (u8, &Key), versions: &[Version]) {
+    pub(crate) fn versions(&mut self, kind: u8, key: &Key, versions: &[Version]) {
         self.put(name(kind, key.as_str().as_bytes()), Some(versions).filter(|versions| !versions.is_empty()));
     }
 

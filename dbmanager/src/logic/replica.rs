@@ -54,7 +54,7 @@ use comms::logic::time::Time;
 use download::{Downloaded, Downloads, Offer};
 use ledger::Ledger;
 use peers::{Asking, PeerTable};
-use tickets::Tickets;
+use tickets::{Tickets, Waiting};
 
 /// How many pulls may wait for an answer.
 const PULLS_MAX: usize = 2;
@@ -117,7 +117,7 @@ impl Replica {
         match input {
             Tick(_) => self.tick(now, &mut after),
             Commit(requests, _) => self.commit_all(now, requests, &mut after),
-            Received(from, message, _) => self.receive(now, (from, message), &mut after),
+            Received(from, message, _) => self.receive(now, from, message, &mut after),
             Appeared(_) => {
                 self.peers.met(now);
                 self.tick(now, &mut after);
@@ -128,7 +128,7 @@ impl Replica {
                     self.ledger.identity.founds();
                 }
             }
-            Join(peer, _) => self.act(now, (peer, hello::join(&self.ledger, peer)), &mut after),
+            Join(peer, _) => self.act(now, peer, hello::join(&self.ledger, peer), &mut after),
             Retire(origin, _) => self.ledger.retire(now, origin, &mut after),
             HealClock(_) => self.ledger.heal_clock(now, &mut after),
         }
@@ -238,8 +238,8 @@ impl Replica {
     fn go_on(&mut self, now: Time, effects: &mut Vec<Effect>) {
         self.tickets.settle(now, |dot, level| tickets::has_reached(&self.ledger, dot, level), effects);
         loop {
-            let may = (self.pulls_max(), self.ledger.identity.asked());
-            let Some(peer) = self.peers.choose(now, may, &mut self.random) else { return };
+            let (pulls_max, sponsor) = (self.pulls_max(), self.ledger.identity.asked());
+            let Some(peer) = self.peers.choose(now, pulls_max, sponsor, &mut self.random) else { return };
             self.ledger.identity.asks(peer, &mut self.random);
             let asked = self.peers.asked(now, peer);
             effects.push(self.pull(peer, asked, self.ledger.pending().vector()));
@@ -271,35 +271,35 @@ impl Replica {
         }
     }
 
-    fn receive(&mut self, now: Time, (from, message): (ReplicaId, Message), effects: &mut Vec<Effect>) {
+    fn receive(&mut self, now: Time, from: ReplicaId, message: Message, effects: &mut Vec<Effect>) {
         let stranger = self.is_member() && !self.members().is_active(from);
         if let (true, Some(stamp)) = (stranger, self.members().retired(from)) {
             if let Message::Hello(_) | Message::Pull(_) = message {
                 effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
             } else if let Message::Chunk(chunk @ Chunk::Retired(_)) = message {
-                self.receive_chunk(now, (from, chunk), effects);
+                self.receive_chunk(now, from, chunk, effects);
             }
             return;
         }
         match message {
-            Message::Hello(hello) => self.act(now, (from, hello::react(&self.ledger, from, &hello)), effects),
-            Message::Pull(pull) => self.act(now, (from, serve::pull(&self.ledger, from, &pull)), effects),
-            Message::Chunk(chunk) => self.receive_chunk(now, (from, chunk), effects),
+            Message::Hello(hello) => self.act(now, from, hello::react(&self.ledger, from, &hello), effects),
+            Message::Pull(pull) => self.act(now, from, serve::pull(&self.ledger, from, &pull), effects),
+            Message::Chunk(chunk) => self.receive_chunk(now, from, chunk, effects),
             Message::ChunkRequest(name) => {
                 let bytes = self.offer.chunk(name);
                 effects.push(Effect::Send(from, Message::SnapshotChunk { name, bytes }));
             }
             Message::SnapshotChunk { name, bytes } => {
-                self.downloads.receive(now, (from, name, bytes), effects);
+                self.downloads.receive(now, from, name, bytes, effects);
                 self.install(now, effects);
             }
             Message::Push(txns) if self.is_member() && !stranger => {
-                if self.ledger.receive(now, (from, txns), effects) {
+                if self.ledger.receive(now, from, txns, effects) {
                     self.peers.pushed_early(now, from);
                 }
             }
             Message::DeltaPush(push) if self.is_member() && !stranger => {
-                if self.ledger.receive_delta(now, (from, &push), effects) {
+                if self.ledger.receive_delta(now, from, &push, effects) {
                     self.peers.pushed_early(now, from);
                 }
             }
@@ -315,7 +315,7 @@ impl Replica {
     }
 
     /// Does what the rules say about a message of a peer.
-    fn act(&mut self, now: Time, (from, actions): (ReplicaId, Vec<Action>), effects: &mut Vec<Effect>) {
+    fn act(&mut self, now: Time, from: ReplicaId, actions: Vec<Action>, effects: &mut Vec<Effect>) {
         for action in actions {
             match action {
                 Action::Emit(effect) => effects.push(effect),
@@ -334,7 +334,7 @@ impl Replica {
         }
     }
 
-    fn receive_chunk(&mut self, now: Time, (from, chunk): (ReplicaId, Chunk), effects: &mut Vec<Effect>) {
+    fn receive_chunk(&mut self, now: Time, from: ReplicaId, chunk: Chunk, effects: &mut Vec<Effect>) {
         let (number, full) = match &chunk {
             Chunk::Txns { number, txns, more, .. } => {
                 (Some(*number), more.then(|| txns.iter().map(EncodedTxn::size).sum()))
@@ -348,7 +348,7 @@ impl Replica {
         let mut rules = Vec::new();
         match chunk {
             Chunk::Txns { vector, txns, more, .. } if self.is_member() && known => {
-                let missing = self.ledger.receive(now, (from, txns), effects);
+                let missing = self.ledger.receive(now, from, txns, effects);
                 self.peers.served(from);
                 if self.members().is_active(from) {
                     self.ledger.acks.note(from, &vector);
@@ -360,7 +360,7 @@ impl Replica {
             }
             Chunk::Snapshot(manifest) if known || self.ledger.identity.asked() == Some(from) => {
                 if !(self.is_member() && self.log().vector().dominates(&manifest.vector())) {
-                    self.downloads.begin(now, (from, manifest), effects);
+                    self.downloads.begin(now, from, manifest, effects);
                     self.install(now, effects);
                 }
             }
@@ -371,14 +371,14 @@ impl Replica {
                 }
             }
             Chunk::Retired(stamp) => rules.extend(branch::retired(&self.ledger, from, stamp)),
-            Chunk::Fork { seq, hash } => rules.extend(branch::fork(&self.ledger, (seq, hash))),
+            Chunk::Fork { seq, hash } => rules.extend(branch::fork(&self.ledger, seq, hash)),
             Chunk::Known(known) if self.is_member() && self.members().is_active(from) => {
                 rules.extend(branch::known(&self.ledger, from, &known));
             }
             Chunk::Known(_) => {}
             Chunk::Behind(vector) => rules.push(branch::behind(&self.ledger, &vector)),
         }
-        self.act(now, (from, rules), effects);
+        self.act(now, from, rules, effects);
     }
 
     /// Gives up the origin. It may be known to have used numbers `twice`.
@@ -418,7 +418,7 @@ impl Replica {
         }
         let actions = branch::hidden(&self.ledger, from, &whole.manifest);
         let useful = actions.is_empty();
-        self.act(now, (from, actions), effects);
+        self.act(now, from, actions, effects);
         useful
     }
 
@@ -426,7 +426,7 @@ impl Replica {
         let (before, mut txns) = (self.ledger.own_head(), Vec::new());
         for CommitRequest { ticket, draft, level, until } in requests {
             if draft.is_local() {
-                let answer = self.ledger.commit_local(now, (&draft, &level));
+                let answer = self.ledger.commit_local(now, &draft, &level);
                 effects.push(Effect::Answer(ticket, answer.map_or_else(Answer::Refused, Answer::Committed)));
                 continue;
             }
@@ -443,11 +443,11 @@ impl Replica {
             txns.push(encoded);
             if wants_ack && self.has_reached(dot, &level) {
                 effects.push(Effect::Answer(ticket, Answer::Reached(dot)));
-            } else if wants_ack && !self.tickets.wait(now, ticket, (dot, level, until)) {
+            } else if wants_ack && !self.tickets.wait(now, ticket, Waiting { dot, level, until }) {
                 effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
             }
         }
-        self.ledger.push((before, txns), effects);
+        self.ledger.push(before, txns, effects);
     }
 }
 

@@ -45,7 +45,7 @@ impl Encoding {
 
 /// The value of a key: a tag and bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "(Encoding, Vec<u8>)", into = "(Encoding, Vec<u8>)")]
+#[serde(from = "StoredValue", into = "StoredValue")]
 pub struct Value {
     /// How the bytes are meant.
     pub encoding: Encoding,
@@ -53,15 +53,22 @@ pub struct Value {
     pub bytes: Arc<[u8]>,
 }
 
-impl From<(Encoding, Vec<u8>)> for Value {
-    fn from((encoding, bytes): (Encoding, Vec<u8>)) -> Self {
-        Self { encoding, bytes: bytes.into() }
+/// A value as it is written: with bytes of its own.
+#[derive(Serialize, Deserialize)]
+struct StoredValue {
+    encoding: Encoding,
+    bytes: Vec<u8>,
+}
+
+impl From<StoredValue> for Value {
+    fn from(stored: StoredValue) -> Self {
+        Self { encoding: stored.encoding, bytes: stored.bytes.into() }
     }
 }
 
-impl From<Value> for (Encoding, Vec<u8>) {
+impl From<Value> for StoredValue {
     fn from(value: Value) -> Self {
-        (value.encoding, value.bytes.to_vec())
+        Self { encoding: value.encoding, bytes: value.bytes.to_vec() }
     }
 }
 

@@ -82,7 +82,8 @@ impl Authors {
     /// Checks that a transaction is of its origin.
     pub(super) fn check_signature(
         &mut self,
-        (txn, encoded): (&Txn, &EncodedTxn),
+        txn: &Txn,
+        encoded: &EncodedTxn,
         contents: &Contents,
     ) -> Result<(), Doubt> {
         let Some(notary) = self.notary.clone() else { return Ok(()) };
@@ -101,7 +102,7 @@ impl Authors {
         let Some(author) = self.notary().and_then(|_| self.holder(txn.stamp.origin, contents)) else { return Ok(()) };
         check_dates(txn, contents.log().last_stamp())
             .map_err(|why| Doubt::Forged(format!("`{}` {why}", author.robot)))?;
-        self.check_records((txn, &author), contents).map_err(Doubt::Forged)
+        self.check_records(txn, &author, contents).map_err(Doubt::Forged)
     }
 
     /// Returns whether this robot may retire an origin.
@@ -115,12 +116,12 @@ impl Authors {
     pub(super) fn check_own(&self, txn: &Txn, contents: &Contents) -> Result<(), String> {
         let Some(notary) = self.notary() else { return Ok(()) };
         let author = notary.holder(&notary.credential())?;
-        self.check_records((txn, &author), contents)
+        self.check_records(txn, &author, contents)
     }
 
-    fn check_records(&self, by: (&Txn, &Holder), contents: &Contents) -> Result<(), String> {
+    fn check_records(&self, txn: &Txn, author: &Holder, contents: &Contents) -> Result<(), String> {
         let Some(notary) = self.notary() else { return Ok(()) };
-        notary::check_records(notary, by, |origin| self.holder(origin, contents))
+        notary::check_records(notary, txn, author, |origin| self.holder(origin, contents))
     }
 }
 

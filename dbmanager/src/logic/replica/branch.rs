@@ -40,7 +40,7 @@ pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)
     let Some((dot, hash)) = contents.other_than(hashes) else { return untold(ledger, from, hashes) };
     let me = ledger.identity.origin();
     if dot.origin == me {
-        fork(ledger, (dot.seq, hash)).into_iter().collect()
+        fork(ledger, dot.seq, hash).into_iter().collect()
     } else if dot.origin == from {
         tell_fork(ledger, from)
     } else if from < me {
@@ -77,7 +77,7 @@ fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> 
 }
 
 /// A peer knows the own transaction `seq` by this hash.
-pub(super) fn fork(ledger: &Ledger, (seq, hash): (u64, ChainHash)) -> Option<Action> {
+pub(super) fn fork(ledger: &Ledger, seq: u64, hash: ChainHash) -> Option<Action> {
     let origin = ledger.identity.origin();
     let known = ledger.log().hash(Dot { origin, seq });
     let other = is_set_back(ledger.log().tip(origin), (seq, hash)) || known.is_some_and(|known| known != hash);
@@ -89,7 +89,7 @@ pub(super) fn hidden(ledger: &Ledger, from: ReplicaId, manifest: &Manifest) -> V
     let head = |(origin, head): &(ReplicaId, Head)| (Dot { origin: *origin, seq: head.seq }, head.hash);
     let heads: Vec<(Dot, ChainHash)> = manifest.heads.iter().map(head).collect();
     let own = heads.iter().find(|(dot, _)| dot.origin == ledger.identity.origin());
-    match own.and_then(|(own, hash)| fork(ledger, (own.seq, *hash))) {
+    match own.and_then(|(own, hash)| fork(ledger, own.seq, *hash)) {
         Some(rejoin) => vec![rejoin],
         None if ledger.contents().other_than(&heads).is_none() => {
             gives_up(ledger, from, &beyond_a_fork(ledger, &heads))
@@ -186,13 +186,14 @@ mod tests {
         let (seq, hash) = ledger.log().tip(ledger.identity.origin());
         let rejoins = |action: Option<Action>| action.is_some_and(|action| rejoins(&[action]));
         assert!(
-            !rejoins(fork(ledger, (seq, hash)))
+            !rejoins(fork(ledger, seq, hash))
                 && !rejoins(fork(
                     ledger,
-                    (seq - 1, ledger.log().hash(Dot { origin: ledger.identity.origin(), seq: seq - 1 }).unwrap())
+                    seq - 1,
+                    ledger.log().hash(Dot { origin: ledger.identity.origin(), seq: seq - 1 }).unwrap()
                 ))
         );
-        assert!(rejoins(fork(ledger, (seq + 1, hash))) && rejoins(fork(ledger, (seq, ChainHash([9; 8])))));
+        assert!(rejoins(fork(ledger, seq + 1, hash)) && rejoins(fork(ledger, seq, ChainHash([9; 8]))));
         let mut more = ledger.log().vector().clone();
         assert!(!rejoins(Some(behind(ledger, &more))), "stale");
         more.include(Dot { origin: ReplicaId::new(77), seq: 1 });

@@ -170,7 +170,8 @@ impl CommitPipeline {
     pub(super) fn write_local(
         &mut self,
         now: Time,
-        (draft, level): (&Draft, &AckLevel),
+        draft: &Draft,
+        level: &AckLevel,
         contents: &Contents,
         batch: &mut Batch,
     ) -> Result<Dot, TxnError> {
@@ -186,7 +187,7 @@ impl CommitPipeline {
             let write = Write { key: key.clone(), value: value.cloned() };
             self.local.apply(dot, stamp, CausalContext { context: &all, only: None }, &[write]);
             self.local.drop_deleted(&all);
-            batch.versions((LOCAL, key), self.local.versions(key));
+            batch.versions(LOCAL, key, self.local.versions(key));
         }
         Ok(dot)
     }
@@ -267,7 +268,7 @@ mod tests {
         let (mut pipeline, contents) = pipeline();
         let mut write = |draft: &Draft, level: &AckLevel| {
             let mut batch = Batch::default();
-            pipeline.write_local(Time::ZERO, (draft, level), &contents, &mut batch).map(|_dot| pipeline.local.len())
+            pipeline.write_local(Time::ZERO, draft, level, &contents, &mut batch).map(|_dot| pipeline.local.len())
         };
         let put = Draft::new("").put(key("local/a"), b"1");
         assert!(matches!(write(&put, &AckLevel::Everywhere), Err(TxnError::Stays { .. })));

@@ -59,7 +59,7 @@ impl Contents {
         batch.txn(dot, Some((index, encoded)));
         batch.head(dot.origin, self.log.head(dot.origin));
         for write in &txn.writes {
-            batch.versions((SHARED, &write.key), self.state.versions(&write.key));
+            batch.versions(SHARED, &write.key, self.state.versions(&write.key));
         }
         if txn.writes.iter().any(|write| is_system(&write.key)) {
             (self.members, self.owners) = (Members::of(&self.state), Owners::of(&self.state));
@@ -74,7 +74,7 @@ impl Contents {
             batch.head(*origin, Some(head));
         }
         for (key, versions) in self.state.scan("") {
-            batch.versions((SHARED, key), versions);
+            batch.versions(SHARED, key, versions);
         }
         old
     }
@@ -87,14 +87,14 @@ impl Contents {
             batch.head(*origin, None);
         }
         for (key, _) in self.state.scan("") {
-            batch.versions((SHARED, key), &[]);
+            batch.versions(SHARED, key, &[]);
         }
     }
 
     /// Drops the keys that are only deleted, by transactions within `stable`.
     pub(super) fn drop_deleted(&mut self, stable: &VersionVector, batch: &mut Batch) {
         for key in self.state.drop_deleted(stable) {
-            batch.versions((SHARED, &key), &[]);
+            batch.versions(SHARED, &key, &[]);
         }
     }
 

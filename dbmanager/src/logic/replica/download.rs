@@ -91,7 +91,7 @@ impl Downloads {
     }
 
     /// Begins one, unless one is under way.
-    pub(super) fn begin(&mut self, now: Time, (from, manifest): (ReplicaId, Manifest), effects: &mut Vec<Effect>) {
+    pub(super) fn begin(&mut self, now: Time, from: ReplicaId, manifest: Manifest, effects: &mut Vec<Effect>) {
         if self.current.is_some() || manifest.chunks.len() > CHUNKS_MAX {
             return;
         }
@@ -118,7 +118,9 @@ impl Downloads {
     pub(super) fn receive(
         &mut self,
         now: Time,
-        (from, name, bytes): (ReplicaId, ChunkHash, Option<Vec<u8>>),
+        from: ReplicaId,
+        name: ChunkHash,
+        bytes: Option<Vec<u8>>,
         effects: &mut Vec<Effect>,
     ) {
         let Some(download) = self.current.as_mut() else { return };
@@ -242,24 +244,24 @@ mod tests {
     #[test]
     fn what_has_come_is_not_asked_for_again_after_a_break() {
         let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
-        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        downloads.begin(Time::ZERO, PEER, manifest(), &mut effects);
         let first = asked_for(&effects)[0];
-        downloads.receive(Time::ZERO, (PEER, first, Some(b"a".to_vec())), &mut effects);
+        downloads.receive(Time::ZERO, PEER, first, Some(b"a".to_vec()), &mut effects);
         while let Some(deadline) = downloads.deadline() {
             downloads.tick(deadline, &mut effects);
         }
         effects.clear();
-        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        downloads.begin(Time::ZERO, PEER, manifest(), &mut effects);
         assert_eq!(asked_for(&effects), [ChunkHash::of(b"b")]);
     }
 
     #[test]
     fn nothing_is_taken_that_was_not_asked_for_or_is_not_what_its_name_says() {
         let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
-        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
-        downloads.receive(Time::ZERO, (PEER, ChunkHash::of(b"x"), Some(b"x".to_vec())), &mut effects);
+        downloads.begin(Time::ZERO, PEER, manifest(), &mut effects);
+        downloads.receive(Time::ZERO, PEER, ChunkHash::of(b"x"), Some(b"x".to_vec()), &mut effects);
         assert!(downloads.is_on() && effects.len() == 1);
-        downloads.receive(Time::ZERO, (PEER, ChunkHash::of(b"a"), Some(b"x".to_vec())), &mut effects);
+        downloads.receive(Time::ZERO, PEER, ChunkHash::of(b"a"), Some(b"x".to_vec()), &mut effects);
         assert!(!downloads.is_on());
         assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");
     }
@@ -267,10 +269,10 @@ mod tests {
     #[test]
     fn chunks_that_are_no_state_are_refused_as_a_whole() {
         let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
-        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        downloads.begin(Time::ZERO, PEER, manifest(), &mut effects);
         for bytes in [b"a", b"b"] {
             assert!(downloads.whole(&mut effects).is_none() && downloads.is_on());
-            downloads.receive(Time::ZERO, (PEER, ChunkHash::of(bytes), Some(bytes.to_vec())), &mut effects);
+            downloads.receive(Time::ZERO, PEER, ChunkHash::of(bytes), Some(bytes.to_vec()), &mut effects);
         }
         assert!(downloads.whole(&mut effects).is_none() && !downloads.is_on());
         assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");

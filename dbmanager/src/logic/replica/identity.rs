@@ -33,7 +33,8 @@ impl Identity {
     /// Goes on as what the store says, or begins if it is empty.
     pub(super) fn open(
         robot: &str,
-        (stored, is_empty): (Option<IdentityRecord>, bool),
+        stored: Option<IdentityRecord>,
+        is_empty: bool,
         random: &mut Random,
     ) -> Result<Self, OpenError> {
         let boot = random.next();
@@ -187,7 +188,7 @@ mod tests {
 
     fn newcomer() -> (Identity, Random) {
         let mut random = Random::new(1);
-        (Identity::open("r", (None, true), &mut random).unwrap(), random)
+        (Identity::open("r", None, true, &mut random).unwrap(), random)
     }
 
     #[test]
@@ -226,8 +227,8 @@ mod tests {
     fn a_store_of_another_robot_or_without_identity_is_none() {
         let mut random = Random::new(1);
         let other = IdentityRecord { robot: "x".into(), ..IdentityRecord::default() };
-        assert!(matches!(Identity::open("r", (Some(other), false), &mut random), Err(OpenError::Robot { .. })));
-        assert!(matches!(Identity::open("r", (None, false), &mut random), Err(OpenError::Damaged { .. })));
+        assert!(matches!(Identity::open("r", Some(other), false, &mut random), Err(OpenError::Robot { .. })));
+        assert!(matches!(Identity::open("r", None, false, &mut random), Err(OpenError::Damaged { .. })));
     }
 
     #[test]

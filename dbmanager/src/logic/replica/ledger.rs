@@ -45,7 +45,7 @@ pub(super) struct Ledger {
 impl Ledger {
     pub(super) fn open(config: &Config, stored: StoredRecords, random: &mut Random) -> Result<Self, OpenError> {
         let (stored, log) = stored.finish()?;
-        let identity = Identity::open(&config.robot, (stored.identity, stored.count == 0), random)?;
+        let identity = Identity::open(&config.robot, stored.identity, stored.count == 0, random)?;
         Ok(Self {
             pipeline: CommitPipeline::new(identity.origin(), log.last_stamp(), stored.local),
             contents: Contents::new(log, stored.state),
@@ -120,7 +120,7 @@ impl Ledger {
         let txn = encoded.open()?;
         let verdict = self.log().judge(&txn, &encoded);
         if verdict != Verdict::Known {
-            self.authors.check_signature((&txn, &encoded), &self.contents).map_err(NotTaken::Doubt)?;
+            self.authors.check_signature(&txn, &encoded, &self.contents).map_err(NotTaken::Doubt)?;
         }
         if verdict != Verdict::Next {
             return Ok(verdict);
@@ -149,7 +149,8 @@ impl Ledger {
     pub(super) fn receive(
         &mut self,
         now: Time,
-        (from, txns): (ReplicaId, Vec<EncodedTxn>),
+        from: ReplicaId,
+        txns: Vec<EncodedTxn>,
         effects: &mut Vec<Effect>,
     ) -> bool {
         let mut missing = false;
@@ -203,12 +204,13 @@ impl Ledger {
     pub(super) fn receive_delta(
         &mut self,
         now: Time,
-        (from, push): (ReplicaId, &DeltaPush),
+        from: ReplicaId,
+        push: &DeltaPush,
         effects: &mut Vec<Effect>,
     ) -> bool {
         let head = self.log().head(from).cloned().unwrap_or_default();
         if let Some(txns) = push.txns(from, head, |vector| self.log().seen(vector)) {
-            return self.receive(now, (from, txns), effects);
+            return self.receive(now, from, txns, effects);
         }
         let known = |seq| self.log().encoded(Dot { origin: from, seq }).map(EncodedTxn::hash);
         let forks = push.hashes().any(|(seq, hash)| known(seq).is_some_and(|known| known != hash));
@@ -281,8 +283,8 @@ impl Ledger {
     }
 
     /// Writes what never leaves the robot.
-    pub(super) fn commit_local(&mut self, now: Time, what: (&Draft, &AckLevel)) -> Result<Dot, TxnError> {
-        self.pipeline.write_local(now, what, &self.contents, &mut self.batch)
+    pub(super) fn commit_local(&mut self, now: Time, draft: &Draft, level: &AckLevel) -> Result<Dot, TxnError> {
+        self.pipeline.write_local(now, draft, level, &self.contents, &mut self.batch)
     }
 
     /// Gives up the origin, which may have used numbers `twice`.
@@ -314,7 +316,7 @@ impl Ledger {
         match self.commit(now, change) {
             Ok((dot, encoded)) => {
                 effects.push(Effect::Visible(dot, encoded.clone()));
-                self.push((before, vec![encoded]), effects);
+                self.push(before, vec![encoded], effects);
             }
             Err(TxnError::Unproven { why }) => {
                 effects.push(Effect::Alarm(Alarm::Forged { from: self.identity.origin(), why }));
@@ -346,7 +348,7 @@ impl Ledger {
     }
 
     /// Tells others of new transactions and the head before them, unless they are long: those are pulled.
-    pub(super) fn push(&mut self, (before, txns): (Head, Vec<EncodedTxn>), effects: &mut Vec<Effect>) {
+    pub(super) fn push(&mut self, before: Head, txns: Vec<EncodedTxn>, effects: &mut Vec<Effect>) {
         if txns.is_empty() || !self.is_member() {
             return;
         }
@@ -381,7 +383,7 @@ impl Ledger {
                 effects.push(Effect::Alarm(Alarm::Fork(dot.origin)));
             }
         }
-        let names = joining.map(|joining| self.rebase(now, (joining, &old), effects)).unwrap_or_default();
+        let names = joining.map(|joining| self.rebase(now, joining, &old, effects)).unwrap_or_default();
         self.acks.begin_anew();
         self.acks.note(from, &vector);
         names
@@ -391,10 +393,11 @@ impl Ledger {
     fn rebase(
         &mut self,
         now: Time,
-        (joining, old): (ReplicaId, &Contents),
+        joining: ReplicaId,
+        old: &Contents,
         effects: &mut Vec<Effect>,
     ) -> BTreeMap<Dot, Dot> {
-        let arrivals = rebase::arrivals(old, &self.contents, (joining, &self.identity));
+        let arrivals = rebase::arrivals(old, &self.contents, joining, &self.identity);
         self.identity.admitted(joining);
         self.pipeline.move_to(joining);
         let mut names = BTreeMap::new();

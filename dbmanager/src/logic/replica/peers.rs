@@ -243,7 +243,8 @@ impl PeerTable {
     pub(super) fn choose(
         &mut self,
         now: Time,
-        (pulls_max, sponsor): (usize, Option<ReplicaId>),
+        pulls_max: usize,
+        sponsor: Option<ReplicaId>,
         random: &mut Random,
     ) -> Option<ReplicaId> {
         let may = |peer: &Peer| peer.ahead && peer.pulling.is_none() && peer.ask_at <= now;
@@ -299,9 +300,9 @@ mod tests {
         table.ahead(A, Time::ZERO);
         let (mut now, mut pauses) = (Time::ZERO, Vec::new());
         for _ in 0..6 {
-            assert_eq!(table.choose(now, (1, None), &mut random), Some(A));
+            assert_eq!(table.choose(now, 1, None, &mut random), Some(A));
             table.asked(now, A);
-            assert_eq!(table.choose(now, (1, None), &mut random), None, "it is asked already");
+            assert_eq!(table.choose(now, 1, None, &mut random), None, "it is asked already");
             let over = table.peers[&A].pulling.unwrap();
             table.expire(over);
             now = table.peers[&A].ask_at;
@@ -309,7 +310,7 @@ mod tests {
         }
         assert_eq!(pauses, [200, 800, 3_200, 12_800, 12_800, 12_800]);
         table.met(at(0));
-        assert_eq!(table.choose(at(0), (1, None), &mut random), Some(A), "it has come back");
+        assert_eq!(table.choose(at(0), 1, None, &mut random), Some(A), "it has come back");
     }
 
     #[test]
@@ -338,7 +339,7 @@ mod tests {
         let first = table.asked(at(8000), A).number;
         table.announced(at(8100), A, first);
         table.met(at(8200));
-        assert_eq!(table.choose(at(8200), (1, None), &mut Random::new(1)), Some(A));
+        assert_eq!(table.choose(at(8200), 1, None, &mut Random::new(1)), Some(A));
     }
 
     #[test]
@@ -346,10 +347,10 @@ mod tests {
         let (mut table, mut random) = (PeerTable::default(), Random::new(1));
         (1..=3).for_each(|peer| table.ahead(ReplicaId::new(peer), Time::ZERO));
         for _ in 0..2 {
-            let peer = table.choose(at(1), (2, None), &mut random).unwrap();
+            let peer = table.choose(at(1), 2, None, &mut random).unwrap();
             table.asked(at(1), peer);
         }
-        assert_eq!(table.choose(at(1), (2, None), &mut random), None);
+        assert_eq!(table.choose(at(1), 2, None, &mut random), None);
         assert!(table.deadline(2) > at(1) || table.hello_at == table.deadline(2));
     }
 
@@ -360,12 +361,12 @@ mod tests {
         table.ahead(B, Time::ZERO);
         let mut now = Time::ZERO;
         for _ in 0..SPONSOR_SILENCES_MAX {
-            assert_eq!(table.choose(now, (1, Some(A)), &mut random), Some(A));
+            assert_eq!(table.choose(now, 1, Some(A), &mut random), Some(A));
             table.asked(now, A);
             now = table.peers[&A].pulling.unwrap();
             table.expire(now);
             assert_eq!(
-                table.choose(now, (1, Some(A)), &mut random),
+                table.choose(now, 1, Some(A), &mut random),
                 None.or(table.peers[&A].silences.eq(&3).then_some(B))
             );
             now = table.peers[&A].ask_at;

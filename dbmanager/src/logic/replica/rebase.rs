@@ -49,7 +49,7 @@ pub(super) struct Rest {
 
 /// Returns the part of `old` that has to be committed on `new` as `joining`, which is not admitted yet; `None` if there
 /// is none.
-pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (ReplicaId, &Identity)) -> Option<Arrivals> {
+pub(super) fn arrivals(old: &Contents, new: &Contents, joining: ReplicaId, me: &Identity) -> Option<Arrivals> {
     let forked = forked(old.log(), new.log(), me);
     let (old_side, new_side) = (side(old), side(new));
     let pieces = merge::rebase(old_side, new_side, &forked, joining);

@@ -9,27 +9,38 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The most tickets that wait; whoever comes later hears at once that it is pending.
 const WAITING_MAX: usize = 1024;
 
-/// The callers that wait, by ticket: for which transaction, how far, and until when.
+/// What a caller waits for.
+#[derive(Debug)]
+pub(super) struct Waiting {
+    /// The transaction.
+    pub(super) dot: Dot,
+    /// The level that it is to reach.
+    pub(super) level: AckLevel,
+    /// When the caller gives up.
+    pub(super) until: Time,
+}
+
+/// The callers that wait, by ticket.
 #[derive(Debug, Default)]
-pub(super) struct Tickets(BTreeMap<u64, (Dot, AckLevel, Time)>);
+pub(super) struct Tickets(BTreeMap<u64, Waiting>);
 
 impl Tickets {
     pub(super) fn deadline(&self) -> Option<Time> {
-        self.0.values().map(|(_, _, until)| *until).min()
+        self.0.values().map(|waiting| waiting.until).min()
     }
 
     /// Lets a caller wait; returns whether there is a place, and time.
-    pub(super) fn wait(&mut self, now: Time, ticket: u64, (dot, level, until): (Dot, AckLevel, Time)) -> bool {
-        let waits = self.0.len() < WAITING_MAX && until > now;
+    pub(super) fn wait(&mut self, now: Time, ticket: u64, waiting: Waiting) -> bool {
+        let waits = self.0.len() < WAITING_MAX && waiting.until > now;
         if waits {
-            self.0.insert(ticket, (dot, level, until));
+            self.0.insert(ticket, waiting);
         }
         waits
     }
 
     /// Tells callers how far their transactions have got by now, and whose time is over.
     pub(super) fn settle(&mut self, now: Time, reached: impl Fn(Dot, &AckLevel) -> bool, effects: &mut Vec<Effect>) {
-        self.0.retain(|ticket, (dot, level, until)| {
+        self.0.retain(|ticket, Waiting { dot, level, until }| {
             let answer = if reached(*dot, level) {
                 Answer::Reached(*dot)
             } else if *until <= now {
@@ -44,7 +55,7 @@ impl Tickets {
 
     /// Gives the transactions that are waited for their new names.
     pub(super) fn rename(&mut self, names: &BTreeMap<Dot, Dot>) {
-        for (dot, ..) in self.0.values_mut() {
+        for Waiting { dot, .. } in self.0.values_mut() {
             *dot = names.get(dot).copied().unwrap_or(*dot);
         }
     }
@@ -82,9 +93,10 @@ mod tests {
         let (mut tickets, mut effects) = (Tickets::default(), Vec::new());
         let dot = |seq| Dot { origin: ReplicaId::new(1), seq };
         let later = Time::ZERO + Duration::from_secs(1);
-        assert!(!tickets.wait(later, 9, (dot(9), AckLevel::Everywhere, later)), "its time is over");
+        let everywhere = |seq| Waiting { dot: dot(seq), level: AckLevel::Everywhere, until: later };
+        assert!(!tickets.wait(later, 9, everywhere(9)), "its time is over");
         for ticket in 1..=3 {
-            assert!(tickets.wait(Time::ZERO, ticket, (dot(ticket), AckLevel::Everywhere, later)));
+            assert!(tickets.wait(Time::ZERO, ticket, everywhere(ticket)));
         }
         tickets.rename(&BTreeMap::from([(dot(2), dot(20))]));
         tickets.settle(Time::ZERO, |dot, _| dot.seq == 20, &mut effects);
@@ -109,7 +121,7 @@ mod tests {
         let dot = Dot { origin: ReplicaId::new(1), seq: 1 };
         let until = Time::ZERO + Duration::from_secs(1);
         let waiting = (0..2 * WAITING_MAX as u64)
-            .filter(|ticket| tickets.wait(Time::ZERO, *ticket, (dot, AckLevel::Local, until)));
+            .filter(|ticket| tickets.wait(Time::ZERO, *ticket, Waiting { dot, level: AckLevel::Local, until }));
         assert_eq!(waiting.count(), WAITING_MAX);
     }
 }

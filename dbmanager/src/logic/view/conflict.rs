@@ -183,7 +183,7 @@ impl Past<'_> {
                     let over = |dot| has_seen(txn, seen, dot);
                     settle(&mut races, key, &over);
                     let fence = prefixes(key).filter_map(|prefix| Some((prefix, *fences.get(prefix)?))).last();
-                    let grant = self.unknown_grant((txn, seen), (key, fence), &grants);
+                    let grant = self.unknown_grant(txn, seen, key, fence, &grants);
                     found.extend(grant.map(|grant| (touch.dot, None, grant.dot)));
                 }
                 if !found.is_empty() {
@@ -220,8 +220,10 @@ impl Past<'_> {
     /// `fence` is by which prefix and grant the writer went.
     fn unknown_grant<'a>(
         &self,
-        (txn, seen): (&Txn, &VersionVector),
-        (key, fence): (&Key, Option<(&str, Dot)>),
+        txn: &Txn,
+        seen: &VersionVector,
+        key: &Key,
+        fence: Option<(&str, Dot)>,
         grants: &'a Grants,
     ) -> Option<&'a Granted> {
         let of = |prefix: &str| grants.get(prefix).into_iter().flat_map(BTreeMap::values);

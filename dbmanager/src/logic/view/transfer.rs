@@ -21,6 +21,7 @@
 
 use super::as_of::Difference;
 use super::past::Keys;
+use super::value::text::Fault;
 use super::value::{Datum, TextError, quote, text};
 use crate::logic::key::{Key, Namespace};
 use crate::logic::state::{State, Version};
@@ -89,7 +90,7 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
     let File { below, values } = read(file)?;
     if absent == Absent::Delete && file.trim_end().lines().next_back() != Some(END) {
         let what = "the file may have been cut off, so nothing is deleted that is not in it".to_owned();
-        return Err(text::at(file, file.len(), (what, "the last line of a whole file is `# end`"), String::new()));
+        return Err(text::at(file, file.len(), Fault::new(what, "the last line of a whole file is `# end`")));
     }
     let mut wanted: BTreeMap<Key, Option<(Datum, Value)>> =
         values.into_iter().map(|(key, value)| (key, Some(value))).collect();
@@ -154,7 +155,7 @@ struct File {
 }
 
 fn read(file: &str) -> Result<File, TextError> {
-    let refuse = |byte: usize, what: String, hint: &'static str| text::at(file, byte, (what, hint), String::new());
+    let refuse = |byte: usize, what: String, hint: &'static str| text::at(file, byte, Fault::new(what, hint));
     if file.len() > FILE_SIZE_MAX {
         return Err(refuse(0, format!("the file has more than {FILE_SIZE_MAX} bytes"), ""));
     }

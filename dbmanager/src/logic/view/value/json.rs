@@ -21,7 +21,7 @@ impl Datum {
     /// If it is not JSON, or `null`, which is not a value.
     pub fn from_json(text: &str) -> Result<Self, TextError> {
         if let Some((byte, number)) = integers(text).find(|(_, number)| number.parse::<i64>().is_err()) {
-            return Err(text::at(text, byte, text::too_large(number), String::new()));
+            return Err(text::at(text, byte, text::too_large(number)));
         }
         serde_json::from_str(text).map_err(|error| {
             let whole = error.to_string();
@@ -95,8 +95,8 @@ impl<'de> Deserialize<'de> for Datum {
 
 struct Reader;
 
-fn refuse<E: de::Error>((what, hint): Fault) -> E {
-    E::custom(if hint.is_empty() { what } else { format!("{what} ({hint})") })
+fn refuse<E: de::Error>(fault: Fault) -> E {
+    E::custom(fault.joined())
 }
 
 impl<'de> Visitor<'de> for Reader {
@@ -127,7 +127,7 @@ impl<'de> Visitor<'de> for Reader {
     }
 
     fn visit_unit<E: de::Error>(self) -> Result<Datum, E> {
-        Err(refuse(("`null` is no value".to_owned(), "delete the key instead")))
+        Err(refuse(Fault::new("`null` is no value", "delete the key instead")))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Datum, A::Error> {

@@ -31,8 +31,24 @@ impl fmt::Display for TextError {
     }
 }
 
-/// A mistake in a part of a text, with advice.
-pub(super) type Fault = (String, &'static str);
+/// A mistake in a part of a text.
+pub(in crate::logic::view) struct Fault {
+    what: String,
+    /// Advice, if there is any.
+    hint: String,
+}
+
+impl Fault {
+    pub(in crate::logic::view) fn new(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { what: what.into(), hint: hint.into() }
+    }
+
+    /// Returns mistake and advice in one text.
+    pub(super) fn joined(self) -> String {
+        let Self { what, hint } = self;
+        if hint.is_empty() { what } else { format!("{what} ({hint})") }
+    }
+}
 
 impl Datum {
     /// Returns it as a TOML value on one line.
@@ -50,11 +66,12 @@ impl Datum {
         let value = DeValue::parse(text).map_err(|error| {
             let word = text.trim();
             if word.is_empty() {
-                return at(text, 0, ("there is no value".to_owned(), "an empty text is \"\""), String::new());
+                return at(text, 0, Fault::new("there is no value", "an empty text is \"\""));
             }
             let bare = word.starts_with(char::is_alphabetic) && !word.contains(['"', '\'', '\n']);
             let hint = if bare { format!("a text stands in quotes: {}", quote(word)) } else { String::new() };
-            at(text, error.span().map_or(0, |span| span.start), (error.message().trim().replace('\n', ", "), ""), hint)
+            let what = error.message().trim().replace('\n', ", ");
+            at(text, error.span().map_or(0, |span| span.start), Fault::new(what, hint))
         })?;
         of_toml(text, &value)
     }
@@ -66,20 +83,20 @@ pub(in crate::logic::view) fn of_toml(text: &str, value: &Spanned<DeValue<'_>>) 
 }
 
 fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datum, TextError> {
-    let refuse = |fault: Fault| at(text, value.span().start, fault, String::new());
+    let refuse = |fault: Fault| at(text, value.span().start, fault);
     // The table that names a kind of value is a level of the text, and none of the value.
     if depth > DEPTH_MAX + 1 {
-        return Err(refuse(("lists and tables lie too deep in each other".to_owned(), "")));
+        return Err(refuse(Fault::new("lists and tables lie too deep in each other", "")));
     }
     match value.get_ref() {
         DeValue::String(text) => Ok(Datum::Text(text.to_string())),
         DeValue::Integer(number) => integer(number).map(Datum::Integer).map_err(refuse),
         DeValue::Float(number) => match number.as_str().parse::<f64>() {
             Ok(parsed) if parsed.is_finite() || number.as_str().contains(['i', 'n']) => Ok(Datum::float(parsed)),
-            _ => Err(refuse((format!("{number} is no 64-bit float"), ""))),
+            _ => Err(refuse(Fault::new(format!("{number} is no 64-bit float"), ""))),
         },
         DeValue::Boolean(yes) => Ok(Datum::Bool(*yes)),
-        DeValue::Datetime(_) => Err(refuse(("a date is no value".to_owned(), "write it as a text, in quotes"))),
+        DeValue::Datetime(_) => Err(refuse(Fault::new("a date is no value", "write it as a text, in quotes"))),
         DeValue::Array(items) => {
             items.iter().map(|item| nested(text, item, depth + 1)).collect::<Result<_, _>>().map(Datum::List)
         }
@@ -99,7 +116,7 @@ fn integer(number: &DeInteger<'_>) -> Result<i64, Fault> {
 
 pub(super) fn too_large(number: &str) -> Fault {
     let hint = "a float has a point or an exponent; a longer number is best a text";
-    (format!("the integer {number} does not fit into 64 bits with a sign"), hint)
+    Fault::new(format!("the integer {number} does not fit into 64 bits with a sign"), hint)
 }
 
 /// Returns what a table stands for.
@@ -110,7 +127,7 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
         return Ok(Datum::Table(BTreeMap::from([(name.to_owned(), field.clone())])));
     }
     let hint = "a name that begins with `$` and is alone in its table has one `$` more";
-    let Some(Datum::Text(text)) = content else { return Err((format!("`{tag}` is no kind of value"), hint)) };
+    let Some(Datum::Text(text)) = content else { return Err(Fault::new(format!("`{tag}` is no kind of value"), hint)) };
     let datum = match tag.as_str() {
         "$bytes" => unhex(&text).map(Datum::Bytes),
         "$sealed" => unhex(&text).map(Datum::Sealed),
@@ -119,9 +136,9 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
             Some(Datum::Opaque { tag, bytes })
         }),
         "$float" => NAMED_FLOATS.iter().find(|(name, _)| *name == text).map(|(_, number)| Datum::float(*number)),
-        _ => return Err((format!("`{tag}` is no kind of value"), hint)),
+        _ => return Err(Fault::new(format!("`{tag}` is no kind of value"), hint)),
     };
-    datum.ok_or_else(|| (format!("{} is no `{tag}`", quote(&text)), hint))
+    datum.ok_or_else(|| Fault::new(format!("{} is no `{tag}`", quote(&text)), hint))
 }
 
 /// The floats that JSON has no digits for.
@@ -219,10 +236,9 @@ fn unhex(digits: &str) -> Option<Vec<u8>> {
 }
 
 /// Returns the error at a byte of a text.
-pub(in crate::logic::view) fn at(text: &str, byte: usize, (what, why): Fault, hint: String) -> TextError {
+pub(in crate::logic::view) fn at(text: &str, byte: usize, fault: Fault) -> TextError {
     let before = text.get(..byte).unwrap_or(text);
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or(before).chars().count() + 1;
-    let hint = if why.is_empty() { hint } else { why.to_owned() };
-    TextError { line, column, what, hint }
+    TextError { line, column, what: fault.what, hint: fault.hint }
 }
