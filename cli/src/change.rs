@@ -101,10 +101,10 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
     let Some(revision) = revision(client, &home, &deployment.name).await? else {
         return Err(anyhow!("`{}` does not run any more", deployment.name).into());
     };
-    let meant = arguments.processes.iter().map(|name| meant(&revision.plan, std::iter::empty(), (&deployment, name)));
+    let meant = arguments.processes.iter().map(|name| meant(&revision.plan, std::iter::empty(), &deployment, name));
     let again = meant.collect::<Result<Vec<String>, String>>().map_err(|why| anyhow!(why))?;
     let plan = revision.plan.clone();
-    change(client, &home, (revision, plan, again), arguments.probation).await
+    change(client, &home, revision, plan, again, arguments.probation).await
 }
 
 /// How many programs are named where one is not known.
@@ -114,7 +114,8 @@ const PROGRAMS_TOLD: usize = 20;
 pub(crate) fn meant<'a>(
     plan: &'a Plan,
     groups: impl Iterator<Item = &'a String>,
-    (deployment, name): (&Deployment, &ProcessName),
+    deployment: &Deployment,
+    name: &ProcessName,
 ) -> Result<String, String> {
     let (process, live) = (name.process().unwrap_or_default(), plan.live_leaves());
     let leaves = live.iter().filter_map(|number| plan.leaves.get(*number as usize));
@@ -179,17 +180,19 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollo
     stored::check(client, spec).await?;
     found.changes.iter().for_each(|change| console::note(&change.to_string()));
     let Some(host) = &rollout.canary else {
-        change(client, &home, (running, spec.plan.clone(), Vec::new()), probation).await?;
+        change(client, &home, running, spec.plan.clone(), Vec::new(), probation).await?;
         return Ok(true);
     };
-    change_by_canary((client, &home), (running, &spec.plan), host, probation).await?;
+    change_by_canary(client, &home, running, &spec.plan, host, probation).await?;
     Ok(true)
 }
 
 /// Changes the programs of one host, then the rest; if that cannot be, the first are taken back.
 async fn change_by_canary(
-    (client, home): (&Client, &str),
-    (running, wanted): (Revision, &Plan),
+    client: &Client,
+    home: &str,
+    running: Revision,
+    wanted: &Plan,
     host: &str,
     probation: Probation,
 ) -> Result<(), Failure> {
@@ -198,19 +201,19 @@ async fn change_by_canary(
     let is_all = difference(&part, wanted).is_ok_and(|rest| rest.changes.is_empty());
     let (epoch, first) = (running.epoch, running.revision + 1);
     console::note(&format!("on `{host}` first"));
-    change(client, home, (running, part, Vec::new()), probation).await?;
+    change(client, home, running, part, Vec::new(), probation).await?;
     if is_all {
         return Ok(());
     }
     let of_canary = || Revision { epoch, revision: first, plan: before.clone(), change: None };
-    let Err(failure) = change(client, home, (of_canary(), wanted.clone(), Vec::new()), probation).await else {
+    let Err(failure) = change(client, home, of_canary(), wanted.clone(), Vec::new(), probation).await else {
         return Ok(());
     };
     if matches!(failure, Failure::Unreachable(_)) {
         return Err(failure);
     }
     console::note(&format!("the rest of `{name}` is not changed, so `{host}` is taken back"));
-    change(client, home, (of_canary(), before.clone(), Vec::new()), probation).await?;
+    change(client, home, of_canary(), before.clone(), Vec::new(), probation).await?;
     Err(failure)
 }
 
@@ -243,7 +246,9 @@ pub(crate) async fn revision(client: &Client, home: &str, name: &str) -> Result<
 pub(crate) async fn change(
     client: &Client,
     home: &str,
-    (running, plan, again): (Revision, Plan, Vec<String>),
+    running: Revision,
+    plan: Plan,
+    again: Vec<String>,
     probation: Probation,
 ) -> Result<(), Failure> {
     let (name, epoch, revision) = (plan.name.clone(), running.epoch, running.revision);

@@ -99,7 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let checked = Checked::read(&arguments.file, &arguments.controllers, &arguments.values, arguments.deny.is_some())?;
     console::say(&print(&checked));
     let Some(plan) = checked.plan else { return Err(Failure::Reported) };
-    compare(&as_spec(&arguments.file, (checked.spec, checked.interfaces), plan), arguments)
+    compare(&as_spec(&arguments.file, checked.spec, checked.interfaces, plan), arguments)
 }
 
 /// Compares the processes that the spec uses of other deployments with the specs of those.
@@ -111,7 +111,7 @@ fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
         if !uses(&spec.plan).iter().any(|external| external.deployment == other.plan.name) {
             problems.push(format!("nothing of `{}` is used: no process has `runs_in {0}`", other.plan.name));
         }
-        problems.extend(externals::against((&spec.plan, &spec.modules), (&other.plan, &other.modules)));
+        problems.extend(externals::against(&spec.plan, &spec.modules, &other.plan, &other.modules));
     }
     if problems.is_empty() { Ok(()) } else { Err(anyhow!(problems.join("\n")).into()) }
 }
@@ -158,10 +158,10 @@ pub(crate) fn load(
     }
     let plan = plan.ok_or(Failure::Reported)?;
     values.strange_hosts(&plan.hosts).iter().for_each(|sentence| console::note(sentence));
-    Ok(as_spec(file, (spec, interfaces), plan))
+    Ok(as_spec(file, spec, interfaces, plan))
 }
 
-fn as_spec(file: &Path, (spec, interfaces): (Source, Vec<Source>), plan: Plan) -> Spec {
+fn as_spec(file: &Path, spec: Source, interfaces: Vec<Source>, plan: Plan) -> Spec {
     let text = spec.text.clone();
     let modules = std::iter::once(spec).chain(interfaces).collect();
     Spec { file: file.to_owned(), text, plan, modules }

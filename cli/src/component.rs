@@ -64,7 +64,7 @@ pub struct RemoveArguments {
 pub(crate) fn add(arguments: &AddArguments) -> Result<(), Failure> {
     changed(&arguments.name, &arguments.connect, arguments.probation, |_, running| {
         let name = name_of(&arguments.instance);
-        let piece = piece(arguments, (name, running))?;
+        let piece = piece(arguments, name, running)?;
         let failing = if arguments.optional { Failing::IsIgnored } else { Failing::Counts };
         running.with_program(&piece, name, &arguments.group, failing).map_err(|why| anyhow!(why).into())
     })
@@ -75,7 +75,7 @@ pub(crate) fn remove(arguments: &RemoveArguments) -> Result<(), Failure> {
     changed(&arguments.name, &arguments.connect, Probation::none(), |deployment, running| {
         let live = running.live_groups();
         let groups = live.iter().filter_map(|number| running.groups.get(*number as usize)).map(|group| &group.path);
-        let path = meant(running, groups, (deployment, &arguments.process)).map_err(|why| anyhow!(why))?;
+        let path = meant(running, groups, deployment, &arguments.process).map_err(|why| anyhow!(why))?;
         running.without_process(&path).map_err(|why| anyhow!(why).into())
     })
 }
@@ -96,7 +96,7 @@ fn changed(
             let plan = wanted(&deployment, &running.plan)?;
             let found = difference(&running.plan, &plan).map_err(|obstacles| anyhow!(obstacles.join("; ")))?;
             found.changes.iter().for_each(|change| console::note(&change.to_string()));
-            change(client, &home, (running, plan, Vec::new()), probation).await
+            change(client, &home, running, plan, Vec::new(), probation).await
         };
         let done = work.await;
         clients.close().await;
@@ -105,9 +105,9 @@ fn changed(
 }
 
 /// Compiles the spec of the new program; mistakes in it are reported.
-fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Plan, Failure> {
+fn piece(arguments: &AddArguments, name: &str, running: &Plan) -> Result<Plan, Failure> {
     // Arguments of stand-ins do not matter, except for types without defaults.
-    let (bare, with_arguments) = (text(arguments, (name, running), false), text(arguments, (name, running), true));
+    let (bare, with_arguments) = (text(arguments, name, running, false), text(arguments, name, running, true));
     // The spec of the deployment is the running one: its types count.
     let is_spec = |path: &str| arguments.spec.as_ref().is_some_and(|spec| named_file::are_same(spec, Path::new(path)));
     let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
@@ -135,7 +135,7 @@ fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Pla
 }
 
 /// Returns the spec of the new program and its connections.
-fn text(arguments: &AddArguments, (name, running): (&str, &Plan), has_arguments: bool) -> String {
+fn text(arguments: &AddArguments, name: &str, running: &Plan, has_arguments: bool) -> String {
     let live = running.live_leaves();
     let leaves = live.iter().filter_map(|number| running.leaves.get(*number as usize));
     let of_group = |leaf: &Leaf| Some(leaf.path.strip_prefix(&arguments.group)?.strip_prefix('/')?.to_owned());
@@ -224,7 +224,7 @@ process main() { host { \"c1\" } instantiated_processes { pair instof Pair(\"c1\
             "a, Out -> d, In latch",
         ];
         let arguments = Line::try_parse_from(line).unwrap().add;
-        let text = text(&arguments, ("d", &plan), true);
+        let text = text(&arguments, "d", &plan, true);
         let (modules, _) = SPEC.split_at(SPEC.find("process Pair").unwrap());
         let others = [Source::new("modules", modules)];
         let compiled = compile(&Source::new("<dca add>", text.as_str()), &others, &Options::named("spec"));

@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
         let start = if arguments.aligned { StartMode::Aligned } else { StartMode::AtOnce };
-        let result = deploy(&client, spec, (&arguments.following, start), Some(&arguments.rollout)).await;
+        let result = deploy(&client, spec, &arguments.following, start, Some(&arguments.rollout)).await;
         client.close().await;
         result
     })
@@ -51,7 +51,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 pub(crate) async fn deploy(
     client: &Client,
     spec: Spec,
-    following: (&follow::FollowArgs, StartMode),
+    following: &follow::FollowArgs,
+    start: StartMode,
     rollout: Option<&Rollout>,
 ) -> Result<(), Failure> {
     client.refuse_revoked(&spec.plan.hosts).await?;
@@ -75,5 +76,5 @@ pub(crate) async fn deploy(
         return Ok(());
     }
     stored::check(client, &spec).await?;
-    follow::follow(client, spec, following).await
+    follow::follow(client, spec, following, start).await
 }

@@ -110,7 +110,8 @@ struct Watch {
 pub(crate) async fn follow(
     client: &Client,
     spec: Spec,
-    (following, start): (&FollowArgs, StartMode),
+    following: &FollowArgs,
+    start: StartMode,
 ) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     // The project file may name ports where no record is kept.

@@ -98,8 +98,8 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
         let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called so: {why}", name.name))?;
         let prepared = taps.prepare(exported, bytes, arguments.object.within());
         let signed = found.program.signed(exported.access, prepared).await?;
-        let (value, took) = ask(taps, (&found, exported), signed).await?;
-        show(&arguments.object, &found, exported, (&value, took));
+        let (value, took) = ask(taps, &found, exported, signed).await?;
+        show(&arguments.object, &found, exported, &value, took);
         Ok(())
     }))
 }
@@ -117,9 +117,9 @@ pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
         let mut shown = None;
         loop {
             let prepared = taps.prepare(exported, Vec::new(), arguments.object.within());
-            let (value, took) = ask(taps, (&found, exported), prepared).await?;
+            let (value, took) = ask(taps, &found, exported, prepared).await?;
             if shown.as_ref() != Some(&value) {
-                show(&arguments.object, &found, exported, (&value, took));
+                show(&arguments.object, &found, exported, &value, took);
                 shown = Some(value);
             }
             if !arguments.watch {
@@ -227,7 +227,7 @@ impl Program<'_> {
     /// Returns a call with the signature of its user, if the node is in a team and the procedure needs one.
     async fn signed(&self, access: Access, call: ObjectCall) -> Result<ObjectCall, Failure> {
         let (deployment, host) = (self.at.deployment, self.at.host);
-        let (key, _) = key::object(&deployment.name, self.path());
+        let key = key::object(&deployment.name, self.path()).call;
         let asked = CallRequest {
             deployment: deployment.clone(),
             path: self.path().to_owned(),
@@ -325,16 +325,17 @@ fn exported<'a>(found: &'a Found<'_>, name: &ObjectName) -> Result<&'a Exported,
 /// Makes the call; returns its result, and how long it took.
 async fn ask(
     taps: &Taps,
-    (found, exported): (&Found<'_>, &Exported),
+    found: &Found<'_>,
+    exported: &Exported,
     call: ObjectCall,
 ) -> Result<(Value, Duration), Failure> {
     let (begun, program) = (clock::now(), &found.program);
-    let called = taps.call((&program.at.deployment.name, program.path()), call).await?;
+    let called = taps.call(&program.at.deployment.name, program.path(), call).await?;
     let bytes = called.map_err(|error| failure(found, &exported.name, &error))?;
     Ok((result(&found.exports, &exported.signature, &bytes), clock::now() - begun))
 }
 
-fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, (value, took): (&Value, Duration)) {
+fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, value: &Value, took: Duration) {
     if arguments.json {
         let name = format!("{}:{}.{}", found.program.at.deployment.name, found.program.path(), exported.name);
         let kind = exported.signature.result.name.as_str();

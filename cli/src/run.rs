@@ -111,7 +111,7 @@ impl Nodes {
         let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
         let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
         let result = tokio::select! {
-            result = deploy::deploy(&client, spec, (following, StartMode::AtOnce), None) => result,
+            result = deploy::deploy(&client, spec, following, StartMode::AtOnce, None) => result,
             why = ended(&mut self.running) => {
                 Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
             }

@@ -220,7 +220,7 @@ async fn read<T: DeserializeOwned + Send + 'static>(
             let (taps, place, state) = (Arc::clone(taps), place.clone(), state.clone());
             requests.spawn(async move {
                 let called =
-                    taps.call((&place.deployment.name, &place.path), taps.prepare(&state, Vec::new(), within)).await;
+                    taps.call(&place.deployment.name, &place.path, taps.prepare(&state, Vec::new(), within)).await;
                 let value = match called {
                     Ok(Ok(bytes)) => postcard::from_bytes(&bytes)
                         .map_err(|cause| format!("its program was built with another version of DCA: {cause}")),

@@ -85,8 +85,13 @@ impl End {
     }
 }
 
-/// The programs that are meant: path, host, and where to dial them.
-type Programs = Vec<(String, String, Dial)>;
+/// A program that is meant.
+struct Program {
+    path: String,
+    host: String,
+    /// Where it is dialled.
+    dial: Dial,
+}
 
 /// Follows the requested outputs until `take` returns an end, Ctrl-C comes or the deployment is over.
 pub(crate) async fn follow(
@@ -140,7 +145,7 @@ async fn follow_with(
             report = next(&mut reports) => match report {
                 Some(Ok(Answer::Report(Report::Finished { .. } | Report::Refused { .. }))) => Some(End::Finished),
                 Some(Ok(Answer::Report(Report::Process { path, change: Change::Started { .. } | Change::Activated | Change::Resumed, .. }))) => {
-                    if let Some(program) = programs.iter_mut().find(|(known, ..)| *known == path) {
+                    if let Some(program) = programs.iter_mut().find(|program| program.path == path) {
                         let found = found_again(client, taps, &deployment, program).await;
                         found.unwrap_or_else(|failure| {
                             console::note(&format!("warning: `{path}` was started again: {}", words(&failure)));
@@ -182,7 +187,7 @@ async fn next(reports: &mut Option<Answers>) -> Option<Result<Answer, Failure>> 
 async fn find<'a>(
     clients: &'a Clients,
     arguments: &TapArgs,
-) -> Result<(&'a Client, Deployment, String, Programs), Failure> {
+) -> Result<(&'a Client, Deployment, String, Vec<Program>), Failure> {
     let (wanted, all) = (&arguments.output, clients.statuses().await?);
     let mut meant: BTreeMap<Deployment, (&Client, BTreeMap<String, BTreeSet<String>>)> = BTreeMap::new();
     for (client, statuses) in &all {
@@ -199,7 +204,7 @@ async fn find<'a>(
         for (host, paths) in hosts {
             let located = locations(client, &host, &deployment).await?;
             let here = located.into_iter().filter(|(path, _)| paths.contains(path));
-            programs.extend(here.map(|(path, dial)| (path, host.clone(), dial)));
+            programs.extend(here.map(|(path, dial)| Program { path, host: host.clone(), dial }));
         }
         if !programs.is_empty() {
             found.push((client, deployment, programs));
@@ -241,13 +246,13 @@ async fn found_again(
     client: &Client,
     taps: &Taps,
     deployment: &Deployment,
-    (path, host, known): &mut (String, String, Dial),
+    program: &mut Program,
 ) -> Result<(), Failure> {
-    let located = locations(client, host, deployment).await?;
-    let found = located.into_iter().find(|(located, _)| located == path);
-    if let Some((_, dial)) = found.filter(|(_, dial)| dial.session != known.session) {
+    let located = locations(client, &program.host, deployment).await?;
+    let found = located.into_iter().find(|(path, _)| *path == program.path);
+    if let Some((_, dial)) = found.filter(|(_, dial)| dial.session != program.dial.session) {
         taps.dial(dial.clone()).await?;
-        *known = dial;
+        program.dial = dial;
     }
     Ok(())
 }
@@ -257,12 +262,12 @@ async fn hear(
     taps: &mut Taps,
     arguments: &TapArgs,
     deployment: &Deployment,
-    programs: &Programs,
+    programs: &[Program],
 ) -> Result<(Vec<FollowedOutput>, Receiver<(usize, Tapped)>), Failure> {
     let wanted = &arguments.output;
     let (sink, values) = mpsc::channel(VALUES_MAX);
     let (mut followed, mut known, mut failure) = (Vec::new(), BTreeSet::new(), None);
-    for (path, _, dial) in programs {
+    for Program { path, dial, .. } in programs {
         let outputs = match outputs_of(taps, deployment, path, dial.clone()).await {
             Ok(outputs) => outputs,
             Err(why) => {
@@ -280,7 +285,7 @@ async fn hear(
             if followed.len() == OUTPUTS_MAX {
                 return Err(anyhow!("more than {OUTPUTS_MAX} outputs are meant; name the process, too").into());
             }
-            taps.hear((&deployment.name, path, &output.name), followed.len(), sink.clone()).await?;
+            taps.hear(&deployment.name, path, &output.name, followed.len(), sink.clone()).await?;
             let message = message(output, &outputs);
             followed.push(FollowedOutput { name, type_name: output.type_name.clone(), message });
         }

@@ -114,7 +114,7 @@ pub use database::{
     Unknown, Value, ValueError, WatchEvent,
 };
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
-pub use group::{GroupError, InProcessGroup};
+pub use group::{GroupError, InProcessGroup, MemberPort};
 pub use interface::{Binding, Device, Direction, InnerOutput, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPorts, KeyPut, KeyResult};
 pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets};

@@ -3,8 +3,8 @@
 
 use crate::headline;
 use controllers::sdk::messaging::{
-    Denied, Full, Lock, LockAnswer, LockRequest, LockSettings, LockUser, Queue, QueueClient, QueueMessage, Receipt,
-    Rejected, SendEnd,
+    Denied, Full, Label, Lock, LockAnswer, LockRequest, LockSettings, LockUser, Queue, QueueClient, QueueMessage,
+    Receipt, Rejected, SendEnd,
 };
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
@@ -243,7 +243,13 @@ impl Controller for Pilot {
         {
             self.due = tick.now + EVERY;
             let pace = Pace { speed: self.speed };
-            if let Err(why) = self.client.send(tick.now, ("pace", 0, 0), (&pace, Some(fence)), COMMAND_WITHIN) {
+            if let Err(why) = self.client.send(
+                tick.now,
+                Label { category: "pace", priority: 0, marker: 0 },
+                &pace,
+                Some(fence),
+                COMMAND_WITHIN,
+            ) {
                 return Progress::Aborted(why);
             }
         }

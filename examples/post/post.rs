@@ -3,8 +3,8 @@
 
 use crate::headline;
 use controllers::sdk::messaging::{
-    Delivery, Filter, Full, Queue, QueueClient, QueueMessage, Receipt, Router, RouterRefusal, RouterUser, SendEnd,
-    Subscribed, Subscription,
+    Delivery, Filter, Full, Label, Queue, QueueClient, QueueMessage, Receipt, Router, RouterRefusal, RouterUser,
+    SendEnd, Subscribed, Subscription,
 };
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
@@ -84,7 +84,8 @@ impl Controller for Clerk {
             if let Some((customer, marker, order)) = self.of.take() {
                 self.amount += order.amount;
                 // Its category is the customer, by which the customers filter.
-                if let Err(why) = self.ready.send(tick.now, (&customer, 0, marker), &order) {
+                if let Err(why) = self.ready.send(tick.now, Label { category: &customer, priority: 0, marker }, &order)
+                {
                     return Progress::Aborted(why);
                 }
             }
@@ -191,8 +192,9 @@ impl Controller for Customer {
         if !self.is_waiting && self.sent < self.count {
             let sent = self.client.send(
                 tick.now,
-                ("order", self.priority, self.sent + 1),
-                (&Order { amount: 1.0 }, None),
+                Label { category: "order", priority: self.priority, marker: self.sent + 1 },
+                &Order { amount: 1.0 },
+                None,
                 WITHIN,
             );
             if let Err(why) = sent {

@@ -191,7 +191,7 @@ impl Controller for Asker {
         }
         if self.open.is_none() {
             let within = Duration::from_secs_f64(self.patience);
-            match self.planner.ask(tick.now, ("way", self.priority), &Self::question(self.answered), within) {
+            match self.planner.ask(tick.now, "way", self.priority, &Self::question(self.answered), within) {
                 Ok(marker) => self.open = Some(marker),
                 Err(why) => return Progress::Aborted(why.to_string()),
             }

@@ -229,7 +229,7 @@ impl Writer {
             Ok(None) => {
                 // A node that was killed between two logs has only the previous one.
                 let before = read(&path.with_extension("1")).ok().flatten().filter(|log| log.of() == (team, node));
-                return Self::begin(path, (team, node), before.as_ref());
+                return Self::begin(path, team, node, before.as_ref());
             }
             Ok(Some(_of_another)) => {}
             Err(error) => {
@@ -242,7 +242,7 @@ impl Writer {
         }
         let kept = path.with_extension(format!("of-{}", crate::now().0));
         fs::rename(&path, &kept).with_context(|| format!("keeping `{}`", kept.display()))?;
-        Self::begin(path, (team, node), None)
+        Self::begin(path, team, node, None)
     }
 
     const fn at(path: PathBuf, log: Log, file: File, size: u64) -> Self {
@@ -250,7 +250,7 @@ impl Writer {
     }
 
     /// Makes a log of this name, with its first line or not at all.
-    fn begin(path: PathBuf, (team, node): (KeyId, KeyId), before: Option<&Log>) -> anyhow::Result<Self> {
+    fn begin(path: PathBuf, team: KeyId, node: KeyId, before: Option<&Log>) -> anyhow::Result<Self> {
         let (log, line) = Log::begin(team, node, before);
         folder::write(&path, format!("{line}\n").as_bytes())?;
         let file = append(&path)?;
@@ -350,7 +350,8 @@ impl Writer {
     /// Begins the next log. It is complete before it has the name, so after any failure one of them can be continued.
     fn turn_over(&mut self) -> anyhow::Result<()> {
         let (next, kept) = (self.path.with_extension("next"), self.path.with_extension("1"));
-        let begun = Self::begin(next.clone(), self.log.of(), Some(&self.log))?;
+        let (team, node) = self.log.of();
+        let begun = Self::begin(next.clone(), team, node, Some(&self.log))?;
         fs::rename(&self.path, &kept).with_context(|| format!("keeping `{}`", kept.display()))?;
         if let Err(error) = fs::rename(&next, &self.path) {
             fs::rename(&kept, &self.path).with_context(|| format!("after {error}"))?;

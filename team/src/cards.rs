@@ -60,7 +60,8 @@ impl Cards {
     pub(crate) fn check(
         &self,
         own: &Certificate,
-        (proof, digest): (&Proof, &Digest),
+        proof: &Proof,
+        digest: &Digest,
         judge: impl Fn(&Credential) -> Result<(), String>,
     ) -> Author {
         let own = own.claims();

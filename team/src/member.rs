@@ -148,7 +148,8 @@ impl Member {
     pub fn begin(
         state: &Path,
         keys: &SecretKeys,
-        (team, founds): (&Team, bool),
+        team: &Team,
+        founds: bool,
         credential: &Credential,
     ) -> anyhow::Result<()> {
         let folder = state.join(FOLDER);
@@ -330,7 +331,7 @@ impl Authenticator for Member {
     }
 
     fn check(&self, proof: &Proof, digest: &Digest) -> Author {
-        self.cards.check(self.credential.certificate(), (proof, digest), |credential| {
+        self.cards.check(self.credential.certificate(), proof, digest, |credential| {
             let revoked = self.revoked();
             credential.check(&self.by(&revoked)).map(drop).map_err(|error| error.to_string())
         })

@@ -40,7 +40,8 @@ impl VisitorIdentity {
     pub(crate) fn keep(
         path: &Path,
         keys: &SecretKeys,
-        (team, delegation): (&Team, &Delegation),
+        team: &Team,
+        delegation: &Delegation,
         revoked: &Path,
     ) -> anyhow::Result<()> {
         let secret = keys.to_bytes();
@@ -126,7 +127,7 @@ impl Authenticator for VisitorIdentity {
     }
 
     fn check(&self, proof: &Proof, digest: &Digest) -> Author {
-        self.cards.check(self.delegation.node().certificate(), (proof, digest), |credential| {
+        self.cards.check(self.delegation.node().certificate(), proof, digest, |credential| {
             let revoked = self.circle.revocations_now()?;
             credential.check(&judge(&self.circle.team, &revoked)).map(drop).map_err(|error| error.to_string())
         })

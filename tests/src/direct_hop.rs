@@ -104,7 +104,7 @@ impl End {
             }
         };
         let form = TypeForm { name: "W".into(), fields: String::new() };
-        self.inlet = Some(self.path.inlet((&place, WITHIN), (key, form), None, on_arrival)?);
+        self.inlet = Some(self.path.inlet(&place, WITHIN, key, form, None, on_arrival)?);
         Ok(())
     }
 

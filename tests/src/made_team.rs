@@ -98,6 +98,6 @@ impl MadeTeam {
     /// If the folder of its state cannot be made.
     pub fn begin(&self, state: &Path, keys: &SecretKeys, credential: &Credential) {
         fs::create_dir_all(state).expect("a folder of ours");
-        Member::begin(state, keys, (&self.team, false), credential).expect("a folder of ours");
+        Member::begin(state, keys, &self.team, false, credential).expect("a folder of ours");
     }
 }

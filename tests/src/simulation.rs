@@ -82,7 +82,7 @@ impl Simulation {
         let mut modules = Vec::new();
         for leaf in &plan.leaves {
             let arguments: Vec<String> = leaf.arguments.iter().map(spelled).collect();
-            let made = registry.create_at(("", ""), &leaf.module, &arguments);
+            let made = registry.create_at("", "", &leaf.module, &arguments);
             modules.push(harness.add(made.map_err(|error| format!("{}: {error}", leaf.path))?));
         }
         let mut wires = Vec::new();

@@ -198,7 +198,8 @@ impl Bundle {
             _ => return Err(BundleError::Begin),
         };
         let mut lines = lines.into_iter().enumerate().map(|(index, line)| (index + 1, line)).skip(1);
-        let team = field(lines.next().unwrap_or((2, "")), "team ")?;
+        let (number, line) = lines.next().unwrap_or((2, ""));
+        let team = field(number, line, "team ")?;
         let mut bundle = Self::new(Team::from_bytes(&team).map_err(|_no_team| BundleError::Line(2))?);
         for (number, line) in lines {
             if line.starts_with("revoked ") {
@@ -208,7 +209,7 @@ impl Bundle {
             if !bundle.revoked.sets().is_empty() {
                 return Err(BundleError::Line(number));
             }
-            let certificate = Certificate::from_bytes(&field((number, line), "certificate ")?);
+            let certificate = Certificate::from_bytes(&field(number, line, "certificate ")?);
             let certificate = certificate.map_err(|_no_certificate| BundleError::Line(number))?;
             let is_new = bundle.certificates.iter().all(|known| known.subject() != certificate.subject());
             if !is_new || bundle.certificates.len() >= CERTIFICATES_MAX {
@@ -223,7 +224,7 @@ impl Bundle {
     }
 
     fn take_revoked(&mut self, number: usize, line: &str) -> Result<(), BundleError> {
-        let set = RevokedSet::from_bytes(&field((number, line), "revoked ")?);
+        let set = RevokedSet::from_bytes(&field(number, line, "revoked ")?);
         let set = set.map_err(|_no_set| BundleError::Line(number))?;
         match self.revoke(set) {
             Ok(Received::New(_)) => Ok(()),
@@ -252,7 +253,7 @@ fn whole(text: &str) -> Result<Vec<&str>, BundleError> {
     if encode(hasher.finalize().as_bytes()) == end { Ok(lines) } else { Err(BundleError::Cut) }
 }
 
-fn field((number, line): (usize, &str), name: &str) -> Result<Vec<u8>, BundleError> {
+fn field(number: usize, line: &str, name: &str) -> Result<Vec<u8>, BundleError> {
     let text = line.strip_prefix(name).ok_or(BundleError::Line(number))?;
     let bytes = decode(text).map_err(|_no_text| BundleError::Line(number))?;
     // Capitals, and similar letters, are for lines that people type.

@@ -52,14 +52,10 @@ pub enum DelegationError {
 impl Delegation {
     /// Vouches for a key as the node that has these keys and this credential. `program` names the program that has it,
     /// and is cut if it is too long; it is empty for visitors.
-    pub fn sign(
-        (key, program): ([u8; 32], &str),
-        now: UnixTime,
-        (node, credential): (&SecretKeys, Credential),
-    ) -> Self {
+    pub fn sign(key: [u8; 32], program: &str, now: UnixTime, node: &SecretKeys, credential: Credential) -> Self {
         let not_after = now.plus(DELEGATION_LIFE);
         let program = program[..program.floor_char_boundary(PROGRAM_MAX)].to_owned();
-        let signature = node.sign(&form((&key, &program), not_after, &node.public().id()));
+        let signature = node.sign(&form(&key, &program, not_after, &node.public().id()));
         Self { key, program, not_after, signature, node: credential }
     }
 
@@ -103,7 +99,7 @@ impl Delegation {
         if !certificate
             .claims()
             .keys
-            .has_signed(&form((&self.key, &self.program), self.not_after, &certificate.subject()), &self.signature)
+            .has_signed(&form(&self.key, &self.program, self.not_after, &certificate.subject()), &self.signature)
         {
             return Err(DelegationError::Signature);
         }
@@ -112,7 +108,7 @@ impl Delegation {
 
     /// Returns its form.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = form((&self.key, &self.program), self.not_after, &self.node.certificate().subject());
+        let mut bytes = form(&self.key, &self.program, self.not_after, &self.node.certificate().subject());
         bytes.extend_from_slice(&self.signature);
         bytes.extend(self.node.to_bytes());
         bytes
@@ -137,7 +133,7 @@ impl Delegation {
     }
 }
 
-fn form((key, program): (&[u8; 32], &str), not_after: UnixTime, node: &KeyId) -> Vec<u8> {
+fn form(key: &[u8; 32], program: &str, not_after: UnixTime, node: &KeyId) -> Vec<u8> {
     let mut writer = Writer::new(DELEGATION);
     writer.fixed(key);
     writer.short(program.as_bytes());
@@ -180,7 +176,7 @@ mod tests {
         let judge = Judge { team: &team, revoked: &revoked, now: NOW, grace: 0 };
         let sign = |by: &SecretKeys, role| {
             let credential = credential(&team, &root, &node, role);
-            Delegation::sign(([7; 32], "`main/a` of `d@1`"), NOW, (by, credential))
+            Delegation::sign([7; 32], "`main/a` of `d@1`", NOW, by, credential)
         };
         let good = sign(&node, Role::Member);
         assert_eq!(good.program(), Some("`main/a` of `d@1`"));
@@ -198,7 +194,7 @@ mod tests {
         visitor.program.clear();
         assert_eq!(visitor.check(&judge), Err(DelegationError::Signature), "no program becomes somebody who looks");
         let long = "é".repeat(PROGRAM_MAX);
-        let long = Delegation::sign(([7; 32], &long), NOW, (&node, credential(&team, &root, &node, Role::Member)));
+        let long = Delegation::sign([7; 32], &long, NOW, &node, credential(&team, &root, &node, Role::Member));
         assert_eq!((long.program.len(), Delegation::from_bytes(&long.to_bytes())), (PROGRAM_MAX - 1, Ok(long.clone())));
         let late = Judge { now: NOW.plus(LIFE_MAX + 10_000), ..judge };
         assert!(matches!(good.check(&late), Err(DelegationError::Node(TrustError::Expired(_)))));

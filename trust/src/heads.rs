@@ -70,9 +70,11 @@ impl Heads {
     /// This member has signed another state of that log, the node has signed a later head, or the table is full.
     pub fn countersign(
         &mut self,
-        (told, of): (&Head, &Name),
+        told: &Head,
+        of: &Name,
         at: UnixTime,
-        (name, keys): (&Name, &SecretKeys),
+        name: &Name,
+        keys: &SecretKeys,
     ) -> Result<(Head, bool), HeadError> {
         let position = told.position();
         let order = |head: &Head| (head.at(), head.position().number);

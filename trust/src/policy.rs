@@ -341,7 +341,7 @@ impl Policy {
             let limit = match *rule {
                 // No program needs a priority: this rule gives none.
                 "realtime" => {
-                    deny_above(("real-time priority", *rule), (asked.realtime, *value), *line, denied);
+                    deny_above("real-time priority", rule, asked.realtime, *value, *line, denied);
                     continue;
                 }
                 "memory" => &mut limits.memory,
@@ -351,19 +351,14 @@ impl Policy {
                 "files" => &mut limits.files,
                 _ => &mut limits.file_size,
             };
-            deny_above((*rule, *rule), (*limit, *value), *line, denied);
+            deny_above(rule, rule, *limit, *value, *line, denied);
             limit.get_or_insert(*value);
         }
         limits
     }
 }
 
-fn deny_above(
-    (what, rule): (&str, &'static str),
-    (asked, limit): (Option<u64>, u64),
-    line: usize,
-    denied: &mut Vec<Denied>,
-) {
+fn deny_above(what: &str, rule: &'static str, asked: Option<u64>, limit: u64, line: usize, denied: &mut Vec<Denied>) {
     let Some(asked) = asked.filter(|asked| *asked > limit) else { return };
     let [asked, limit] = [asked, limit].map(|value| amount(rule, value));
     let why = format!("its {what} of {asked} is above {limit}");

@@ -118,8 +118,10 @@ pub fn due(credential: &Credential, judge: &Judge<'_>) -> Option<UnixTime> {
 /// # Errors
 /// It is not renewed, with the reason.
 pub fn renew(
-    (kind, asker): (Kind, &Credential),
-    (keys, own): (&SecretKeys, &Credential),
+    kind: Kind,
+    asker: &Credential,
+    keys: &SecretKeys,
+    own: &Credential,
     judge: &Judge<'_>,
 ) -> Result<Credential, RenewalError> {
     own.require(Action::Renew, judge).map_err(RenewalError::Trust)?;

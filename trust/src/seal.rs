@@ -148,7 +148,7 @@ impl Sealed {
         }
         let key = Zeroizing::new(entropy.bytes::<32>());
         let about = about(place, generation);
-        let wraps = readers.iter().map(|(id, keys)| Wrap::new(&key, (*id, keys), &about, entropy));
+        let wraps = readers.iter().map(|(id, keys)| Wrap::new(&key, *id, keys, &about, entropy));
         let wraps = wraps.collect::<Result<Vec<_>, _>>()?;
         let mut sealed = Self { generation, wraps, nonce: entropy.bytes(), ciphertext: Vec::new() };
         let payload = Payload { msg: secret.expose(), aad: &sealed.authenticated(&about) };
@@ -239,7 +239,8 @@ impl fmt::Debug for Sealed {
 impl Wrap {
     fn new(
         key: &[u8; 32],
-        (reader, keys): (KeyId, &PublicKeys),
+        reader: KeyId,
+        keys: &PublicKeys,
         about: &[u8],
         entropy: &mut Entropy,
     ) -> Result<Self, SealError> {

@@ -106,7 +106,7 @@ impl Signer {
     }
 
     /// Signs a request for a host.
-    fn sign(&self, (host, team): (&str, &TeamOfNode), asked: &Request, epoch: u64) -> anyhow::Result<Request> {
+    fn sign(&self, host: &str, team: &TeamOfNode, asked: &Request, epoch: u64) -> anyhow::Result<Request> {
         let action = gate::action(asked).context("this request needs no signature")?;
         let node: &Name = &team.node.parse().with_context(|| format!("the node `{host}` has no name"))?;
         let audience = gate::audience(asked, node.as_str())?;
@@ -170,6 +170,6 @@ impl Client {
         }
         let Some(team) = self.team_of(host).await? else { return Ok(request) };
         let signer = self.signing.signer(&team)?;
-        Ok(signer.sign((host, &team), &request, epoch)?)
+        Ok(signer.sign(host, &team, &request, epoch)?)
     }
 }

@@ -55,13 +55,14 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
         groups.chain(plan.leaves.iter().map(|leaf| (leaf.path.clone(), "program"))).collect()
     };
     let who = |path: &String| format!("`{path}`");
-    first((&all(recorded), &all(spec)), who, |kind| format!("is a {kind} in the record alone"))
+    first(&all(recorded), &all(spec), who, |kind| format!("is a {kind} in the record alone"))
 }
 
 /// Returns the first entry that only one side has, or that differs; `differs` describes a difference of the record's
 /// entry.
 fn first<T: PartialEq>(
-    (recorded, spec): (&BTreeMap<String, T>, &BTreeMap<String, T>),
+    recorded: &BTreeMap<String, T>,
+    spec: &BTreeMap<String, T>,
     who: impl Fn(&String) -> String,
     differs: impl Fn(&T) -> String,
 ) -> Option<String> {
@@ -82,7 +83,7 @@ fn groups(recorded: &Plan, spec: &Plan) -> Option<String> {
     recorded.groups.iter().find_map(|one| {
         let other = spec.groups.iter().find(|other| other.path == one.path)?;
         let hosts = (&host(recorded, one.host), &host(spec, other.host));
-        let are_same = is_same((one, &one.expression), (other, &other.expression));
+        let are_same = is_same(one, &one.expression, other, &other.expression);
         let found = said("host", hosts, String::clone)
             .or_else(|| differs("instances", (&members(one), &members(other))))
             .or_else(|| differs("event actions", (&true, &are_same)))
@@ -99,7 +100,7 @@ fn members(group: &Group) -> BTreeMap<&str, (bool, bool)> {
 }
 
 /// Whether the event actions of two groups are the same, with the names of members and sets for their numbers.
-fn is_same((one, p): (&Group, &Expression), (other, q): (&Group, &Expression)) -> bool {
+fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
     let name = |group: &Group, member: u32| group.members.get(member as usize).map(|member| member.name.clone());
     let label =
         |group: &Group, set: u32| group.sets.get(set as usize).map(|set| (set.label.clone(), owner(group, set.owner)));
@@ -127,7 +128,7 @@ fn is_same((one, p): (&Group, &Expression), (other, q): (&Group, &Expression)) -
     };
     let (operands, others) = (p.operands(), q.operands());
     let mut pairs = operands.iter().zip(&others);
-    is_alike && operands.len() == others.len() && pairs.all(|(p, q)| is_same((one, p), (other, q)))
+    is_alike && operands.len() == others.len() && pairs.all(|(p, q)| is_same(one, p, other, q))
 }
 
 fn owner(group: &Group, owner: Option<u32>) -> Option<String> {
@@ -256,7 +257,7 @@ fn wires(recorded: &Plan, spec: &Plan) -> Option<String> {
         all
     };
     let who = |ends: &String| format!("the connection `{ends}`");
-    first((&all(recorded), &all(spec)), who, |_| "differs in its quality".to_owned())
+    first(&all(recorded), &all(spec), who, |_| "differs in its quality".to_owned())
 }
 
 fn unnamed() -> language::plan::LeafPort {

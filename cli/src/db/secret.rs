@@ -54,7 +54,7 @@ impl SecretArgs {
             let team = databases.team().await?.context("the robot is in no team: a secret is for robots of one")?;
             let readers = keys_of(&keyring, &team, &self.readers)?;
             let before = stored(databases, &key).await?;
-            Ok(sealed((&secret, &key), &readers, before.as_ref(), KeyId(team.id))?)
+            Ok(sealed(&secret, &key, &readers, before.as_ref(), KeyId(team.id))?)
         })?;
         drop(secret);
         commit.commit(vec![], vec![Write { key, value: Some(sealed) }])?;
@@ -138,7 +138,8 @@ async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, 
 
 /// Seals a secret; returns the value to write, and the text about it.
 fn sealed(
-    (secret, key): (&Secret, &Key),
+    secret: &Secret,
+    key: &Key,
     readers: &[PublicKeys],
     before: Option<&Sealed>,
     team: KeyId,

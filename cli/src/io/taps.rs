@@ -105,7 +105,9 @@ impl Taps {
     /// full, values are left out.
     pub(crate) async fn hear(
         &mut self,
-        (robot, path, output): (&str, &str, &str),
+        robot: &str,
+        path: &str,
+        output: &str,
         number: usize,
         sink: Sender<(usize, Tapped)>,
     ) -> Result<(), Failure> {
@@ -140,12 +142,13 @@ impl Taps {
     /// Calls a program, and waits for the result.
     pub(crate) async fn call(
         &self,
-        (robot, path): (&str, &str),
+        robot: &str,
+        path: &str,
         call: ObjectCall,
     ) -> Result<Result<Vec<u8>, ObjectError>, Failure> {
         let (session, keys) = (Arc::clone(&self.session), key::object(robot, path));
         let way = self.way.clone();
-        let calling = tokio::task::spawn_blocking(move || session.call_and_wait((&keys.0, &keys.1), (&way, &call)));
+        let calling = tokio::task::spawn_blocking(move || session.call_and_wait(&keys, &way, &call));
         let calling = calling.await;
         Ok(calling.map_err(anyhow::Error::from)?)
     }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Returns why the processes that `plan` uses of `other` are not there as it wants them, a sentence for each. Each plan comes with the
 /// texts that its interfaces stand in.
-pub(crate) fn against((plan, own): (&Plan, &[Source]), (other, theirs): (&Plan, &[Source])) -> Vec<String> {
+pub(crate) fn against(plan: &Plan, own: &[Source], other: &Plan, theirs: &[Source]) -> Vec<String> {
     let (own, theirs) = (language::exports(own), language::exports(theirs));
     let live = other.live_leaves();
     let mut problems = Vec::new();
@@ -83,7 +83,7 @@ mod tests {
             let (other, theirs) = plan("hardware", &hardware);
             let expected: Vec<String> =
                 expected.iter().map(|why| format!("`main/base` runs in another deployment: {why}")).collect();
-            assert_eq!(against((&mission, &own), (&other, &theirs)), expected);
+            assert_eq!(against(&mission, &own, &other, &theirs), expected);
         };
         check(hardware(drive, "base", "Base", "c1"), &[]);
         check(hardware(drive, "legs", "Base", "c1"), &["`hardware` runs no `main/base`"]);

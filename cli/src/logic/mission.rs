@@ -125,12 +125,12 @@ impl Mission {
                 self.late.replan(plan);
             }
             Report::Changed { .. } | Report::Unchanged { .. } | Report::Omitted { .. } => {
-                self.push_note("main", report_text(report), (self.now, &[]));
+                self.push_note("main", report_text(report), self.now, &[]);
             }
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
             Report::Aligned { within, .. } => self.start.aligned(*within),
-            Report::BeganLate { .. } => self.push_note("main", report_text(report), (self.now, &[])),
+            Report::BeganLate { .. } => self.push_note("main", report_text(report), self.now, &[]),
             Report::Go { took, signals: _ } => self.start.go(*took),
             Report::Process { path, change, at } => {
                 self.now = self.now.max(*at);
@@ -279,10 +279,10 @@ impl Mission {
                 return;
             }
         };
-        self.push_note(path, text, (at, output));
+        self.push_note(path, text, at, output);
     }
 
-    fn push_note(&mut self, path: &str, text: String, (at, output): (Duration, &[String])) {
+    fn push_note(&mut self, path: &str, text: String, at: Duration, output: &[String]) {
         if self.notes.len() == NOTES_MAX {
             self.notes_dropped += 1;
         } else {

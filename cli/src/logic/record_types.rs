@@ -35,7 +35,7 @@ const RUST_WORDS: &str = "abstract as async await become box break const continu
 pub(crate) fn printed(types: &[RecordType], language: Language) -> Result<String, String> {
     let mut all = Vec::new();
     for one in types {
-        collect(&mut all, &one.name, &one.doc, (&one.fields, true));
+        collect(&mut all, &one.name, &one.doc, &one.fields, true);
     }
     let mut text = if language == Language::Python { PYTHON_HEAD } else { RUST_HEAD }.to_owned();
     for one in in_order(&all) {
@@ -58,15 +58,10 @@ pub(crate) fn printed(types: &[RecordType], language: Language) -> Result<String
     Ok(text)
 }
 
-fn collect<'a>(
-    all: &mut Vec<Named<'a>>,
-    name: &str,
-    doc: &'a str,
-    (fields, is_own): (&'a [(String, FieldType)], bool),
-) {
+fn collect<'a>(all: &mut Vec<Named<'a>>, name: &str, doc: &'a str, fields: &'a [(String, FieldType)], is_own: bool) {
     for (field, kind) in fields {
         if let FieldType::Record(fields) = kind {
-            collect(all, &inner_name(name, field), "", (fields, false));
+            collect(all, &inner_name(name, field), "", fields, false);
         }
     }
     all.push(Named { name: name.to_owned(), doc, fields, is_own });

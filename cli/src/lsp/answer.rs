@@ -188,7 +188,7 @@ impl Server {
     /// The fix of a diagnostic and its choices.
     fn quick_fixes(&self, found: &Diagnostic, analysis: &Analysis) -> Vec<CodeAction> {
         let Some(document) = self.workspace.open_from(&analysis.spec().name) else { return Vec::new() };
-        let shown = convert::diagnostic(found, (analysis.spec(), &document.lines), Vec::new(), &self.client);
+        let shown = convert::diagnostic(found, analysis.spec(), &document.lines, Vec::new(), &self.client);
         let action = |fix: &Fix, is_preferred: Option<bool>| CodeAction {
             title: fix.title.clone(),
             kind: Some(CodeActionKind::QuickFix),

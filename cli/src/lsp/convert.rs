@@ -40,7 +40,8 @@ pub(super) fn location(workspace: &Workspace, source: &Source, span: Span, encod
 /// Returns a remark for the text that it is about.
 pub(super) fn diagnostic(
     found: &Diagnostic,
-    (source, lines): (&Source, &Lines),
+    source: &Source,
+    lines: &Lines,
     reasons: Vec<DiagnosticRelatedInformation>,
     client: &Client,
 ) -> lsp_types::Diagnostic {

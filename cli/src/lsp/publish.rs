@@ -23,11 +23,16 @@ pub(super) struct Published {
     /// Whether something has changed since.
     pub(super) is_stale: bool,
     /// By file: the version of the document, and its published diagnostics.
-    files: BTreeMap<String, PublishedDiagnostics>,
+    files: BTreeMap<String, Remarks>,
 }
 
-/// The version of a document, and its diagnostics.
-type PublishedDiagnostics = (Option<i32>, Vec<lsp_types::Diagnostic>);
+/// The diagnostics of a document.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Remarks {
+    /// The version of the document, if it is open.
+    version: Option<i32>,
+    diagnostics: Vec<lsp_types::Diagnostic>,
+}
 
 impl Server {
     /// Publishes the diagnostics of each open document and the files it uses, if they have changed.
@@ -40,7 +45,7 @@ impl Server {
         let gone: Vec<String> = self.published.files.keys().filter(|uri| !files.contains_key(*uri)).cloned().collect();
         for uri in gone {
             self.published.files.remove(&uri);
-            replies.push(told(uri, (None, Vec::new())));
+            replies.push(told(uri, Remarks::default()));
         }
         for (uri, remarks) in files {
             if self.published.files.get(&uri) != Some(&remarks) {
@@ -51,11 +56,11 @@ impl Server {
     }
 
     /// The diagnostics of now, by file.
-    fn remarks(&mut self) -> BTreeMap<String, PublishedDiagnostics> {
-        let mut files: BTreeMap<String, PublishedDiagnostics> = BTreeMap::new();
+    fn remarks(&mut self) -> BTreeMap<String, Remarks> {
+        let mut files: BTreeMap<String, Remarks> = BTreeMap::new();
         for document in self.workspace.documents() {
-            let remarks = if document.is_short() { Vec::new() } else { vec![too_long()] };
-            files.insert(document.uri.clone(), (Some(document.version), remarks));
+            let diagnostics = if document.is_short() { Vec::new() } else { vec![too_long()] };
+            files.insert(document.uri.clone(), Remarks { version: Some(document.version), diagnostics });
         }
         let mut closed: BTreeMap<String, Lines> = BTreeMap::new();
         let mut left_out: BTreeMap<String, usize> = BTreeMap::new();
@@ -67,7 +72,7 @@ impl Server {
                 }
                 let open = self.workspace.open_from(&source.name);
                 let uri = open.map_or_else(|| super::disk::uri(&source.name), |open| open.uri.clone());
-                let (_, remarks) = files.entry(uri.clone()).or_default();
+                let remarks = &mut files.entry(uri.clone()).or_default().diagnostics;
                 if remarks.len() >= REMARKS_MAX {
                     *left_out.entry(uri).or_default() += 1;
                     continue;
@@ -76,14 +81,14 @@ impl Server {
                     Some(Document { lines, .. }) => lines,
                     None => &*closed.entry(source.name.clone()).or_insert_with(|| Lines::new(&source.text)),
                 };
-                let remark = self.remark(found, (source, lines), &analysis);
+                let remark = self.remark(found, source, lines, &analysis);
                 if !remarks.contains(&remark) {
                     remarks.push(remark);
                 }
             }
         }
         for (uri, count) in left_out {
-            files.entry(uri).or_default().1.push(more(count));
+            files.entry(uri).or_default().diagnostics.push(more(count));
         }
         files
     }
@@ -110,17 +115,12 @@ impl Server {
         found.severity == Severity::Error || !self.workspace.interfaces.is_waiting()
     }
 
-    fn remark(
-        &self,
-        found: &Diagnostic,
-        (source, lines): (&Source, &Lines),
-        analysis: &Analysis,
-    ) -> lsp_types::Diagnostic {
+    fn remark(&self, found: &Diagnostic, source: &Source, lines: &Lines, analysis: &Analysis) -> lsp_types::Diagnostic {
         let reasons = match self.client.related {
             true => found.secondary.iter().filter_map(|label| self.reason(label.span, &label.text, analysis)).collect(),
             false => Vec::new(),
         };
-        convert::diagnostic(found, (source, lines), reasons, &self.client)
+        convert::diagnostic(found, source, lines, reasons, &self.client)
     }
 
     fn reason(&self, span: Span, text: &str, analysis: &Analysis) -> Option<DiagnosticRelatedInformation> {
@@ -131,7 +131,8 @@ impl Server {
     }
 }
 
-fn told(uri: String, (version, diagnostics): PublishedDiagnostics) -> Reply {
+fn told(uri: String, remarks: Remarks) -> Reply {
+    let Remarks { version, diagnostics } = remarks;
     notify::<PublishDiagnosticsNotification>(PublishDiagnosticsParams { uri: Uri(uri), version, diagnostics })
 }
 

@@ -107,7 +107,7 @@ impl Shown {
         let said = match self {
             Self::Table(lines) => {
                 let (rows, columns) = output::screen().unwrap_or(output::SCREEN_DEFAULT);
-                let (drawn, count) = drawn(&view.table(name), *lines, (rows, columns));
+                let (drawn, count) = drawn(&view.table(name), *lines, rows, columns);
                 *lines = count;
                 drawn
             }
@@ -223,7 +223,7 @@ fn changed(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) ->
 
 /// Returns what draws a text in the place of one with `before` lines, and how many lines it has; what does not fit is left out.
 /// Source: ECMA-48, CUU, EL and ED.
-fn drawn(text: &str, before: usize, (rows, columns): (usize, usize)) -> (String, usize) {
+fn drawn(text: &str, before: usize, rows: usize, columns: usize) -> (String, usize) {
     let all: Vec<&str> = text.lines().collect();
     // The cursor is on a separate line below.
     let room = rows.saturating_sub(1).max(1);
@@ -246,11 +246,11 @@ mod tests {
 
     #[test]
     fn a_table_takes_the_place_of_the_one_before_and_fits() {
-        assert_eq!(drawn("one\ntwo", 0, (24, 80)), ("\rone\x1b[K\ntwo\x1b[K\n\x1b[J".to_owned(), 2));
-        assert_eq!(drawn("three", 2, (24, 4)), ("\r\x1b[2Athre\x1b[K\n\x1b[J".to_owned(), 1));
-        let (text, count) = drawn("1\n2\n3\n4", 0, (4, 80));
+        assert_eq!(drawn("one\ntwo", 0, 24, 80), ("\rone\x1b[K\ntwo\x1b[K\n\x1b[J".to_owned(), 2));
+        assert_eq!(drawn("three", 2, 24, 4), ("\r\x1b[2Athre\x1b[K\n\x1b[J".to_owned(), 1));
+        let (text, count) = drawn("1\n2\n3\n4", 0, 4, 80);
         assert_eq!((text.as_str(), count), ("\r1\x1b[K\n2\x1b[K\n… and 2 more lines\x1b[K\n\x1b[J", 3));
-        assert_eq!(drawn("1\n2", 0, (1, 80)).1, 1, "a terminal without lines");
+        assert_eq!(drawn("1\n2", 0, 1, 80).1, 1, "a terminal without lines");
     }
 
     #[test]

@@ -37,7 +37,7 @@ impl Init {
             }
         };
         let mut bundle = Bundle::new(Team::found(self.name.clone(), &root));
-        bundle.add(user::certificate(&bundle, (admin_name(), Role::Admin), admin, &root, now())?)?;
+        bundle.add(user::certificate(&bundle, admin_name(), Role::Admin, admin, &root, now())?)?;
         keyring.begin(&locked, &bundle)?;
         console::say(&super::listed(&bundle, &[], now()));
         console::note(

@@ -88,7 +88,7 @@ impl InviteArgs {
             keyring.change(&of_team, add).map(drop)
         };
         let role = if self.renewer { Role::Renewer } else { Role::Member };
-        block_on(self.door.wait((&name, role), &bundle, root, add))
+        block_on(self.door.wait(&name, role, &bundle, root, add))
     }
 }
 
@@ -96,7 +96,8 @@ impl DoorArgs {
     /// Waits for one robot, which gets a certificate with this name and role; `keep` puts that on the disk before the robot is welcome.
     pub(super) async fn wait(
         &self,
-        (name, role): (&Name, Role),
+        name: &Name,
+        role: Role,
         bundle: &Bundle,
         root: SecretKeys,
         keep: impl Fn(&Certificate) -> anyhow::Result<()> + Send + Sync + 'static,
@@ -188,7 +189,7 @@ impl JoinArgs {
             console::note(&format!("`{name}` was in a team before, and leaves that"));
         }
         drop(reserve);
-        Member::begin(&state, &keys, (&team, founds), &credential).with_context(spent)?;
+        Member::begin(&state, &keys, &team, founds, &credential).with_context(spent)?;
         console::say(&joined(&team, certificate));
         console::note(&format!(
             "Now start `dca-node --name {name}`, or start it again: it opens to its team, and to nobody else."

@@ -40,15 +40,15 @@ impl RotateArgs {
                 let exchange = move |certificate: &Certificate| {
                     keyring.change(&of_team, |bundle| exchange(bundle, &name, certificate.clone(), &signer)).map(drop)
                 };
-                block_on(self.door.wait((&self.name, role), &bundle, root, exchange))?;
+                block_on(self.door.wait(&self.name, role, &bundle, root, exchange))?;
             }
             (Kind::User, Some(key)) => {
                 ensure_new(&bundle, &key.id())?;
                 let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
                 let (until, _) = keyring.change(&team, |bundle| {
                     ensure_new(bundle, &key.id())?;
-                    let who = (self.name.clone(), role);
-                    let certificate = user::certificate(bundle, who, **key, &root, now())?;
+                    let name = self.name.clone();
+                    let certificate = user::certificate(bundle, name, role, **key, &root, now())?;
                     let until = certificate.claims().not_after;
                     exchange(bundle, &self.name, certificate, &root)?;
                     Ok(until)

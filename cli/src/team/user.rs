@@ -125,7 +125,7 @@ impl Add {
 
     fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
         let renewable_until = now.plus(self.days * DAY);
-        let certificate = issue(bundle, (self.name.clone(), self.role), *self.key, root, (now, renewable_until))?;
+        let certificate = issue(bundle, self.name.clone(), self.role, *self.key, root, now, renewable_until)?;
         let (role, until) = (self.role, date::text(certificate.claims().not_after.0.saturating_mul(1000)));
         bundle.add(certificate)?;
         Ok(format!("{} is {role} until {until}; key: {}", self.name, self.key.id().fingerprint()))
@@ -135,20 +135,23 @@ impl Add {
 /// Returns the certificate of a user, for as long as usual.
 pub(super) fn certificate(
     bundle: &Bundle,
-    who: (Name, Role),
+    name: Name,
+    role: Role,
     keys: PublicKeys,
     root: &SecretKeys,
     now: UnixTime,
 ) -> anyhow::Result<Certificate> {
-    issue(bundle, who, keys, root, (now, now.plus(DAYS * DAY)))
+    issue(bundle, name, role, keys, root, now, now.plus(DAYS * DAY))
 }
 
 fn issue(
     bundle: &Bundle,
-    (name, role): (Name, Role),
+    name: Name,
+    role: Role,
     keys: PublicKeys,
     root: &SecretKeys,
-    (now, renewable_until): (UnixTime, UnixTime),
+    now: UnixTime,
+    renewable_until: UnixTime,
 ) -> anyhow::Result<Certificate> {
     let claims = Claims {
         team: bundle.team().id(),

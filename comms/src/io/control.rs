@@ -144,7 +144,7 @@ impl Listener {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn bind_for(path: &Path, (uid, gid): (u32, u32)) -> Result<Self, ControlError> {
+    pub fn bind_for(path: &Path, uid: u32, gid: u32) -> Result<Self, ControlError> {
         let bound = Self::bind(path)?;
         let given = std::os::unix::fs::chown(path, Some(uid), Some(gid));
         given.map_err(|cause| ControlError::Bind { path: path.to_owned(), cause })?;

@@ -378,7 +378,7 @@ impl Publisher {
     /// If the session is closed.
     pub fn put_numbered(&self, payload: impl Into<Payload>, number: u32) -> Result<(), DataError> {
         if let Some(sealer) = &self.sealer {
-            return self.put_sealed(sealer, (Content::Value, &payload.into().0), number);
+            return self.put_sealed(sealer, Content::Value, &payload.into().0, number);
         }
         self.publisher
             .put(payload.into().0)
@@ -399,7 +399,7 @@ impl Publisher {
         let failed = |cause: String| DataError::Session { key: self.publisher.key_expr().to_string(), cause };
         let word = codec::encode(boundary).map_err(|error| failed(error.to_string()))?;
         if let Some(sealer) = &self.sealer {
-            return self.put_sealed(sealer, (Content::Boundary, &word.into()), number);
+            return self.put_sealed(sealer, Content::Boundary, &word.into(), number);
         }
         let put = self.publisher.put(ZBytes::new()).attachment(word).source_info(self.source_info(number)).wait();
         put.map_err(|cause| failed(crate::io::session::plain(&cause)))

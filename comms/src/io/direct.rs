@@ -117,8 +117,10 @@ impl DirectPath {
     /// If no producer listens there, or it does not answer in time, or another program does.
     pub fn inlet(
         &self,
-        (place, within): (&Place, Duration),
-        (key, form): (&str, TypeForm),
+        place: &Place,
+        within: Duration,
+        key: &str,
+        form: TypeForm,
         replaced: Option<Inlet>,
         on_arrival: impl FnMut(Arrival<Value>, Sequence) + Send + 'static,
     ) -> io::Result<Inlet> {
@@ -133,12 +135,12 @@ impl DirectPath {
         let hello = hello.map_err(io::Error::other)?;
         let bell = self.bell.as_fd();
         let process = if let Some(guard) = &self.shared.guard {
-            guard.show(&stream, (key, &hello), bell)?
+            guard.show(&stream, key, &hello, bell)?
         } else {
             send_waiting(&stream, &[&hello], Some(bell), Waits::UntilTimeout)?;
             hear::<Welcome>(&stream)?.process
         };
-        Ok(self.inlets.add((stream, process), replaced, Box::new(on_arrival)))
+        Ok(self.inlets.add(stream, process, replaced, Box::new(on_arrival)))
     }
 }
 

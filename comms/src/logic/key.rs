@@ -295,10 +295,19 @@ pub fn tap(robot: &str, instance: &str, output: &str) -> String {
     format!("dca/{}/tap/{}/{}", robot_name(robot), escape(output), escape_path(instance))
 }
 
-/// Returns the key of calls to a program's exports, and the key on which it hears of cancelled calls.
-pub fn object(robot: &str, instance: &str) -> (String, String) {
+/// The two keys of a program with exports.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ObjectKeys {
+    /// On which it is called.
+    pub call: String,
+    /// On which it hears of cancelled calls.
+    pub cancel: String,
+}
+
+/// Returns the keys of a program with exports.
+pub fn object(robot: &str, instance: &str) -> ObjectKeys {
     let key = |word| format!("dca/{}/{word}/{}", robot_name(robot), escape_path(instance));
-    (key("call"), key("cancel"))
+    ObjectKeys { call: key("call"), cancel: key("cancel") }
 }
 
 /// Returns the key on which a program lists its exports.
@@ -387,8 +396,9 @@ mod tests {
         assert_eq!(signals("door", "main/hit/force"), "dca/door/signals/main/hit/force");
         assert_eq!(signals("door", "main/hold[2]"), "dca/door/signals/main/hold%5b2%5d");
         assert_eq!(outputs("n", "main/hold[2]"), "dca/_n/outputs/main/hold%5b2%5d");
-        let called = ("dca/door/call/main/hold%5b2%5d".to_owned(), "dca/door/cancel/main/hold%5b2%5d".to_owned());
-        assert_eq!(object("door", "main/hold[2]"), called);
+        let keys = object("door", "main/hold[2]");
+        assert_eq!(keys.call, "dca/door/call/main/hold%5b2%5d");
+        assert_eq!(keys.cancel, "dca/door/cancel/main/hold%5b2%5d");
         assert_eq!(exports("db", "main/a"), "dca/_db/exports/main/a");
         assert_eq!(tap("door", "main/plant", "arm/state"), "dca/door/tap/arm%2fstate/main/plant");
     }

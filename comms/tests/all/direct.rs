@@ -78,12 +78,12 @@ impl Program {
         replaced: Option<Inlet>,
         on_arrival: impl FnMut(Arrival<Value>, Sequence) + Send + 'static,
     ) -> Inlet {
-        self.path.inlet((&of.place(), LONG), (key, form()), replaced, on_arrival).unwrap()
+        self.path.inlet(&of.place(), LONG, key, form(), replaced, on_arrival).unwrap()
     }
 
     /// Connects with a producer that does not take it, or is not taken.
     fn hear_in_vain(&self, of: &Self, key: &str) -> std::io::Error {
-        self.path.inlet((&of.place(), LONG), (key, form()), None, |_, _| ()).unwrap_err()
+        self.path.inlet(&of.place(), LONG, key, form(), None, |_, _| ()).unwrap_err()
     }
 
     /// Waits like a loop, until `count` values have come.
@@ -159,13 +159,13 @@ fn who_is_not_wired_is_not_taken() {
     let (producer, stranger) = (Program::new(), Program::new());
     let (outlet, _) = producer.outlet("k", &Memory::default());
     let place = Place { token: "guessed".into(), ..producer.place() };
-    let refused = stranger.path.inlet((&place, LONG), ("k", form()), None, |_, _| ());
+    let refused = stranger.path.inlet(&place, LONG, "k", form(), None, |_, _| ());
     assert!(refused.is_err() && !outlet.is_connected());
     let file = producer.file.clone();
     drop((outlet, producer));
     assert!(!file.exists());
     let gone = Place { path: file.display().to_string(), token: String::new() };
-    assert!(stranger.path.inlet((&gone, LONG), ("k", form()), None, |_, _| ()).is_err());
+    assert!(stranger.path.inlet(&gone, LONG, "k", form(), None, |_, _| ()).is_err());
 }
 
 /// Values sent while a loop is busy do not fill the socket: another thread reads them.
@@ -406,7 +406,7 @@ fn in_a_team_a_wire_is_for_its_two_ends_alone() {
     assert_eq!(consumer.hear_in_vain(&impostor, "k").kind(), std::io::ErrorKind::PermissionDenied);
     consumer.hear_in_vain(&Program::new(), "k");
     let guessed = Place { token: "guessed".into(), ..producer.place() };
-    assert!(consumer.path.inlet((&guessed, LONG), ("k", form()), None, |_, _| ()).is_err());
+    assert!(consumer.path.inlet(&guessed, LONG, "k", form(), None, |_, _| ()).is_err());
     assert_eq!(refused.recv_timeout(LONG).unwrap(), who);
     let (_inlet, came) = consumer.hear(&producer, "k", None);
     wait_connected(&outlet);

@@ -57,20 +57,20 @@ fn call(session: &DataSession, number: u64, name: &str, argument: Vec<u8>, withi
     }
 }
 
-fn keys() -> (String, String) {
+fn keys() -> key::ObjectKeys {
     key::object("t", "main/a")
 }
 
 fn ask(session: &DataSession, call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
-    let (key, cancel_key) = keys();
-    session.call_and_wait((&key, &cancel_key), (&CallWay::Open, call))
+    let keys = keys();
+    session.call_and_wait(&keys, &CallWay::Open, call)
 }
 
 /// Serves `echo`, keeps `wait` without an answer, and forgets `drop`. Reports the events.
 fn serve(session: &DataSession) -> (ObjectServer, Receiver<String>) {
     let (told_tx, told) = sync_channel(1000);
     let kept: Mutex<Vec<AnswerWay>> = Mutex::default();
-    let (key, cancel_key) = keys();
+    let keys = keys();
     let serve = move |event| {
         let tell = |text: String| told_tx.try_send(text).unwrap_or_default();
         match event {
@@ -89,7 +89,7 @@ fn serve(session: &DataSession) -> (ObjectServer, Receiver<String>) {
             ObjectEvent::Cancelled(id) => tell(format!("cancelled {}", id.number)),
         }
     };
-    (session.serve_calls((&key, &cancel_key), None, serve).unwrap(), told)
+    (session.serve_calls(&keys, None, serve).unwrap(), told)
 }
 
 #[test]
@@ -126,17 +126,15 @@ fn the_other_end_learns_that_nobody_waits() {
     let (server, client) = (dir.open("s.sock"), dir.open("c.sock"));
     let (_serving, told) = serve(&server);
     client.dial(&dial_of(&server), LONG).unwrap();
-    let (key, cancel_key) = keys();
-    let pending = client
-        .call((&key, &cancel_key), (&CallWay::Open, &call(&client, 1, "wait", vec![], LONG)), |_| panic!("no answer"))
-        .unwrap();
+    let keys = keys();
+    let pending =
+        client.call(&keys, &CallWay::Open, &call(&client, 1, "wait", vec![], LONG), |_| panic!("no answer")).unwrap();
     assert_eq!(told.recv_timeout(LONG).unwrap(), "called 1");
     drop(pending);
     assert_eq!(told.recv_timeout(LONG).unwrap(), "cancelled 1");
     let (done_tx, done) = sync_channel(1);
     let take = move |result| done_tx.send(result).unwrap_or_default();
-    let pending =
-        client.call((&key, &cancel_key), (&CallWay::Open, &call(&client, 2, "echo", vec![1], LONG)), take).unwrap();
+    let pending = client.call(&keys, &CallWay::Open, &call(&client, 2, "echo", vec![1], LONG), take).unwrap();
     assert_eq!(done.recv_timeout(LONG).unwrap(), Ok(vec![1]));
     drop(pending);
     assert_eq!(told.recv_timeout(LONG).unwrap(), "called 2");
@@ -222,12 +220,11 @@ fn a_server_that_is_killed_in_a_call_is_gone_at_once() {
     let mut other = Other::start(&dir.0.join("s.sock"));
     client.dial(&other.dial, LONG).unwrap();
     assert_eq!(ask(&client, &call(&client, 1, "echo", vec![5], LONG)), Ok(vec![5]));
-    let (key, cancel_key) = keys();
+    let keys = keys();
     let (done_tx, done) = sync_channel(1);
     let take = move |result| done_tx.send(result).unwrap_or_default();
     let hour = Duration::from_secs(3600);
-    let _pending =
-        client.call((&key, &cancel_key), (&CallWay::Open, &call(&client, 2, "wait", vec![], hour)), take).unwrap();
+    let _pending = client.call(&keys, &CallWay::Open, &call(&client, 2, "wait", vec![], hour), take).unwrap();
     // It has arrived once the next one is answered.
     assert_eq!(ask(&client, &call(&client, 3, "echo", vec![6], LONG)), Ok(vec![6]));
     other.signal(Signal::KILL);

@@ -117,7 +117,7 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
         return Err(Error::new(second.span(), format!("`{name}` is one port: one attribute says which")));
     }
     if is(attribute, "database") {
-        return database((field, name), attribute, direction);
+        return database(field, name, attribute, direction);
     }
     let Declared { name: port, option } = attribute.parse_args()?;
     let binding = if is(attribute, "device") {
@@ -139,7 +139,8 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
 
 /// The one field for the database; its name is the trigger's name.
 fn database<'a>(
-    (field, name): (&'a Field, &'a Ident),
+    field: &'a Field,
+    name: &'a Ident,
     attribute: &Attribute,
     direction: Direction,
 ) -> syn::Result<Port<'a>> {

@@ -74,7 +74,7 @@ pub struct Memory {
 impl Memory {
     /// Takes a sweep (m, base axes) from a base at `at` before a shut door, whose leaf faces along `normal` at a
     /// `distance` (m); only the first one counts.
-    pub fn remember(&mut self, points: &[Vector2<f64>], (normal, distance): (&Vector2<f64>, f64), at: &Pose) {
+    pub fn remember(&mut self, points: &[Vector2<f64>], normal: &Vector2<f64>, distance: f64, at: &Pose) {
         if self.points.is_some() {
             return;
         }
@@ -152,8 +152,8 @@ mod tests {
         let mut points: Vec<_> = (-50..50).map(|i| Vector2::new(1.5, 0.01 * f64::from(i))).collect();
         points.extend((0..100).map(|i| Vector2::new(0.31 + 0.01 * f64::from(i), 0.8)));
         let mut memory = Memory::default();
-        memory.remember(&points, (&Vector2::x(), 1.5), &Pose::new(1.0, 2.0, 0.0));
-        memory.remember(&[], (&Vector2::x(), 1.5), &Pose::zeros());
+        memory.remember(&points, &Vector2::x(), 1.5, &Pose::new(1.0, 2.0, 0.0));
+        memory.remember(&[], &Vector2::x(), 1.5, &Pose::zeros());
         // The base has turned its back on it; of the door itself nothing is left.
         let around = memory.around(&Pose::new(1.6, 2.4, -1.0));
         let room = clearance(&around, &q).unwrap();

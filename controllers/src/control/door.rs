@@ -255,7 +255,7 @@ impl Opening {
 
     /// Takes the posture and the wrench on the hand (N, Nm, tool axes), `dt` (s) after the last call; `delay` (s) is
     /// that of the force loop; `pace`, at most 1, slows everything down.
-    pub fn update(&mut self, posture: &Posture, wrench: &Vector6<f64>, pace: f64, (delay, dt): (f64, f64)) -> Pull {
+    pub fn update(&mut self, posture: &Posture, wrench: &Vector6<f64>, pace: f64, delay: f64, dt: f64) -> Pull {
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench.fixed_rows::<3>(3).into();
         let (stance, sense, swing) = (posture.stance(), self.sense(), self.swing());
@@ -300,13 +300,13 @@ impl Opening {
             sense * along * self.hinge.curvature()
         } else {
             self.angle = turn.angle;
-            self.hinge.update_turning(rate, force_left, (turned, sense), dt);
+            self.hinge.update_turning(rate, force_left, turned, sense, dt);
             turn.rate
         };
         let linear = tangent_in_tool * along + up_in_tool * lifted;
         let angular = up_in_tool * turning + Vector3::z() * roll;
         let still = speed[0].hypot(speed[1]) < STALL_SPEED * pace * (self.top / SPEED).max(CREEP);
-        self.lean(slow_pull, still, (most, hardest), dt);
+        self.lean(slow_pull, still, most, hardest, dt);
         Pull {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             guide,
@@ -383,7 +383,7 @@ impl Opening {
     }
 
     /// Leans harder on a door that does not move, and counts for how long that is of no use.
-    fn lean(&mut self, slow_pull: f64, still: bool, (most, hardest): (f64, f64), dt: f64) {
+    fn lean(&mut self, slow_pull: f64, still: bool, most: f64, hardest: f64, dt: f64) {
         if self.has_come() && self.pull_max < PULL_MAX.0 {
             self.pull_max = (self.pull_max + LEAN * dt).min(PULL_MAX.0);
         }
@@ -470,7 +470,7 @@ mod tests {
             let mut opening = Opening::new(&standing(&pose), 0.8, Opens::Either);
             let mut angle = 0.0;
             for _ in 0..1000 {
-                let pull = opening.update(&standing(&pose), &Vector6::zeros(), 1.0, (0.03, 0.01));
+                let pull = opening.update(&standing(&pose), &Vector6::zeros(), 1.0, 0.03, 0.01);
                 assert_eq!(pull.failure, None);
                 let v = pose.rotation * Vector3::from(pull.twist_in_tool.fixed_rows::<3>(0));
                 let radial = (pose.translation.vector.xy() - centre).normalize();
@@ -480,7 +480,7 @@ mod tests {
             }
             // 25 mm at 0.02 m/s, then 8.6 s at 0.12 m/s, both with their ramps, on a radius of 0.8 m.
             assert!((angle - 1.28).abs() < 0.02, "{angle}");
-            let pull = opening.update(&standing(&pose), &Vector6::zeros(), 1.0, (0.03, 0.01));
+            let pull = opening.update(&standing(&pose), &Vector6::zeros(), 1.0, 0.03, 0.01);
             assert!((pull.angle - angle).abs() < 0.02, "{} {angle}", pull.angle);
         }
     }
@@ -493,7 +493,7 @@ mod tests {
         let failed = (0..2000).find_map(|at| {
             let against = if pushed { -65.0 } else { 65.0 };
             let pull =
-                opening.update(&standing(&pose), &Vector6::new(0.0, 0.0, against, 0.0, 0.0, 0.0), 1.0, (0.03, 0.01));
+                opening.update(&standing(&pose), &Vector6::new(0.0, 0.0, against, 0.0, 0.0, 0.0), 1.0, 0.03, 0.01);
             pushed = opening.sense() > 0.0;
             pull.failure.map(|failure| (at, failure))
         });
@@ -514,7 +514,7 @@ mod tests {
             (pulled, pushed) = (pulled.max(-push), pushed.max(push));
             let wrench = Vector6::new(0.0, 0.0, -push, 0.0, 0.0, 0.0);
             let pose = hand(Vector2::new(at, 0.0), 0.0, true);
-            let pull = opening.update(&standing(&pose), &wrench, 1.0, (0.03, 0.008));
+            let pull = opening.update(&standing(&pose), &wrench, 1.0, 0.03, 0.008);
             if pull.failure.is_some() || handle > 0.02 {
                 return (pull.failure, pulled, pushed);
             }
@@ -541,7 +541,7 @@ mod tests {
         let against = Vector6::new(0.0, 0.0, -75.0, 0.0, 0.0, 0.0);
         let failed = (0..800).find_map(|_| {
             assert!(opening.pushes() && opening.sense() > 0.0);
-            opening.update(&standing(&pose), &against, 1.0, (0.03, 0.01)).failure
+            opening.update(&standing(&pose), &against, 1.0, 0.03, 0.01).failure
         });
         assert_eq!(failed, Some(Failure::Locked));
     }

@@ -58,7 +58,7 @@ impl Hinge {
 
     /// Learns as [`Hinge::update`] does, with a hand that has turned by so much (rad, counter-clockwise) while the door
     /// turned the way of `sense`, +1 counter-clockwise.
-    pub fn update_turning(&mut self, speed: f64, force_left: f64, (turned, sense): (f64, f64), dt: f64) {
+    pub fn update_turning(&mut self, speed: f64, force_left: f64, turned: f64, sense: f64, dt: f64) {
         self.beside += sense * speed * self.curvature * dt - turned;
         self.adapt(speed, force_left, dt, BESIDE_MAX.1);
         let curvature = self.curvature + BEND_RATE * speed * sense * force_left * dt;
@@ -149,7 +149,7 @@ mod tests {
                     time += dt;
                     let force = -stiffness * off;
                     let turned = 0.2 * f64::sin(time) * dt;
-                    hinge.update_turning(speed, force, (turned, sense), dt);
+                    hinge.update_turning(speed, force, turned, sense, dt);
                     hand += turned;
                     way += sense * speed / radius * dt;
                     off += dt * (speed * (hand + hinge.beside() - way) + force / ACROSS);

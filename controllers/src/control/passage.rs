@@ -165,7 +165,7 @@ impl Doorway {
 
     /// Returns the distance from the leaf to the straight stretch between two places (m).
     pub fn beside(&self, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
-        if crosses((from, to), (&self.hinge, &self.edge)) {
+        if crosses([from, to], [&self.hinge, &self.edge]) {
             return 0.0;
         }
         let ends = [(from, &self.hinge, &self.edge), (to, &self.hinge, &self.edge)];
@@ -212,7 +212,7 @@ fn lossless(steps: f64) -> u32 {
     steps.round() as u32
 }
 
-fn crosses((a, b): (&Vector2<f64>, &Vector2<f64>), (c, d): (&Vector2<f64>, &Vector2<f64>)) -> bool {
+fn crosses([a, b]: [&Vector2<f64>; 2], [c, d]: [&Vector2<f64>; 2]) -> bool {
     let side = |from: &Vector2<f64>, to: &Vector2<f64>, point: &Vector2<f64>| (to - from).perp(&(point - from)) > 0.0;
     side(a, b, c) != side(a, b, d) && side(c, d, a) != side(c, d, b)
 }

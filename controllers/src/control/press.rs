@@ -120,7 +120,8 @@ impl Press {
         &mut self,
         base_from_tool: &Isometry3<f64>,
         wrench_in_tool: &Vector6<f64>,
-        (delay, dt): (f64, f64),
+        delay: f64,
+        dt: f64,
     ) -> Down {
         let rotation = base_from_tool.rotation;
         let force: Vector3<f64> = rotation * wrench_in_tool.fixed_rows::<3>(0);
@@ -280,7 +281,7 @@ mod tests {
                 let torque = -side * 6.0 * (angle - roll);
                 let in_tool = pose.rotation.inverse() * force;
                 let down =
-                    press.update(&pose, &Vector6::new(in_tool.x, in_tool.y, in_tool.z, 0.0, 0.0, torque), (0.03, dt));
+                    press.update(&pose, &Vector6::new(in_tool.x, in_tool.y, in_tool.z, 0.0, 0.0, torque), 0.03, dt);
                 peak = peak.max(force.norm());
                 if down.state != State::Pressing {
                     return (down.state, down.depth, peak, force.norm());

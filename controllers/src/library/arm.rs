@@ -96,8 +96,10 @@ impl Servo {
     fn work(
         &mut self,
         tick: Tick,
-        (state, wanted): (Option<&ArmState>, &Joints),
-        (command, lock): (&mut Out<ArmCommand>, &mut LockCalls),
+        state: Option<&ArmState>,
+        wanted: &Joints,
+        command: &mut Out<ArmCommand>,
+        lock: &mut LockCalls,
     ) -> Progress {
         let fence = match self.grant.ask(tick.now, lock) {
             Right::Command(fence) => Some(fence),
@@ -148,8 +150,10 @@ impl Servo {
     fn stop(
         &mut self,
         tick: Tick,
-        (state, force): (&In<ArmState>, &In<FtState>),
-        (command, lock): (&mut Out<ArmCommand>, &mut LockCalls),
+        state: &In<ArmState>,
+        force: &In<FtState>,
+        command: &mut Out<ArmCommand>,
+        lock: &mut LockCalls,
     ) -> Stopping {
         let felt = state.fresh_within(tick.now, FRESH).zip(force.fresh_within(tick.now, FRESH));
         let wanted = felt.and_then(|(state, wrench)| {
@@ -225,11 +229,11 @@ impl Controller for Puma560Ctrl {
         }
         let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
         let state = inputs.state.fresh_within(tick.now, SENSED);
-        self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
+        self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
     }
 
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
-        self.servo.stop(tick, (&inputs.state, &inputs.force), (&mut outputs.command, &mut outputs.lock))
+        self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
     }
 }
 
@@ -359,10 +363,10 @@ impl Controller for Puma560 {
         }
         let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
         let state = inputs.state.fresh_within(tick.now, SENSED);
-        self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
+        self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
     }
 
     fn stop(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
-        self.servo.stop(tick, (&inputs.state, &inputs.force), (&mut outputs.command, &mut outputs.lock))
+        self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
     }
 }

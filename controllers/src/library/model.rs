@@ -163,7 +163,7 @@ impl ModelBasedCtrl {
 
     /// Searches a new sweep, if there is one, for the leaf, which is turned by `askew` (rad) from the direction of the
     /// hand. Angles are positive in the direction in which a door opens with `sense`.
-    fn look(&mut self, inputs: &Inputs, (sense, askew): (f64, f64)) -> Option<Leaf> {
+    fn look(&mut self, inputs: &Inputs, sense: f64, askew: f64) -> Option<Leaf> {
         let sweep = inputs.laser.fresh()?;
         let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;
         let at = Pose::new(at.translation.x, at.translation.y, at.rotation.euler_angles().2);
@@ -181,15 +181,15 @@ impl ModelBasedCtrl {
         self.room = clearance(&others, &joints).into_iter().chain(remembered).reduce(f64::min);
         let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &facing)?;
         let distance = leaf.away + leaf.normal.dot(&base_from_tool.translation.vector.xy());
-        self.memory.remember(&points, (&leaf.normal, distance), &at);
-        self.mark(&leaf, (&base_from_tool, &at));
+        self.memory.remember(&points, &leaf.normal, distance, &at);
+        self.mark(&leaf, &base_from_tool, &at);
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
         self.leaf
     }
 
     /// Takes where the hinge is by a leaf that the hand holds, for a base at `at`.
-    fn mark(&mut self, leaf: &Leaf, (base_from_tool, at): (&Isometry3<f64>, &Pose)) {
+    fn mark(&mut self, leaf: &Leaf, base_from_tool: &Isometry3<f64>, at: &Pose) {
         let (Some(radius), Some(opening)) = (self.wall.radius(), &self.opening) else { return };
         let left = Vector2::new(-leaf.normal.y, leaf.normal.x);
         let from_base = base_from_tool.translation.vector.xy() + left * (opening.left() * radius);
@@ -372,10 +372,10 @@ impl Controller for ModelBasedCtrl {
         let slowest = if opening.pushes() { PUSH_PACE_MIN } else { PACE_MIN };
         let pace = (left / BRAKE).clamp(slowest, 1.0).min(room);
         let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
-        let pull = opening.update(&posture, &known.wrench, pace, (loop_delay(age), tick.dt()));
+        let pull = opening.update(&posture, &known.wrench, pace, loop_delay(age), tick.dt());
         let (radius, sense, askew) = (opening.hinge().radius(), opening.sense(), opening.askew());
         (self.angle, self.effort) = (pull.angle, pull.effort);
-        let leaf = self.look(inputs, (sense, askew));
+        let leaf = self.look(inputs, sense, askew);
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
             let is_in_sight = self.wall.turned().is_none();
             opening.see(sense * leaf.angle, self.wall.radius().filter(|_| is_in_sight));

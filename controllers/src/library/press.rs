@@ -104,7 +104,7 @@ impl Controller for PressHandle {
             let new = Vector6::new(x, y, z, a, b, c);
             let old = self.despike.last().filter(|_| inputs.force.fresh().is_none());
             let wrench = old.unwrap_or_else(|| self.despike.update(&new));
-            let down = press.update(&base_from_tool, &wrench, (delay, tick.dt()));
+            let down = press.update(&base_from_tool, &wrench, delay, tick.dt());
             (twist, state, self.depth) = (down.twist_in_tool, down.state, down.depth);
         }
         let lost = inputs.gripper.fresh().is_some_and(|gripper| gripper.width < self.width_min);

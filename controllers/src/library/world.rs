@@ -134,9 +134,9 @@ impl<T> Default for Line<T> {
 }
 
 impl<T: Stamped> Line<T> {
-    fn put(&mut self, now: Time, (device, measured): (usize, T), bus: &mut Bus<'_>) {
+    fn put(&mut self, now: Time, device: usize, measured: T, bus: &mut Bus<'_>) {
         let Some(sample) = bus.failure.of(device, measured, &mut self.last) else { return };
-        self.way.put(now, sample, (bus.delays.state[device], bus.delays.jitter), bus.random);
+        self.way.put(now, sample, bus.delays.state[device], bus.delays.jitter, bus.random);
     }
 }
 
@@ -186,7 +186,7 @@ impl Peak {
 }
 
 impl State {
-    fn new(plant: Plant, (delays, failing): (Delays, Failing), seed: u64, now: Time) -> Self {
+    fn new(plant: Plant, delays: Delays, failing: Failing, seed: u64, now: Time) -> Self {
         // Arm, base and wrist 125 Hz, gripper 50 Hz, laser 20 Hz, camera 25 Hz.
         let due = [8, 8, 8, 20, 50, 40].map(|ms| Due { period: Duration::from_millis(ms), next: now });
         let window = Due { period: SIGNALS_EVERY, next: now };
@@ -215,9 +215,9 @@ impl State {
         servers.arm.note_refused(inputs.arm.refused());
         servers.base.note_refused(inputs.base.refused());
         servers.gripper.note_refused(inputs.gripper.refused());
-        let times = (self.delays.command, self.delays.jitter);
+        let (delay, jitter) = (self.delays.command, self.delays.jitter);
         for order in orders.into_iter().flatten().chain(queued(now, servers)) {
-            self.orders.put(now, order, times, &mut self.random);
+            self.orders.put(now, order, delay, jitter, &mut self.random);
         }
         while let Some(order) = self.orders.take(now) {
             self.execute(now, order, servers);
@@ -227,19 +227,19 @@ impl State {
     fn execute(&mut self, now: Time, order: Order, servers: &mut Servers) {
         let Servers { base, arm, gripper } = servers;
         match order {
-            Order::Arm(command) if arm.admit((&command.owner, command.fence), now) => {
+            Order::Arm(command) if arm.admit(&command.owner, command.fence, now) => {
                 self.plant.arm_drive.command(command.rates.as_ref(), now);
                 if command.rates.is_none() {
                     arm.release();
                 }
             }
-            Order::Base(command) if base.admit((&command.owner, command.fence), now) => {
+            Order::Base(command) if base.admit(&command.owner, command.fence, now) => {
                 self.plant.base_drive.command(command.velocity.as_ref(), now);
                 if command.velocity.is_none() {
                     base.release();
                 }
             }
-            Order::Gripper(command) if gripper.admit((&command.owner, command.fence), now) => match command.width {
+            Order::Gripper(command) if gripper.admit(&command.owner, command.fence, now) => match command.width {
                 Some(width) => self.plant.grip_to(width, command.force),
                 None => gripper.release(),
             },
@@ -294,29 +294,29 @@ impl State {
         let mut bus = Bus { delays: self.delays, failure: &self.failure, random: &mut self.random };
         if due[0] {
             let (angles, rates) = (plant.encoders().into(), plant.joint_rates());
-            samples.arm.put(now, (0, ArmState { stamp, angles, rates }), &mut bus);
+            samples.arm.put(now, 0, ArmState { stamp, angles, rates }, &mut bus);
         }
         if due[1] {
             let (casters, bumped) = (plant.casters(), plant.bumped());
             self.odometry.update(&casters);
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
-            samples.base.put(now, (1, BaseState { stamp, steering, rolling, bumped }), &mut bus);
+            samples.base.put(now, 1, BaseState { stamp, steering, rolling, bumped }, &mut bus);
         }
         if due[2] {
             let [x, y, z, a, b, c] = plant.force_torque.read(&mut plant.random);
             let zeroed = plant.force_torque.zeroed();
             let state = FtState { stamp, force: [x, y, z], torque: [a, b, c], zeroed };
-            samples.force.put(now, (2, state), &mut bus);
+            samples.force.put(now, 2, state, &mut bus);
         }
         if due[3] {
             let (width, force) = plant.grip_said();
-            samples.gripper.put(now, (3, GripperState { stamp, width, force }), &mut bus);
+            samples.gripper.put(now, 3, GripperState { stamp, width, force }, &mut bus);
         }
         if due[4] {
-            samples.laser.put(now, (4, LaserState { stamp, ranges: plant.sweep() }), &mut bus);
+            samples.laser.put(now, 4, LaserState { stamp, ranges: plant.sweep() }, &mut bus);
         }
         if due[5] {
-            samples.camera.put(now, (5, CameraState { stamp, marks: plant.look() }), &mut bus);
+            samples.camera.put(now, 5, CameraState { stamp, marks: plant.look() }, &mut bus);
         }
     }
 
@@ -416,7 +416,7 @@ impl Controller for DoorWorld {
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let state = self.state.get_or_insert_with(|| {
             let plant = Plant::new(self.setup, tick.now);
-            Box::new(State::new(plant, (self.delays, self.failing), self.setup.seed, tick.now))
+            Box::new(State::new(plant, self.delays, self.failing, self.setup.seed, tick.now))
         });
         state.obey(tick.now, inputs, &mut self.servers);
         state.advance(tick.now, self.push);

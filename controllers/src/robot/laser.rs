@@ -74,7 +74,8 @@ fn echo(from: &Vector2<f64>, along: &Vector2<f64>, room: &[Stretch]) -> f64 {
 }
 
 /// The range (m) at which a ray meets a stretch of wall.
-fn hit(from: &Vector2<f64>, along: &Vector2<f64>, (a, b): &Wall) -> Option<f64> {
+fn hit(from: &Vector2<f64>, along: &Vector2<f64>, wall: &Wall) -> Option<f64> {
+    let (a, b) = wall;
     let (wall, to) = (b - a, a - from);
     let cross = along.perp(&wall);
     if cross.abs() < 1e-12 {

@@ -227,7 +227,7 @@ impl SerializeMap for Look {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sdk::messaging::{Full, Queue, QueueClient, QueueMessage, Receipt, Rejected};
+    use crate::sdk::messaging::{Full, Label, Queue, QueueClient, QueueMessage, Receipt, Rejected};
     use crate::sdk::{
         About, Answered, AnyCalls, Arguments, Bytes, CallOrder, Calls, Controller, DeliveryError, Every, In, Inputs,
         Kind, Message, Module, Out, Outputs, Parameter, Progress, Registry, Stopping, Tick, Time,
@@ -440,8 +440,12 @@ mod tests {
     fn a_queue_turns_away_a_number_that_is_not_finite() {
         let mut client = QueueClient::<Number>::new("c").unwrap();
         let within = Duration::from_secs(1);
-        assert!(client.send(Time::ZERO, ("k", 0, 0), (&Number(f64::NAN), None), within).is_err());
-        client.send(Time::ZERO, ("k", 0, 0), (&Number(1.0), None), within).unwrap();
+        assert!(
+            client
+                .send(Time::ZERO, Label { category: "k", priority: 0, marker: 0 }, &Number(f64::NAN), None, within)
+                .is_err()
+        );
+        client.send(Time::ZERO, Label { category: "k", priority: 0, marker: 0 }, &Number(1.0), None, within).unwrap();
         let mut calls = Calls::<QueueMessage, Receipt>::default();
         client.work(Time::ZERO, &mut calls);
         let [CallOrder::Make { argument, .. }] = &calls.take()[..] else { panic!("it is sent") };

@@ -31,7 +31,9 @@ type Make = dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync;
 /// A group before it is checked, see [`super::Registry::add_group`].
 ///
 /// ```
-/// # use controllers::sdk::{About, Arguments, Controller, InProcessGroup, In, Inputs, Message, Out, Outputs, Progress, Registry, Tick};
+/// # use controllers::sdk::{
+/// #     About, Arguments, Controller, InProcessGroup, In, Inputs, MemberPort, Message, Out, Outputs, Progress, Registry, Tick,
+/// # };
 /// # use controllers::sdk::serde::{Deserialize, Serialize};
 /// # #[derive(Clone, Debug, Serialize, Deserialize)]
 /// # #[serde(crate = "controllers::sdk::serde")]
@@ -68,9 +70,9 @@ type Make = dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync;
 /// let group = InProcessGroup::new("Quadrupler", "Doubles twice.")
 ///     .member::<Doubler>("first", |_| Vec::new())
 ///     .member::<Doubler>("second", |_| Vec::new())
-///     .wire(("first", "Out"), ("second", "In"))
-///     .expose(("first", "In"), "In")
-///     .expose(("second", "Out"), "Out");
+///     .wire(MemberPort::new("first", "Out"), MemberPort::new("second", "In"))
+///     .expose(MemberPort::new("first", "In"), "In")
+///     .expose(MemberPort::new("second", "Out"), "Out");
 /// let mut registry = Registry::default();
 /// registry.add_group(group).expect("its wires fit");
 /// assert!(registry.interface_text().contains("module Quadrupler(host: Host)"));
@@ -80,12 +82,29 @@ pub struct InProcessGroup {
     doc: &'static str,
     parameters: &'static [Parameter],
     members: Vec<Member>,
-    wires: Vec<(End, End)>,
-    exposed: Vec<(End, &'static str)>,
+    wires: Vec<(MemberPort, MemberPort)>,
+    exposed: Vec<(MemberPort, &'static str)>,
 }
 
-/// A port of a member.
-type End = (String, String);
+/// A port of a member of a group.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MemberPort {
+    member: String,
+    port: String,
+}
+
+impl MemberPort {
+    /// Returns the port of this name of a member.
+    pub fn new(member: &str, port: &str) -> Self {
+        Self { member: member.to_owned(), port: port.to_owned() }
+    }
+}
+
+impl fmt::Display for MemberPort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.member, self.port)
+    }
+}
 
 struct Member {
     name: String,
@@ -205,17 +224,17 @@ impl InProcessGroup {
         self
     }
 
-    /// Returns it with a wire from an output of one member to an input of another one, each a member and a port.
+    /// Returns it with a wire from an output of one member to an input of another one.
     #[must_use]
-    pub fn wire(mut self, (from, output): (&str, &str), (to, input): (&str, &str)) -> Self {
-        self.wires.push(((from.to_owned(), output.to_owned()), (to.to_owned(), input.to_owned())));
+    pub fn wire(mut self, output: MemberPort, input: MemberPort) -> Self {
+        self.wires.push((output, input));
         self
     }
 
     /// Returns it with a port of a member as a port of its own. Several inputs of one type may be exposed as one.
     #[must_use]
-    pub fn expose(mut self, (member, port): (&str, &str), name: &'static str) -> Self {
-        self.exposed.push(((member.to_owned(), port.to_owned()), name));
+    pub fn expose(mut self, port: MemberPort, name: &'static str) -> Self {
+        self.exposed.push((port, name));
         self
     }
 

@@ -224,8 +224,8 @@ impl Harness {
     /// # Errors
     /// If a port does not exist or the types differ.
     pub fn connect(&mut self, from: (ModuleId, &str), to: (ModuleId, &str)) -> Result<WireId, ConnectError> {
-        let (from_port, from_type) = self.port(from, Direction::Out)?;
-        let (to_port, to_type) = self.port(to, Direction::In)?;
+        let (from_port, from_type) = self.port(from.0, from.1, Direction::Out)?;
+        let (to_port, to_type) = self.port(to.0, to.1, Direction::In)?;
         if from_type != to_type {
             return Err(ConnectError::Types { from: from_type, to: to_type });
         }
@@ -235,7 +235,8 @@ impl Harness {
 
     fn port(
         &self,
-        (module, name): (ModuleId, &str),
+        module: ModuleId,
+        name: &str,
         direction: Direction,
     ) -> Result<(&'static str, &'static str), ConnectError> {
         let interface = self.module(module).interface();
@@ -326,7 +327,7 @@ impl Harness {
     /// # Errors
     /// If there is no such input.
     pub fn send_to(&mut self, module: ModuleId, port: &str, bytes: Vec<u8>) -> Result<(), ConnectError> {
-        let (port, _) = self.port((module, port), Direction::In)?;
+        let (port, _) = self.port(module, port, Direction::In)?;
         self.transfer(module.0, port, bytes);
         Ok(())
     }

@@ -19,7 +19,7 @@ pub use comms::logic::messaging::wire::{
 };
 
 pub use lock::{Lock, LockUser};
-pub use queue::{EncodedMessage, Queue, QueueClient, SendEnd, Taken};
+pub use queue::{EncodedMessage, Label, Queue, QueueClient, SendEnd, Taken};
 pub use request::{Answered, Replier, RequestFailure, Requester};
 pub use router::{Delivery, Dropped, Router, RouterUser, Subscribed, Subscription};
 

@@ -146,7 +146,7 @@ fn take_part(
     // A number after the path distinguishes it from another program of the same process.
     let instance = word.split('#').next().unwrap_or_default().to_owned();
     let deployment = std::env::var_os("DCA_DEPLOYMENT").unwrap_or_default().to_string_lossy().into_owned();
-    let module = registry.create_at((&deployment, &instance), name, arguments)?;
+    let module = registry.create_at(&deployment, &instance, name, arguments)?;
     let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
     let (socket, _) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
     let interface = module.interface().clone();
@@ -181,7 +181,7 @@ fn take_part(
     // The registry has made a controller of them already, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&deployment, &instance);
     let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices, around };
-    program.serve(module, (inbox, links), orders)
+    program.serve(module, inbox, links, orders)
 }
 
 /// Returns what others see of this program; nothing outside of a team.
@@ -241,7 +241,8 @@ impl Program {
     fn serve(
         mut self,
         module: Box<dyn Module>,
-        (inbox, links): (Arc<Inbox>, Arc<Links>),
+        inbox: Arc<Inbox>,
+        links: Arc<Links>,
         mut orders: NodeLine,
     ) -> Result<ExitCode, ProcessError> {
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::clone(&links), self.notices.clone());
@@ -305,12 +306,7 @@ impl Program {
     }
 
     /// Links to a program that was started again; a stop must not wait behind that.
-    fn relink(
-        &self,
-        (lost, found): (String, Dial),
-        inbox: &Arc<Inbox>,
-        links: &Arc<Links>,
-    ) -> Result<(), ProcessError> {
+    fn relink(&self, lost: String, found: Dial, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         let Some(session) = &self.session else { return Ok(()) };
         session.forget(&lost);
         // A node that sends nonsense is one more thing that a robot goes on without.
@@ -319,7 +315,7 @@ impl Program {
             let (session, inbox, links) = (Arc::clone(session), Arc::clone(inbox), Arc::clone(links));
             let relink = move || {
                 let _turn = links.turn();
-                links.relink(&session, &inbox, (&lost, &found));
+                links.relink(&session, &inbox, &lost, &found);
             };
             std::thread::Builder::new().name("links".to_owned()).spawn(relink)?;
         }
@@ -382,7 +378,7 @@ impl Program {
                     keyring.warrants().judged(number, refusal);
                 }
             }
-            Order::Relink { lost, found } => self.relink((lost, found), inbox, links)?,
+            Order::Relink { lost, found } => self.relink(lost, found, inbox, links)?,
             Order::Exit | Order::Resumed { .. } | Order::Database { .. } | Order::Keys { .. } => {}
         }
         Ok(())

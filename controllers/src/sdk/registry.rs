@@ -123,7 +123,7 @@ impl Registry {
     /// # Errors
     /// If there is no such type, or the arguments do not fit it.
     pub fn create(&self, type_name: &str, given: &[&str]) -> Result<Box<dyn Module>, CreateError> {
-        self.create_at(("", ""), type_name, given)
+        self.create_at("", "", type_name, given)
     }
 
     /// Makes an idle instance for the process of this deployment and path.
@@ -132,7 +132,8 @@ impl Registry {
     /// As [`Registry::create`].
     pub fn create_at<S: AsRef<str>>(
         &self,
-        (deployment, instance): (&str, &str),
+        deployment: &str,
+        instance: &str,
         type_name: &str,
         given: &[S],
     ) -> Result<Box<dyn Module>, CreateError> {

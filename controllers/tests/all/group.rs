@@ -5,8 +5,9 @@
 use comms::io::direct::Filler;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId};
 use controllers::sdk::{
-    About, Arguments, Configured, Controller, Every, GroupError, InProcessGroup, InnerValue, Inputs, Kind, Message,
-    Module, Out, Outcome, Outlets, Outputs, Parameter, PortInterface, Progress, Registry, Signal, Stopping, Tick, Time,
+    About, Arguments, Configured, Controller, Every, GroupError, InProcessGroup, InnerValue, Inputs, Kind, MemberPort,
+    Message, Module, Out, Outcome, Outlets, Outputs, Parameter, PortInterface, Progress, Registry, Signal, Stopping,
+    Tick, Time,
 };
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -207,8 +208,8 @@ fn caterpillar(stages: usize, is_reversed: bool) -> InProcessGroup {
         group = add(group, if is_reversed { stages - at } else { at });
     }
     for stage in 1..=stages {
-        group = group.wire((&name(stage - 1), "Out"), (&name(stage), "In"));
-        group = group.wire((&name(stage), "Out"), (&format!("sink{stage}"), "In"));
+        group = group.wire(MemberPort::new(&name(stage - 1), "Out"), MemberPort::new(&name(stage), "In"));
+        group = group.wire(MemberPort::new(&name(stage), "Out"), MemberPort::new(&format!("sink{stage}"), "In"));
     }
     group
 }
@@ -264,13 +265,14 @@ fn a_trigger_from_outside_does_not_shift_the_period_of_others() {
     let group = caterpillar(1, false)
         .member::<Stage>("gate", nothing)
         .member::<Sink>("after", nothing)
-        .wire(("gate", "Out"), ("after", "In"))
-        .expose(("gate", "In"), "In")
-        .expose(("gate", "Out"), "Out");
+        .wire(MemberPort::new("gate", "Out"), MemberPort::new("after", "In"))
+        .expose(MemberPort::new("gate", "In"), "In")
+        .expose(MemberPort::new("gate", "Out"), "Out");
     let group = harness.add(create(group, &[]));
     let (mut registry, period) = (Registry::default(), Duration::from_micros(300));
-    let fast =
-        InProcessGroup::new("Fast", "Counts faster.").member::<Metronome>("one", nothing).expose(("one", "Out"), "Out");
+    let fast = InProcessGroup::new("Fast", "Counts faster.")
+        .member::<Metronome>("one", nothing)
+        .expose(MemberPort::new("one", "Out"), "Out");
     registry.add_group(fast).unwrap().add::<Sink>();
     let fast = harness.add(registry.create("Fast", &[]).unwrap());
     let sink = harness.add(registry.create("Sink", &[]).unwrap());
@@ -338,7 +340,7 @@ impl Outlets for Person {
 /// and all are counted.
 #[test]
 fn what_is_sent_inside_is_shown_while_somebody_looks() {
-    let mut group = create(caterpillar(2, false).expose(("stage2", "Out"), "Out"), &[]);
+    let mut group = create(caterpillar(2, false).expose(MemberPort::new("stage2", "Out"), "Out"), &[]);
     let names = |group: &dyn Module| {
         let inner = group.interface().inner.iter();
         inner.map(|inner| format!("{}: {} -> {}", inner.name, inner.type_name, inner.inputs.join(", "))).collect()
@@ -347,8 +349,10 @@ fn what_is_sent_inside_is_shown_while_somebody_looks() {
     let expected =
         ["head.Out: Step -> stage1.In", "stage1.Out: Step -> sink1.In, stage2.In", "stage2.Out: Step -> sink2.In"];
     assert_eq!(inner, expected);
-    let alone: Vec<String> =
-        names(&*create(InProcessGroup::new("G", "One.").member::<Head>("a", nothing).expose(("a", "Out"), "Out"), &[]));
+    let alone: Vec<String> = names(&*create(
+        InProcessGroup::new("G", "One.").member::<Head>("a", nothing).expose(MemberPort::new("a", "Out"), "Out"),
+        &[],
+    ));
     assert_eq!(alone, Vec::<String>::new());
 
     group.init(b"", Time::ZERO).unwrap();
@@ -399,27 +403,36 @@ fn what_does_not_fit_is_refused() {
     };
     let twice = |name: &str| GroupError::Twice { group: "G", name: name.into() };
     let types = |from: &str, to: &str| GroupError::Types { group: "G", from: from.into(), to: to.into() };
-    let wired = || two().wire(("a", "Out"), ("b", "In"));
+    let wired = || two().wire(MemberPort::new("a", "Out"), MemberPort::new("b", "In"));
     let table = [
         (InProcessGroup::new("G", "Empty."), GroupError::Count { group: "G", count: 0 }),
         (one().member::<Head>("a", nothing), twice("a")),
         (two(), GroupError::Unconnected { group: "G", member: "b".into(), port: "In" }),
-        (two().wire(("c", "Out"), ("b", "In")), no_port("output", "c", "Out")),
-        (two().wire(("a", "Out"), ("b", "Out")), no_port("input", "b", "Out")),
-        (one().expose(("a", "In"), "In"), no_port("port", "a", "In")),
-        (wired().wire(("a", "Out"), ("b", "In")), twice("a.Out -> b.In")),
-        (wired().expose(("a", "Out"), "X").expose(("b", "Out"), "X"), twice("X")),
-        (one().member::<Stranger>("s", nothing).wire(("a", "Out"), ("s", "In")), types("a.Out", "s.In")),
-        (two().member::<Stranger>("s", nothing).expose(("b", "In"), "X").expose(("s", "In"), "X"), types("X", "s.In")),
+        (two().wire(MemberPort::new("c", "Out"), MemberPort::new("b", "In")), no_port("output", "c", "Out")),
+        (two().wire(MemberPort::new("a", "Out"), MemberPort::new("b", "Out")), no_port("input", "b", "Out")),
+        (one().expose(MemberPort::new("a", "In"), "In"), no_port("port", "a", "In")),
+        (wired().wire(MemberPort::new("a", "Out"), MemberPort::new("b", "In")), twice("a.Out -> b.In")),
+        (wired().expose(MemberPort::new("a", "Out"), "X").expose(MemberPort::new("b", "Out"), "X"), twice("X")),
         (
-            one().member::<Stranger>("s", nothing).expose(("s", "In"), "X"),
+            one().member::<Stranger>("s", nothing).wire(MemberPort::new("a", "Out"), MemberPort::new("s", "In")),
+            types("a.Out", "s.In"),
+        ),
+        (
+            two()
+                .member::<Stranger>("s", nothing)
+                .expose(MemberPort::new("b", "In"), "X")
+                .expose(MemberPort::new("s", "In"), "X"),
+            types("X", "s.In"),
+        ),
+        (
+            one().member::<Stranger>("s", nothing).expose(MemberPort::new("s", "In"), "X"),
             GroupError::Outcomes { group: "G", member: "s".into() },
         ),
     ];
     for (group, error) in table {
         assert_eq!(Registry::default().add_group(group).map(|_| ()), Err(error));
     }
-    let group = create(wired().expose(("b", "Out"), "Onward"), &[]);
+    let group = create(wired().expose(MemberPort::new("b", "Out"), "Onward"), &[]);
     let interface = group.interface();
     let ports: Vec<&str> = interface.ports.iter().map(|port: &PortInterface| port.name).collect();
     assert_eq!((ports, interface.about.service, interface.about.schedule.period), (vec!["Onward"], false, PERIOD));

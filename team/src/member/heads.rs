@@ -46,7 +46,7 @@ impl Member {
         ensure!(head.position().log == head.by(), "somebody else has signed where its log has come to");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
         let mut with = heads.clone();
-        let (head, is_new) = with.countersign((head, of), crate::now(), (self.name(), &self.keys))?;
+        let (head, is_new) = with.countersign(head, of, crate::now(), self.name(), &self.keys)?;
         if is_new {
             // On the disk first, so that a restart cannot lead to a different signature for the same position.
             folder::write(&self.folder.join(HEADS), with.to_text().as_bytes())?;

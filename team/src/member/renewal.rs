@@ -42,10 +42,10 @@ impl Member {
 
     fn write(&self, Vouched { keys, files: [visitors, programs] }: &Vouched) -> anyhow::Result<()> {
         let (newest, revoked) = (self.newest().clone(), self.folder.join(super::REVOKED));
-        let delegation = Delegation::sign((*keys.public().signing(), ""), crate::now(), (&self.keys, newest.clone()));
+        let delegation = Delegation::sign(*keys.public().signing(), "", crate::now(), &self.keys, newest.clone());
         folder::write(programs, &Circle::bytes(&self.team, &newest, &revoked)?)?;
         self.share_again()?;
-        VisitorIdentity::keep(visitors, keys, (&self.team, &delegation), &revoked)
+        VisitorIdentity::keep(visitors, keys, &self.team, &delegation, &revoked)
     }
 
     /// Also writes the programs' credentials to this file, with the revocations beside it, for the group of the user
@@ -78,7 +78,7 @@ impl Member {
     pub fn vouch_for(&self, keys: &[u8], program: &str) -> Option<Vec<u8>> {
         let newest = self.newest().clone();
         let key = ProgramKeys::signing_of(keys)?;
-        Some(Delegation::sign((key, program), crate::now(), (&self.keys, newest)).to_bytes())
+        Some(Delegation::sign(key, program, crate::now(), &self.keys, newest).to_bytes())
     }
 
     /// Returns its credential, with the newest renewal.
@@ -106,7 +106,7 @@ impl Member {
     pub fn renew(&self, credential: &[u8]) -> anyhow::Result<Vec<u8>> {
         let asker = Credential::from_bytes(credential).context("it shows no credential")?;
         let own = self.newest().clone();
-        let renewed = self.with_judge(|judge| renewal::renew((Kind::Node, &asker), (&self.keys, &own), judge))?;
+        let renewed = self.with_judge(|judge| renewal::renew(Kind::Node, &asker, &self.keys, &own, judge))?;
         self.note_renewal("a node", &renewed);
         Ok(renewed.to_bytes())
     }
@@ -120,7 +120,7 @@ impl Member {
         ensure!(self.may_renew(), "`{}` may not renew", self.name());
         let asker = renewal::asked(ask, crate::now())?;
         let own = self.newest().clone();
-        let renewed = self.with_judge(|judge| renewal::renew((Kind::User, &asker), (&self.keys, &own), judge))?;
+        let renewed = self.with_judge(|judge| renewal::renew(Kind::User, &asker, &self.keys, &own, judge))?;
         self.note_renewal(asker.certificate().claims().name.as_str(), &renewed);
         Ok(renewed.to_bytes())
     }

@@ -48,13 +48,8 @@ impl Desk {
     fn node(&self, name: &str, begins: i64, ends: i64) -> Member {
         let (keys, state) = (keys(), self.folder.join(name));
         let at = |days: i64| crate::now().0.saturating_add_signed(days * i64::try_from(DAY).unwrap());
-        Member::begin(
-            &state,
-            &keys,
-            (&self.team, false),
-            &self.credential(&keys, Role::Member, (at(begins), at(ends))),
-        )
-        .unwrap();
+        Member::begin(&state, &keys, &self.team, false, &self.credential(&keys, Role::Member, (at(begins), at(ends))))
+            .unwrap();
         Member::open(&state).unwrap().unwrap()
     }
 }

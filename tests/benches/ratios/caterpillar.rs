@@ -7,8 +7,8 @@ use crate::programs::times_of;
 use anyhow::Context;
 use comms::io::clock::now;
 use controllers::sdk::{
-    About, Arguments, Controller, Every, InProcessGroup, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
-    Registry, Tick, Time,
+    About, Arguments, Controller, Every, InProcessGroup, Inputs, Kind, MemberPort, Message, Out, Outputs, Parameter,
+    Progress, Registry, Tick, Time,
 };
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -150,7 +150,9 @@ fn group() -> InProcessGroup {
         let file = move |of: &Arguments| vec![format!("{}{number}", of.text("file"))];
         let (before, stage, sink) = (name(number - 1), name(number), format!("sink{number}"));
         group = group.member::<Stage>(&*stage, |_| Vec::new()).member::<Sink<true>>(&*sink, file);
-        group = group.wire((&before, "Out"), (&stage, "In")).wire((&stage, "Out"), (&sink, "In"));
+        group = group
+            .wire(MemberPort::new(&before, "Out"), MemberPort::new(&stage, "In"))
+            .wire(MemberPort::new(&stage, "Out"), MemberPort::new(&sink, "In"));
     }
     group
 }

@@ -146,7 +146,7 @@ impl Callee {
         (name, argument_type, result_type): (&str, &str, &str),
         argument: impl Fn(u64) -> Vec<u8>,
     ) -> anyhow::Result<Vec<Duration>> {
-        let (key, cancel_key) = key::object("bench", "callee");
+        let keys = key::object("bench", "callee");
         let form = |name: &str| TypeForm { name: name.to_owned(), fields: String::new() };
         let mut times = Vec::new();
         for number in 0..count + warm_up {
@@ -161,7 +161,7 @@ impl Callee {
                 warrant: None,
             };
             let sent = now();
-            let answer = self.session.call_and_wait((&key, &cancel_key), (&CallWay::Open, &call))?;
+            let answer = self.session.call_and_wait(&keys, &CallWay::Open, &call)?;
             let took = now().since(sent);
             ensure!(name != "Echo" || answer == call.argument.0, "another answer");
             if number >= warm_up {

@@ -4,8 +4,8 @@
 
 use comms::logic::time::Time;
 use controllers::sdk::{
-    About, Arguments, Controller, Every, In, InProcessGroup, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
-    Registry, Stopping, Tick, process,
+    About, Arguments, Controller, Every, In, InProcessGroup, Inputs, Kind, MemberPort, Message, Out, Outputs,
+    Parameter, Progress, Registry, Stopping, Tick, process,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -368,7 +368,9 @@ fn caterpillar() -> InProcessGroup {
         let file = move |of: &Arguments| vec![format!("{}{number}", of.text("file"))];
         let (before, stage, sink) = (format!("stage{}", number - 1), format!("stage{number}"), format!("sink{number}"));
         group = group.member::<Pass>(&*stage, |_| vec!["0".to_owned()]).member::<Sink>(&*sink, file);
-        group = group.wire((&before, "Out"), (&stage, "In")).wire((&stage, "Out"), (&sink, "In"));
+        group = group
+            .wire(MemberPort::new(&before, "Out"), MemberPort::new(&stage, "In"))
+            .wire(MemberPort::new(&stage, "Out"), MemberPort::new(&sink, "In"));
     }
     group
 }
@@ -378,8 +380,8 @@ fn twice() -> InProcessGroup {
     let pass = |_: &Arguments| vec!["0".to_owned()];
     let group =
         InProcessGroup::new("Twice", "Passes on twice.").member::<Pass>("first", pass).member::<Pass>("second", pass);
-    let group = group.wire(("first", "Out"), ("second", "In"));
-    group.expose(("first", "In"), "In").expose(("second", "Out"), "Out")
+    let group = group.wire(MemberPort::new("first", "Out"), MemberPort::new("second", "In"));
+    group.expose(MemberPort::new("first", "In"), "In").expose(MemberPort::new("second", "Out"), "Out")
 }
 
 fn main() -> ExitCode {

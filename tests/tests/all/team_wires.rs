@@ -157,7 +157,7 @@ fn third_program(team: &Team) -> Arc<ProgramIdentity> {
     let credential = Credential::from_bytes(&file("credential")).expect("a credential");
     let identity = ProgramIdentity::open(&host.run_dir().join("c4/programs"), |_| ()).expect("the node has written it");
     let key = identity.keys().signing().1;
-    let delegation = Delegation::sign((key, "`main/third` of `spy@1`"), team::now(), (&keys, credential));
+    let delegation = Delegation::sign(key, "`main/third` of `spy@1`", team::now(), &keys, credential);
     identity.take_delegation(&delegation.to_bytes());
     Arc::new(identity)
 }
@@ -304,7 +304,7 @@ fn calls_in_vain(team: &Team, program: &str) {
     let attack = move || {
         let visitor = VisitorIdentity::open(&file).expect("the node has written it");
         let session = intrude(&file, &folder, &[dial]);
-        let (key, cancel_key) = key::object("levels", "main/wheels");
+        let keys = key::object("levels", "main/wheels");
         let call = ObjectCall {
             id: CallId { session: session.id(), number: 1 },
             caller: "dca".to_owned(),
@@ -322,7 +322,7 @@ fn calls_in_vain(team: &Team, program: &str) {
         let sealed = CallWay::Sealed { call: own(), cancel: own(), answer: Arc::new(Opener::new(|_, _| ())) };
         let signed = CallWay::Signed(Visitor(Arc::new(move |digest| Some(visitor.sign_visit(digest)))));
         let ways = [&CallWay::Open, &sealed, &signed];
-        let called = ways.map(|way| session.call_and_wait((&key, &cancel_key), (way, &call)));
+        let called = ways.map(|way| session.call_and_wait(&keys, way, &call));
         session.close();
         called
     };
@@ -375,7 +375,7 @@ fn wires_within_a_host_are_direct(team: &Team) {
     let found = Place { path: place.display().to_string(), token: "guessed".to_owned() };
     let form = TypeForm { name: "Beat".to_owned(), fields: String::new() };
     let wire = key::wire("near", 3, 0);
-    assert!(intruder.inlet((&found, SOON), (&wire, form), None, |_, _| ()).is_err());
+    assert!(intruder.inlet(&found, SOON, &wire, form, None, |_, _| ()).is_err());
     let who = format!("process {} of user {} on this machine", std::process::id(), rustix::process::getuid().as_raw());
     let expected = format!("link to `main/source` of `near@3`|it has no wire with this program: {who}");
     let told = wait_until(SOON, || team.refusals(2).contains(&expected));

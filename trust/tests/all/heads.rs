@@ -31,7 +31,7 @@ fn a_member_signs_no_log_that_was_cut_or_rewritten() {
     let (mut heads, mut at) = (Heads::default(), NOW);
     let mut sign = |log: &Log| {
         at = at.plus(1);
-        heads.countersign((&told(log, at), &name("r1")), NOW, (&r2, &member))
+        heads.countersign(&told(log, at), &name("r1"), NOW, &r2, &member)
     };
     add(&mut log, "one");
     let early = log;
@@ -57,7 +57,7 @@ fn a_head_that_is_sent_again_is_no_sign_of_a_cut() {
     let (first, early) = (told(&log, NOW), log);
     add(&mut log, "two");
     let second = told(&log, NOW.plus(1));
-    let sign = |heads: &mut Heads, head: &Head| heads.countersign((head, &names[0]), NOW, (&names[1], &member));
+    let sign = |heads: &mut Heads, head: &Head| heads.countersign(head, &names[0], NOW, &names[1], &member);
     assert!(sign(&mut heads, &first).unwrap().1 && sign(&mut heads, &second).unwrap().1);
     assert_eq!(sign(&mut heads, &first), Err(HeadError::Old));
     // The same holds after a restart. A later head of the node itself still counts.
@@ -76,7 +76,7 @@ fn some_heads_of_all_times_are_kept() {
     for number in 0..500 {
         lines.push(add(&mut log, "something"));
         let at = NOW.plus(60 * number);
-        heads.countersign((&told(&log, at), &name("r1")), at, (&r2, &member)).unwrap();
+        heads.countersign(&told(&log, at), &name("r1"), at, &r2, &member).unwrap();
     }
     let by_member = |head: &Head| head.by() == member.public().id();
     let numbers: Vec<u64> =

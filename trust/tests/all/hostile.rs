@@ -134,8 +134,8 @@ fn hostile_capabilities() {
             }
         });
     }
-    let vouched = Delegation::sign(([9; 32], "a"), NOW, (&world.r1.0, world.r1.1.clone())).to_bytes();
-    let other = Delegation::sign(([8; 32], ""), NOW, (&world.r2.0, world.r2.1.clone())).to_bytes();
+    let vouched = Delegation::sign([9; 32], "a", NOW, &world.r1.0, world.r1.1.clone()).to_bytes();
+    let other = Delegation::sign([8; 32], "", NOW, &world.r2.0, world.r2.1.clone()).to_bytes();
     Seeded::each(&vouched, &other, |bytes| {
         let Ok(read) = Delegation::from_bytes(bytes) else { return };
         assert!(read.check(&world.judge(NOW)).is_err() || read.key() == &[9; 32], "nobody else is vouched for");

@@ -13,7 +13,7 @@ use trust::team::{Credential, Judge, Standing, TrustError};
 type Node = (SecretKeys, Credential);
 
 fn renewed(asker: &Node, by: &Node, judge: &Judge<'_>) -> Result<Credential, RenewalError> {
-    renew((Kind::Node, &asker.1), (&by.0, &by.1), judge)
+    renew(Kind::Node, &asker.1, &by.0, &by.1, judge)
 }
 
 /// `r1` may not renew, `r2` may, and no member renews `r2`: it is in its grace at the end, and can still renew `r1`.
@@ -97,8 +97,8 @@ fn a_user_asks_for_itself_and_now() {
         assert!(asked(&bytes[..at], now).is_err(), "up to {at}");
     }
     let judge = world.judge(now);
-    let good = renew((Kind::User, viewer), (r2_keys, r2), &judge).unwrap();
+    let good = renew(Kind::User, viewer, r2_keys, r2, &judge).unwrap();
     assert_eq!(accept(viewer, &good, &judge), Ok(()));
     assert!(matches!(good.check(&world.judge(NOW.plus(40 * DAY))), Ok(Standing::Valid(_))), "its own would be over");
-    assert_eq!(renew((Kind::User, r2), (r2_keys, r2), &judge), Err(RenewalError::Kind));
+    assert_eq!(renew(Kind::User, r2, r2_keys, r2, &judge), Err(RenewalError::Kind));
 }

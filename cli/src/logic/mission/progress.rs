@@ -108,7 +108,7 @@ fn live_line(mission: &Mission) -> String {
     });
     let inner = Some(inner(mission)).filter(|inner| !inner.is_empty());
     let values = inner.into_iter().chain(values).collect::<Vec<_>>().join(" · ");
-    line(mission, (now, '▸', name, took), &values)
+    line(mission, now, '▸', name, took, &values)
 }
 
 /// Returns the programs that run inside groups of the current step: `hit/force, hit/arm and 2 more`.
@@ -126,10 +126,10 @@ fn end_line(mission: &Mission, phase: &Phase) -> String {
         None => '■',
     };
     let end = phase.end.unwrap_or(phase.begin);
-    line(mission, (end, mark, &phase.name, phase.took(end)), &phase.ended())
+    line(mission, end, mark, &phase.name, phase.took(end), &phase.ended())
 }
 
-fn line(mission: &Mission, (at, mark, name, took): (Duration, char, &str, Duration), rest: &str) -> String {
+fn line(mission: &Mission, at: Duration, mark: char, name: &str, took: Duration, rest: &str) -> String {
     let width = mission.phase_width().min(NAME_MAX);
     let name = cut(name, width.max(1));
     let text = format!("{:>6.1} s  {mark} {name:<width$}  {:>5.1} s  {rest}", at.as_secs_f64(), took.as_secs_f64());

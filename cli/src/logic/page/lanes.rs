@@ -115,12 +115,12 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
     let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Absent }, Duration::ZERO);
     let mut marks = String::new();
     for (at, change) in &lane.changes {
-        text.push_str(&span(lane, (state, since, *at), top, axis));
+        text.push_str(&span(lane, state, since, *at, top, axis));
         state = after(state, change, lane.leaf);
         since = *at;
         marks.push_str(&mark(lane, *at, change, top, axis));
     }
-    text.push_str(&span(lane, (state, since, now), top, axis));
+    text.push_str(&span(lane, state, since, now, top, axis));
     text + &marks
 }
 
@@ -144,7 +144,7 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
     }
 }
 
-fn span(lane: &Lane<'_>, (state, begin, end): (State, Duration, Duration), top: f64, axis: &TimeAxis) -> String {
+fn span(lane: &Lane<'_>, state: State, begin: Duration, end: Duration, top: f64, axis: &TimeAxis) -> String {
     let (class, inset) = match state {
         State::Absent => return String::new(),
         State::Idle => ("idle", 8.0),

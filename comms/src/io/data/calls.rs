@@ -148,7 +148,8 @@ impl CallGate {
     pub(super) fn open(
         &self,
         wanted: Content,
-        (beside, bytes): (Option<&ZBytes>, &ZBytes),
+        beside: Option<&ZBytes>,
+        bytes: &ZBytes,
         key: &str,
     ) -> Option<(Sender, Vec<u8>)> {
         let Some(beside) = beside else {

@@ -9,6 +9,7 @@ use super::seal::Sealed;
 use super::{DataError, DataSession, Sealer, session_error};
 use crate::io::clock::now;
 use crate::logic::codec::{self, CodecError};
+use crate::logic::key::ObjectKeys;
 use crate::logic::object::{CallId, ObjectAnswer, ObjectCall, ObjectCancel, ObjectError};
 use crate::logic::seal::Content;
 use crate::logic::time::Time;
@@ -123,17 +124,17 @@ impl Drop for Awaiting {
 }
 
 impl DataSession {
-    /// Serves the calls of `key`, and hears on `cancel_key` of cancelled calls. With a gate, only the calls that it
-    /// lets in.
+    /// Serves calls. With a gate, only the calls that it lets in.
     ///
     /// # Errors
     /// If the session is closed, or no thread can be started.
     pub fn serve_calls(
         &self,
-        (key, cancel_key): (&str, &str),
+        keys: &ObjectKeys,
         gate: Option<Arc<CallGate>>,
         serve: impl Fn(ObjectEvent) + Send + Sync + 'static,
     ) -> Result<ObjectServer, DataError> {
+        let ObjectKeys { call: key, cancel: cancel_key } = keys;
         let (answers, to_send) = sync_channel(ANSWERS_MAX);
         let to_send = Arc::new(Mutex::new(to_send));
         for _ in 0..ANSWERING {
@@ -147,10 +148,9 @@ impl DataSession {
         let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
         let queryable = queryable.map_err(|cause| session_error(key, &cause))?;
         let on_cancel = move |sample: Sample| {
-            let said = (sample.attachment(), sample.payload());
-            let Some((sender, bytes)) = admit(gate.as_deref(), Content::Cancel, said, sample.key_expr()) else {
-                return;
-            };
+            let (beside, bytes) = (sample.attachment(), sample.payload());
+            let admitted = admit(gate.as_deref(), Content::Cancel, beside, bytes, sample.key_expr());
+            let Some((sender, bytes)) = admitted else { return };
             if let Ok(ObjectCancel { id }) = codec::decode(&bytes)
                 && may_be(gate.as_deref(), sender.as_ref(), &id.session)
             {
@@ -162,21 +162,22 @@ impl DataSession {
         Ok(ObjectServer { _queryable: queryable, _cancels: cancels })
     }
 
-    /// Calls the server of `key`; `take` gets the one result, on one of zenoh's threads, so it must not wait. The call
+    /// Calls the server of these keys; `take` gets the one result, on one of zenoh's threads, so it must not wait. The call
     /// itself may wait for a congested link.
     ///
     /// # Errors
     /// If the argument is too large, or the session is closed; then it was not sent.
     pub fn call(
         &self,
-        (key, cancel_key): (&str, &str),
-        (way, call): (&CallWay, &ObjectCall),
+        keys: &ObjectKeys,
+        way: &CallWay,
+        call: &ObjectCall,
         take: impl FnOnce(Result<Vec<u8>, ObjectError>) + Send + 'static,
     ) -> Result<PendingCall, ObjectError> {
         ObjectError::check_size(call.argument.0.len())?;
         let refused = |reason: String| ObjectError::Refused { reason };
         let bytes = codec::encode(call).map_err(|error| refused(error.to_string()))?;
-        let Prepared { bytes, beside, number } = way.prepare(key, Content::Call, bytes).map_err(refused)?;
+        let Prepared { bytes, beside, number } = way.prepare(&keys.call, Content::Call, bytes).map_err(refused)?;
         let sink = Arc::new(Sink(Mutex::new(Some(Box::new(take)))));
         let within = call.within;
         let awaiting = Awaiting { sink: Arc::clone(&sink), until: now() + within, within };
@@ -199,7 +200,7 @@ impl DataSession {
         let asking = self
             .opened
             .session
-            .get(key)
+            .get(keys.call.as_str())
             .target(target)
             .payload(bytes)
             .attachment(beside)
@@ -214,7 +215,7 @@ impl DataSession {
             drop(sink.take());
             return Err(refused(crate::io::session::plain(&cause)));
         }
-        let (session, cancel_key) = (self.opened.session.clone(), cancel_key.to_owned());
+        let (session, cancel_key) = (self.opened.session.clone(), keys.cancel.clone());
         Ok(PendingCall { id: call.id.clone(), session, way: way.clone(), cancel_key, token, sink })
     }
 
@@ -222,15 +223,11 @@ impl DataSession {
     ///
     /// # Errors
     /// Why there is none.
-    pub fn call_and_wait(
-        &self,
-        keys: (&str, &str),
-        (way, call): (&CallWay, &ObjectCall),
-    ) -> Result<Vec<u8>, ObjectError> {
+    pub fn call_and_wait(&self, keys: &ObjectKeys, way: &CallWay, call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
         let (result_tx, result) = sync_channel(1);
         // The receiver is gone only if the wait below has ended.
         let take = move |result| result_tx.try_send(result).unwrap_or_default();
-        let _pending = self.call(keys, (way, call), take)?;
+        let _pending = self.call(keys, way, call, take)?;
         // Zenoh keeps the time; ours is for the case that it does not.
         let late = ObjectError::Deadline { within: call.within };
         result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
@@ -251,11 +248,12 @@ impl DataSession {
 fn admit(
     gate: Option<&CallGate>,
     content: Content,
-    said: (Option<&ZBytes>, &ZBytes),
+    beside: Option<&ZBytes>,
+    bytes: &ZBytes,
     key: &str,
 ) -> Option<(Option<Sender>, Vec<u8>)> {
-    let Some(gate) = gate else { return Some((None, said.1.to_bytes().into_owned())) };
-    gate.open(content, said, key).map(|(sender, bytes)| (Some(sender), bytes))
+    let Some(gate) = gate else { return Some((None, bytes.to_bytes().into_owned())) };
+    gate.open(content, beside, bytes, key).map(|(sender, bytes)| (Some(sender), bytes))
 }
 
 /// Returns whether the sender of a call may name this session as its own.
@@ -271,9 +269,9 @@ fn hear(
     serve: &(impl Fn(ObjectEvent) + ?Sized),
 ) {
     let (nothing, key) = (ZBytes::new(), query.key_expr().clone());
-    let said = (query.attachment(), query.payload().unwrap_or(&nothing));
+    let (beside, bytes) = (query.attachment(), query.payload().unwrap_or(&nothing));
     // Dropping the query tells its caller that no server answers.
-    let Some((sender, bytes)) = admit(gate, Content::Call, said, &key) else { return };
+    let Some((sender, bytes)) = admit(gate, Content::Call, beside, bytes, &key) else { return };
     let call = codec::decode::<ObjectCall>(&bytes);
     let is_own = |call: &ObjectCall| may_be(gate, sender.as_ref(), &call.id.session);
     let call = call.and_then(|call| if is_own(&call) { Ok(call) } else { Err(CodecError::Foreign) });

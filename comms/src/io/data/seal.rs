@@ -78,7 +78,7 @@ impl SealKey {
     }
 
     /// Seals these bytes, in their place. `about` is not secret, and is known at both ends.
-    fn seal(&self, (content, about): (Content, u64), number: u64, bytes: &mut [u8]) -> Option<Seal> {
+    fn seal(&self, content: Content, about: u64, number: u64, bytes: &mut [u8]) -> Option<Seal> {
         let cover = if content == Content::Value { self.cover } else { Cover::Bytes };
         let covered = if cover == Cover::Bytes { bytes } else { &mut [] };
         let aad = Aad::from(associated(content, about));
@@ -165,10 +165,10 @@ impl Sealer {
         let key = self.key.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
         let number = self.counter.0.fetch_add(1, Ordering::Relaxed) + 1;
         let (bytes, seal) = if content == Content::Value && key.cover == Cover::Sender {
-            (bytes.clone(), key.seal((content, about), number, &mut [])?)
+            (bytes.clone(), key.seal(content, about, number, &mut [])?)
         } else {
             let mut copy = bytes.to_bytes().into_owned();
-            let seal = key.seal((content, about), number, &mut copy)?;
+            let seal = key.seal(content, about, number, &mut copy)?;
             (copy.into(), seal)
         };
         Some(Sealed { bytes, seal: codec::encode(&seal).ok()?, number })

@@ -32,7 +32,8 @@ impl Publisher {
     pub(super) fn put_sealed(
         &self,
         sealer: &Sealer,
-        (content, bytes): (Content, &ZBytes),
+        content: Content,
+        bytes: &ZBytes,
         number: u32,
     ) -> Result<(), DataError> {
         let Some(Sealed { bytes, seal, .. }) = sealer.seal(content, number.into(), bytes) else { return Ok(()) };

@@ -84,7 +84,7 @@ impl Guard {
     }
 
     /// Shows a producer that this is the consumer of its wire, and sees that it is the producer; returns its process.
-    pub(super) fn show(&self, stream: &OwnedFd, (key, hello): (&str, &[u8]), bell: BorrowedFd<'_>) -> io::Result<u128> {
+    pub(super) fn show(&self, stream: &OwnedFd, key: &str, hello: &[u8], bell: BorrowedFd<'_>) -> io::Result<u128> {
         let refused = |why: &str| io::Error::new(io::ErrorKind::PermissionDenied, why);
         send_waiting(stream, &[hello], None, Waits::UntilTimeout)?;
         let Challenge { nonce: challenge } = hear(stream)?;

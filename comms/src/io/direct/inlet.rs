@@ -150,7 +150,8 @@ impl Inlets {
     /// Takes a connection, in the place of another one, of which all that it has sent comes first.
     pub(super) fn add(
         self: &Arc<Self>,
-        (stream, process): (OwnedFd, u128),
+        stream: OwnedFd,
+        process: u128,
         replaced: Option<Inlet>,
         on_arrival: OnArrival,
     ) -> Inlet {

@@ -87,7 +87,7 @@ impl Stranger {
             (Said::Nothing, _) if is_ready => self.hello(shared),
             (Said::Hello(asked), Some(guard)) if is_ready => self.claim(asked, shared, guard),
             (Said::Claim(asked, claim, bell), Some(guard)) if has_keys || is_ready || is_late => {
-                self.check((asked, claim, bell), shared, guard).and_then(|fate| match fate {
+                self.check(asked, claim, bell, shared, guard).and_then(|fate| match fate {
                     Fate::Waits(Self { said: Said::Claim(asked, ..), .. }) if is_ready || is_late => {
                         Err(asked.unproved(guard))
                     }
@@ -120,11 +120,11 @@ impl Stranger {
         let (bytes, bell) = next::<Claim>(&self.stream)?;
         let claim = codec::decode(&bytes).map_err(io::Error::other)?;
         let bell = bell.ok_or_else(without_bell)?;
-        self.check((asked, claim, bell), shared, guard)
+        self.check(asked, claim, bell, shared, guard)
     }
 
     /// Takes it if its proof fits.
-    fn check(self, (asked, claim, bell): (Asked, Claim, OwnedFd), shared: &Shared, guard: &Guard) -> io::Result<Fate> {
+    fn check(self, asked: Asked, claim: Claim, bell: OwnedFd, shared: &Shared, guard: &Guard) -> io::Result<Fate> {
         let transcript = Transcript { hello: &asked.bytes, challenge: asked.challenge, answer: claim.nonce };
         let other = socket_peercred(&self.stream)?.pid;
         let secrets = guard.secrets(&asked.hello.key);

@@ -167,7 +167,7 @@ impl Session {
     ) -> Result<(Vec<u8>, Author), CallError> {
         let (pull, expect) = self.one(key, &payload)?.unzip();
         let options = AskOptions { pull, expect: expect.clone() };
-        let asked = ask(&self.opened.session, (key, payload), options, within)?;
+        let asked = ask(&self.opened.session, key, payload, options, within)?;
         let called = key::without_session(key);
         let timeout = || CallError::Timeout { key: called.to_owned(), within };
         // Zenoh gives up at the same moment; ours is for the case that it does not.
@@ -246,7 +246,8 @@ fn unanswered(key: &str, expect: Option<&Expect>) -> CallError {
 /// Asks the server of `key` for one answer.
 fn ask(
     session: &zenoh::Session,
-    (key, payload): (&str, Vec<u8>),
+    key: &str,
+    payload: Vec<u8>,
     AskOptions { pull, expect }: AskOptions,
     within: Duration,
 ) -> Result<PendingCall, CallError> {
@@ -374,7 +375,7 @@ impl Replies {
         let payload = first.unwrap_or_default();
         let options = AskOptions { pull: Some(pull), expect: self.expect.clone() };
         let within = PULL_TIMEOUT.max(4 * self.silence_max);
-        self.asked = Some(ask(&self.session, (&self.server, payload), options, within)?);
+        self.asked = Some(ask(&self.session, &self.server, payload, options, within)?);
         self.silence = Silence::begin(clock::now());
         Ok(())
     }

@@ -176,7 +176,7 @@ impl LockClient {
         let Some(answer) = answer.filter(|answer| answer.request() == self.request) else { return };
         match (answer, &self.state) {
             (LockAnswer::Granted { fence, left, lease, is_wanted, .. }, State::Waiting { .. }) => {
-                self.hold((fence, sent + left, is_wanted), now, lease);
+                self.hold(fence, sent + left, is_wanted, now, lease);
                 match self.held(now) {
                     Some(fence) => effects.push(ClientEffect::Held { fence }),
                     None => self.lose(Denied::Expired, effects),
@@ -185,7 +185,7 @@ impl LockClient {
             (LockAnswer::Granted { fence, left, lease, is_wanted, .. }, State::Holding { fence: held, .. })
                 if fence == *held =>
             {
-                self.hold((fence, sent + left, is_wanted), now, lease);
+                self.hold(fence, sent + left, is_wanted, now, lease);
                 self.expire(now, effects);
             }
             (LockAnswer::Waiting { lease, .. }, State::Waiting { .. }) => {
@@ -197,7 +197,7 @@ impl LockClient {
         }
     }
 
-    fn hold(&mut self, (fence, until, is_wanted): (u64, Time, bool), now: Time, lease: Duration) {
+    fn hold(&mut self, fence: u64, until: Time, is_wanted: bool, now: Time, lease: Duration) {
         self.state = State::Holding { fence, until, is_wanted };
         self.due = now + (lease / 3).max(PACE);
     }

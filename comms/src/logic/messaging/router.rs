@@ -230,7 +230,7 @@ impl Router {
                 effects.push(RouterEffect::Answer(answer));
             }
             RouterInput::Publish(message) => self.publish(&message),
-            RouterInput::Delivered { queue, delivery, end } => self.delivered(now, &queue, (delivery, end), effects),
+            RouterInput::Delivered { queue, delivery, end } => self.delivered(now, &queue, delivery, end, effects),
             RouterInput::Tick => {}
         }
         self.time_out(now, effects);
@@ -312,13 +312,7 @@ impl Router {
         }
     }
 
-    fn delivered(
-        &mut self,
-        now: Time,
-        queue: &str,
-        (delivery, end): (u64, DeliveryEnd),
-        effects: &mut Vec<RouterEffect>,
-    ) {
+    fn delivered(&mut self, now: Time, queue: &str, delivery: u64, end: DeliveryEnd, effects: &mut Vec<RouterEffect>) {
         let Some(subscriber) = self.register.get_mut(queue) else { return };
         let Some((_, message, _)) = subscriber.on_its_way.take_if(|(number, ..)| *number == delivery) else { return };
         subscriber.is_unreachable = !matches!(end, DeliveryEnd::Receipt(_));
@@ -373,7 +367,7 @@ impl Router {
         };
         let late: Vec<_> = self.register.iter().filter_map(|(queue, one)| Some((queue.clone(), late(one)?))).collect();
         for (queue, delivery) in late {
-            self.delivered(now, &queue, (delivery, DeliveryEnd::Unreachable), effects);
+            self.delivered(now, &queue, delivery, DeliveryEnd::Unreachable, effects);
         }
         let gone_after = self.settings.gone_after;
         let silent = self.register.iter().filter(|(_, one)| now >= one.heard + gone_after);

@@ -98,7 +98,7 @@ impl<T> Default for Wire<T> {
 
 impl<T> Intake<T> {
     /// Takes an arrival on a wire, of which at most `held_max` values are held back; the oldest is dropped.
-    pub fn arrive(&mut self, now: Time, (wire, held_max): (u32, usize), arrival: Arrival<T>, out: &mut Vec<Passed<T>>) {
+    pub fn arrive(&mut self, now: Time, wire: u32, held_max: usize, arrival: Arrival<T>, out: &mut Vec<Passed<T>>) {
         match arrival {
             // It was under way when the wire was forgotten.
             Arrival::Value(_) if self.unlinked.contains(&wire) => self.late += 1,

@@ -33,7 +33,7 @@ impl<T> Default for Delayed<T> {
 
 impl<T> Delayed<T> {
     /// Sends `value` on its way at `now`: it arrives `delay` later, or up to `jitter` after that.
-    pub(super) fn put(&mut self, now: Time, value: T, (delay, jitter): (Duration, Duration), random: &mut Random) {
+    pub(super) fn put(&mut self, now: Time, value: T, delay: Duration, jitter: Duration, random: &mut Random) {
         // Without jitter no number is drawn, so the noise of a world stays the same.
         let jitter = if jitter.is_zero() { jitter } else { jitter.mul_f64(random.unit()) };
         let last = self.queue.back().map_or(Time::ZERO, |(at, _)| *at);
@@ -59,8 +59,8 @@ mod tests {
         let at = |ms| Time::ZERO + Duration::from_millis(ms);
         let (mut way, mut random) = (Delayed::default(), Random::new(3));
         for number in 0..200u64 {
-            let times = (Duration::from_millis(20), Duration::from_millis(30));
-            way.put(at(4 * number), number, times, &mut random);
+            let (delay, jitter) = (Duration::from_millis(20), Duration::from_millis(30));
+            way.put(at(4 * number), number, delay, jitter, &mut random);
         }
         let mut arrived = Vec::new();
         for ms in 0..1000 {

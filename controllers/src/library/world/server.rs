@@ -77,7 +77,7 @@ impl<T: Message> Server<T> {
     }
 
     /// Returns whether a command from `owner` with this fencing number is obeyed.
-    pub(super) fn admit(&mut self, (owner, fence): (&str, Option<u64>), now: Time) -> bool {
+    pub(super) fn admit(&mut self, owner: &str, fence: Option<u64>, now: Time) -> bool {
         let is_locked = self.unlocked == Unlocked::Nobody || fence.is_some() || self.lock.held(now).is_some();
         let is_obeyed = if is_locked { self.lock.admit(fence).is_ok() } else { self.owner.admit(owner, now) };
         if is_obeyed {

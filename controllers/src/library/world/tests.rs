@@ -213,7 +213,7 @@ struct Driver {
 impl Driver {
     fn new(deployment: &str, priority: u8, now: Time) -> Self {
         let given = [format!("priority={priority}")];
-        let mut module = registry().create_at((deployment, "main/xr4000"), "XR4000Ctrl", &given).unwrap();
+        let mut module = registry().create_at(deployment, "main/xr4000", "XR4000Ctrl", &given).unwrap();
         module.connect_calls(&["Lock"]);
         module.init(&[], now).unwrap();
         Self { module, open: Vec::new() }

@@ -1,6 +1,6 @@
 //! The checked form of a group, once its members and wires are known to fit.
 
-use super::{End, GroupError, InProcessGroup, MEMBERS_MAX, Make, Member};
+use super::{GroupError, InProcessGroup, MEMBERS_MAX, Make, Member, MemberPort};
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{About, Outcome, Schedule};
 use crate::sdk::interface::{Binding, Direction, InnerOutput, Interface, PortInterface};
@@ -170,22 +170,21 @@ impl<'a> Joints<'a> {
         Self { group, members, ports: Vec::new(), inputs: BTreeMap::new(), outputs }
     }
 
-    fn wire(&mut self, from: &End, to: &End) -> Result<(), GroupError> {
+    fn wire(&mut self, from: &MemberPort, to: &MemberPort) -> Result<(), GroupError> {
         let (from_at, output) = self.port(from, Some(Direction::Out))?;
         let (to_at, input) = self.port(to, Some(Direction::In))?;
-        let dotted = |(member, port): &End| format!("{member}.{port}");
         if !fit(output, input) {
-            return Err(GroupError::Types { group: self.group, from: dotted(from), to: dotted(to) });
+            return Err(GroupError::Types { group: self.group, from: from.to_string(), to: to.to_string() });
         }
         let (target, targets) = (Target::Member(to_at, input.name), self.outputs_of(from_at, output.name));
         if targets.contains(&target) {
-            return Err(GroupError::Twice { group: self.group, name: format!("{} -> {}", dotted(from), dotted(to)) });
+            return Err(GroupError::Twice { group: self.group, name: format!("{from} -> {to}") });
         }
         targets.push(target);
         Ok(())
     }
 
-    fn expose(&mut self, end: &End, name: &'static str) -> Result<(), GroupError> {
+    fn expose(&mut self, end: &MemberPort, name: &'static str) -> Result<(), GroupError> {
         let (at, port) = self.port(end, None)?;
         match self.ports.iter().find(|other| other.name == name) {
             None => self.ports.push(PortInterface { name, ..port.clone() }),
@@ -193,8 +192,8 @@ impl<'a> Joints<'a> {
                 return Err(GroupError::Twice { group: self.group, name: name.to_owned() });
             }
             Some(other) if !fit(other, port) => {
-                let to = format!("{}.{}", end.0, end.1);
-                return Err(GroupError::Types { group: self.group, from: name.to_owned(), to });
+                let (from, to) = (name.to_owned(), end.to_string());
+                return Err(GroupError::Types { group: self.group, from, to });
             }
             Some(_) => {}
         }
@@ -240,7 +239,8 @@ impl<'a> Joints<'a> {
         Ok(())
     }
 
-    fn port(&self, (name, port): &End, direction: Option<Direction>) -> Result<(usize, &'a PortInterface), GroupError> {
+    fn port(&self, end: &MemberPort, direction: Option<Direction>) -> Result<(usize, &'a PortInterface), GroupError> {
+        let MemberPort { member: name, port } = end;
         let member = self.members.iter().enumerate().find(|(_, member)| member.name == *name);
         let found = member.and_then(|(at, member)| Some((at, member.interface.port(port)?)));
         let fits = |port: &PortInterface| {

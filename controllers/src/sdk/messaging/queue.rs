@@ -119,6 +119,32 @@ pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
 }
 
+/// What a message says of itself beside its data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Label<'a> {
+    /// What kind of message it is; receivers may filter by it.
+    pub category: &'a str,
+    /// Messages of a higher priority are taken first.
+    pub priority: u8,
+    /// A number of the sender's own, which its answers carry.
+    pub marker: u64,
+}
+
+impl Label<'_> {
+    pub(super) fn message<T: Message>(self, data: &T) -> Result<EncodedMessage, String> {
+        let Self { category, priority, marker } = self;
+        let (type_name, data) = (T::TYPE.to_owned(), encoded(data)?);
+        Ok(EncodedMessage {
+            type_name,
+            data,
+            category: category.to_owned(),
+            priority,
+            marker,
+            ..EncodedMessage::default()
+        })
+    }
+}
+
 impl EncodedMessage {
     /// Returns the message as it travels.
     pub(super) fn numbered(self, id: MessageId, sender: &str) -> Result<QueueMessage, String> {
@@ -209,11 +235,13 @@ impl<T: Message> QueueClient<T> {
     pub fn send(
         &mut self,
         now: Time,
-        (category, priority, marker): (&str, u8, u64),
-        (data, fence): (&T, Option<u64>),
+        label: Label<'_>,
+        data: &T,
+        fence: Option<u64>,
         within: Duration,
     ) -> Result<u64, String> {
-        self.put(now, (category, priority, marker, ""), (data, fence), within)
+        let message = EncodedMessage { fence, ..label.message(data)? };
+        self.send_encoded(now, message, within)
     }
 
     /// Sends a message to the process of this path, of those that the spec connects; else as [`QueueClient::send`].
@@ -223,23 +251,13 @@ impl<T: Message> QueueClient<T> {
     pub fn send_to(
         &mut self,
         now: Time,
-        (category, priority, marker): (&str, u8, u64),
-        (process, data): (&str, &T),
+        label: Label<'_>,
+        process: &str,
+        data: &T,
         within: Duration,
     ) -> Result<u64, String> {
-        self.put(now, (category, priority, marker, process), (data, None), within)
-    }
-
-    fn put(
-        &mut self,
-        now: Time,
-        (category, priority, marker, recipient): (&str, u8, u64, &str),
-        (data, fence): (&T, Option<u64>),
-        within: Duration,
-    ) -> Result<u64, String> {
-        let (category, recipient) = (category.to_owned(), recipient.to_owned());
-        let (type_name, data) = (T::TYPE.to_owned(), encoded(data)?);
-        self.send_encoded(now, EncodedMessage { type_name, data, category, recipient, priority, marker, fence }, within)
+        let message = EncodedMessage { recipient: process.to_owned(), ..label.message(data)? };
+        self.send_encoded(now, message, within)
     }
 
     /// Sends a message whose data is encoded, of any type; else as [`QueueClient::send`].

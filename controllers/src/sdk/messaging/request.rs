@@ -1,6 +1,6 @@
 //! Requests over queues: a question to one queue, its answer in another, joined by a marker.
 
-use super::queue::{Queue, QueueClient, SendEnd, Taken};
+use super::queue::{Label, Queue, QueueClient, SendEnd, Taken};
 use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
 use crate::sdk::calls::Calls;
 use crate::sdk::port::Message;
@@ -69,13 +69,14 @@ impl<Q: Message, R: Message> Requester<Q, R> {
     pub fn ask(
         &mut self,
         now: Time,
-        (category, priority): (&str, u8),
+        category: &str,
+        priority: u8,
         question: &Q,
         within: Duration,
     ) -> Result<u64, RequestFailure> {
         let not_sent = |why: String| RequestFailure::NotSent(why);
         let marker = self.open.begin(now, within).map_err(|why| not_sent(why.to_string()))?;
-        match self.client.send(now, (category, priority, marker), (question, None), within) {
+        match self.client.send(now, Label { category, priority, marker }, question, None, within) {
             Ok(number) => {
                 self.markers.insert(number, marker);
                 Ok(marker)
@@ -162,7 +163,8 @@ impl<R: Message> Replier<R> {
     /// # Errors
     /// If too many are on their way, or the answer is too long.
     pub fn reply(&mut self, now: Time, to: &Header, answer: &R, within: Duration) -> Result<u64, String> {
-        self.client.send_to(now, (&to.category, to.priority, to.marker), (&to.sender, answer), within)
+        let label = Label { category: &to.category, priority: to.priority, marker: to.marker };
+        self.client.send_to(now, label, &to.sender, answer, within)
     }
 
     /// Sends what is due, and takes receipts. Called once in each calculation.

@@ -4,7 +4,7 @@
 //! filters of the subscriber take. So a spec connects a subscription like any call, filters are evaluated at the
 //! sender, and a subscriber that is gone is noticed.
 
-use super::queue::{EncodedMessage, encoded};
+use super::queue::{EncodedMessage, Label};
 use super::{Queue, QueueMessage, Receipt, Rejected};
 use crate::sdk::calls::Calls;
 use crate::sdk::export::Reply;
@@ -149,12 +149,8 @@ impl<T: Message> Router<T> {
     ///
     /// # Errors
     /// If the data or a name is too long.
-    pub fn send(&mut self, now: Time, (category, priority, marker): (&str, u8, u64), data: &T) -> Result<u64, String> {
-        let (type_name, data, category) = (T::TYPE.to_owned(), encoded(data)?, category.to_owned());
-        self.send_encoded(
-            now,
-            EncodedMessage { type_name, data, category, priority, marker, ..EncodedMessage::default() },
-        )
+    pub fn send(&mut self, now: Time, label: Label<'_>, data: &T) -> Result<u64, String> {
+        self.send_encoded(now, label.message(data)?)
     }
 
     /// Sends a message whose data is encoded; else as [`Router::send`].

@@ -116,7 +116,15 @@ impl Driver {
     }
 
     fn send(&mut self, now: Time, speed: f64, fence: Option<u64>) {
-        self.client.send(now, ("motion", 0, 0), (&Speed(speed), fence), Duration::from_secs(1)).unwrap();
+        self.client
+            .send(
+                now,
+                Label { category: "motion", priority: 0, marker: 0 },
+                &Speed(speed),
+                fence,
+                Duration::from_secs(1),
+            )
+            .unwrap();
     }
 
     fn ends(&mut self) -> Vec<SendEnd> {
@@ -237,7 +245,13 @@ fn what_a_queue_does_not_take_is_told() {
         std::iter::from_fn(|| base.requests.take(at(0))).map(|taken| taken.header.id.number).collect();
     assert_eq!((taken, base.requests.status().counters.rejected), (vec![2, 1], 3));
     let mut client = QueueClient::<Vec<u8>>::new("a").unwrap();
-    let too_long = client.send(at(0), ("", 0, 0), (&vec![0; 2 << 20], None), Duration::from_secs(1));
+    let too_long = client.send(
+        at(0),
+        Label { category: "", priority: 0, marker: 0 },
+        &vec![0; 2 << 20],
+        None,
+        Duration::from_secs(1),
+    );
     assert!(too_long.unwrap_err().contains("and 1048576 are allowed"));
 }
 

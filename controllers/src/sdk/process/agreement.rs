@@ -18,8 +18,10 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 
 /// Answers on a wire's key what an input takes.
 pub(super) fn declare(
-    (session, keyring): (&DataSession, Option<&Keyring>),
-    (number, wire): (u32, &str),
+    session: &DataSession,
+    keyring: Option<&Keyring>,
+    number: u32,
+    wire: &str,
     input: &PortInterface,
 ) -> Result<Responder, DataError> {
     let form = codec::encode(&form(input)).ok();
@@ -32,8 +34,10 @@ pub(super) fn declare(
 /// # Errors
 /// If that is not what the output sends; both definitions are shown.
 pub(super) fn check(
-    (session, keyring): (&DataSession, Option<&Keyring>),
-    (number, wire): (u32, &str),
+    session: &DataSession,
+    keyring: Option<&Keyring>,
+    number: u32,
+    wire: &str,
     output: &PortInterface,
 ) -> Result<(), String> {
     let (key, until) = (key::wire_type(wire), now() + ANSWER_WITHIN);

@@ -66,29 +66,31 @@ impl Devices {
     }
 
     pub(super) fn make(
-        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
+        session: &Arc<DataSession>,
+        keyring: Option<&Keyring>,
         interface: &Interface,
         orders: &LinkOrders,
         inbox: &Arc<Inbox>,
     ) -> Result<Self, String> {
         let mut devices = Self::default();
         for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
-            devices.port((session, keyring), orders, port, inbox)?;
+            devices.port(session, keyring, orders, port, inbox)?;
         }
         if interface.about.signals_every.is_some() {
             let key = key::signals(&orders.robot, &orders.instance);
             devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
         }
-        let taps = Taps::make(session, interface, (&orders.robot, &orders.instance));
+        let taps = Taps::make(session, interface, &orders.robot, &orders.instance);
         devices.taps = taps.map_err(|error| error.to_string())?;
-        let serving = Serving::make((session, keyring), interface, (&orders.robot, &orders.instance), inbox);
+        let serving = Serving::make(session, keyring, interface, &orders.robot, &orders.instance, inbox);
         devices.serving = serving.map_err(|error| error.to_string())?;
         Ok(devices)
     }
 
     fn port(
         &mut self,
-        (session, keyring): (&DataSession, Option<&Keyring>),
+        session: &DataSession,
+        keyring: Option<&Keyring>,
         orders: &LinkOrders,
         port: &PortInterface,
         inbox: &Arc<Inbox>,
@@ -102,7 +104,7 @@ impl Devices {
         match port.direction {
             Direction::In => {
                 let gate = keyring.map(|keyring| keyring.device_gate(device.name, &key));
-                self.inputs.push(subscribe((session, gate), &key, (port.name, Hold::default()), inbox)?);
+                self.inputs.push(subscribe(session, gate, &key, port.name, Hold::default(), inbox)?);
             }
             Direction::Out => {
                 let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;

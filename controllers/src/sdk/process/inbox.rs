@@ -219,8 +219,10 @@ impl Inbox {
     /// Takes what has come over a wire.
     pub(super) fn arrive(
         &self,
-        (wire, sequence): (u32, Option<Sequence>),
-        (port, hold): (&'static str, Hold),
+        wire: u32,
+        sequence: Option<Sequence>,
+        port: &'static str,
+        hold: Hold,
         arrival: Arrival<Value>,
     ) {
         if let Some(sequence) = sequence {
@@ -235,7 +237,7 @@ impl Inbox {
             Arrival::Value(value) => Arrival::Value(Sample { port, value, wire: Some(wire), hold }),
             Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
         };
-        self.pass(|intake, out| intake.arrive(now(), (wire, hold.count_max), arrival, out));
+        self.pass(|intake, out| intake.arrive(now(), wire, hold.count_max, arrival, out));
     }
 
     /// Expects a switch of inputs; `ticket` is the number of the order.
@@ -492,7 +494,7 @@ mod tests {
         inbox.link(3);
         for number in [1, 5, 6] {
             let sequence = Sequence { publisher: (1, 1), number };
-            inbox.arrive((3, Some(sequence)), ("In", hold), Arrival::Value(vec![0].into()));
+            inbox.arrive(3, Some(sequence), "In", hold, Arrival::Value(vec![0].into()));
         }
         let items = inbox.take_items();
         let what = |item: &Item| match item {

@@ -11,7 +11,7 @@ use comms::io::data::{CallGate, CallWay, Caller, Cover, DeviceGate, Opener, Seal
 use comms::io::direct::{Guard, WireSecrets};
 use comms::io::session::Digest;
 use comms::logic::control::Partner;
-use comms::logic::key;
+use comms::logic::key::{self, ObjectKeys};
 use comms::logic::proof::Proof;
 use comms::logic::seal::{DEVICE, LINK, NO_WIRE, Refusal};
 use std::collections::BTreeMap;
@@ -59,7 +59,7 @@ pub(super) struct Keyring {
 /// The programs that may call this one, and the keys of their calls.
 #[derive(Debug)]
 struct Serving {
-    keys: (String, String),
+    keys: ObjectKeys,
     gate: Arc<CallGate>,
 }
 
@@ -116,10 +116,10 @@ impl Keyring {
             }
         }
         for (&(wire, used), (key, sealer)) in &state.sealers {
-            sealer.set(self.key(&state, (wire, used), key, Sealing::Here));
+            sealer.set(self.key(&state, wire, used, key, Sealing::Here));
         }
         for (&(wire, used), (key, opener)) in &state.openers {
-            if opener.set(self.key(&state, (wire, used), key, Sealing::There)) {
+            if opener.set(self.key(&state, wire, used, key, Sealing::There)) {
                 self.inbox.partner_changed(wire);
             }
         }
@@ -201,45 +201,45 @@ impl Keyring {
         self.opener_in(&mut self.state(), of, key)
     }
 
-    /// Returns how calls go over a wire to the server of this key, which hears of cancelled calls on the other key.
-    pub(super) fn way(&self, wire: u32, (key, cancel_key): (&str, &str)) -> CallWay {
+    /// Returns how calls go over a wire to the server of these keys.
+    pub(super) fn way(&self, wire: u32, keys: &ObjectKeys) -> CallWay {
         let mut state = self.state();
         CallWay::Sealed {
-            call: self.sealer_in(&mut state, (wire, Use::Call), key),
-            cancel: self.sealer_in(&mut state, (wire, Use::Cancel), cancel_key),
-            answer: self.opener_in(&mut state, (wire, Use::Result), key),
+            call: self.sealer_in(&mut state, (wire, Use::Call), &keys.call),
+            cancel: self.sealer_in(&mut state, (wire, Use::Cancel), &keys.cancel),
+            answer: self.opener_in(&mut state, (wire, Use::Result), &keys.call),
         }
     }
 
     /// Returns who may call this program on these keys: those at the other ends of its wires, and visitors.
-    pub(super) fn gate(&self, (key, cancel_key): (&str, &str)) -> Arc<CallGate> {
+    pub(super) fn gate(&self, keys: &ObjectKeys) -> Arc<CallGate> {
         let (identity, inbox) = (Arc::clone(&self.identity), Arc::clone(&self.inbox));
         let visits = move |proof: &Proof, digest: &Digest| identity.visit_problem(proof, digest);
         let gate = Arc::new(CallGate::new(visits, move |why, from| inbox.refuse(NO_WIRE, why, from)));
         let mut state = self.state();
-        state.serving = Some(Serving { keys: (key.to_owned(), cancel_key.to_owned()), gate: Arc::clone(&gate) });
+        state.serving = Some(Serving { keys: keys.clone(), gate: Arc::clone(&gate) });
         self.admit(&mut state);
         gate
     }
 
     /// Lets those call who are at the other ends of wires.
     fn admit(&self, state: &mut State) {
-        let Some(Serving { keys: (key, cancel_key), gate }) = state.serving.take() else { return };
+        let Some(Serving { keys, gate }) = state.serving.take() else { return };
         let mut callers = Vec::new();
         for (wire, partner) in state.partners.clone() {
-            let sealer = self.sealer_in(state, (wire, Use::Result), &key);
-            for (used, key) in [(Use::Call, &key), (Use::Cancel, &cancel_key)] {
+            let sealer = self.sealer_in(state, (wire, Use::Result), &keys.call);
+            for (used, key) in [(Use::Call, &keys.call), (Use::Cancel, &keys.cancel)] {
                 let (opener, sealer) = (self.opener_in(state, (wire, used), key), Arc::clone(&sealer));
                 let caller = Caller { session: partner.session.clone(), opener, sealer };
                 callers.extend(caller.opener.key_id().map(|id| (id, caller)));
             }
         }
         gate.set(callers);
-        state.serving = Some(Serving { keys: (key, cancel_key), gate });
+        state.serving = Some(Serving { keys, gate });
     }
 
     fn sealer_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Sealer> {
-        let sealing = self.key(state, of, key, Sealing::Here);
+        let sealing = self.key(state, of.0, of.1, key, Sealing::Here);
         let new = || (key.to_owned(), Arc::new(Sealer::new(&self.counter)));
         let (about, sealer) = state.sealers.entry(of).or_insert_with(new);
         key.clone_into(about);
@@ -248,7 +248,7 @@ impl Keyring {
     }
 
     fn opener_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Opener> {
-        let sealing = self.key(state, of, key, Sealing::There);
+        let sealing = self.key(state, of.0, of.1, key, Sealing::There);
         let (inbox, wire) = (Arc::clone(&self.inbox), of.0);
         let new = || {
             let refused = move |why, from| inbox.refuse(wire, why, from);
@@ -260,7 +260,7 @@ impl Keyring {
         Arc::clone(opener)
     }
 
-    fn key(&self, state: &State, (wire, used): (u32, Use), key: &str, sealing: Sealing) -> Option<SealKey> {
+    fn key(&self, state: &State, wire: u32, used: Use, key: &str, sealing: Sealing) -> Option<SealKey> {
         self.shared(state.partners.get(&wire)?, sealing, &format!("{key} {wire} {}", used.word()))
     }
 

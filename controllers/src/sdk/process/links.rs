@@ -158,12 +158,12 @@ impl Links {
         let (mut made, keyring) = (Made::default(), self.keyring());
         for outgoing in orders.outgoing.iter().filter(|outgoing| !self.lock().wires.contains_key(&outgoing.wire)) {
             let shape = self.shape_of(outgoing.wire);
-            let (ways, of) = ((&**session, self.direct.as_deref()), (interface, keyring));
-            let wire = wire(ways, of, outgoing, shape, &mut self.lock().memories)?;
+            let (direct, memories) = (self.direct.as_deref(), &mut self.lock().memories);
+            let wire = wire(session, direct, interface, keyring, outgoing, shape, memories)?;
             made.wires.insert(outgoing.wire, wire);
         }
         if is_first {
-            made.devices = Devices::make((session, keyring), interface, &orders, inbox)?;
+            made.devices = Devices::make(session, keyring, interface, &orders, inbox)?;
         }
         let dial = |to: &Dial| budget.dial(session, to).map_err(|error| error.to_string());
         for device in orders.devices.iter().filter(|_| is_first) {
@@ -180,9 +180,9 @@ impl Links {
             } else {
                 let hold = Hold::of(&self.shape_of(number));
                 inbox.link(number);
-                let declared = agreement::declare((session, keyring), (number, &incoming.key), input);
+                let declared = agreement::declare(session, keyring, number, &incoming.key, input);
                 let declared = declared.map_err(|error| error.to_string())?;
-                let hearing = WireInput::of(self.ways(session, inbox), incoming, (input, hold), budget.left())?;
+                let hearing = WireInput::of(self.ways(session, inbox), incoming, input, hold, budget.left())?;
                 made.inputs.insert(number, (declared, hearing));
             }
         }
@@ -190,8 +190,7 @@ impl Links {
         for call in &calls {
             dial(&call.server).map_err(|why| format!("call `{}`: {why}", call.call))?;
         }
-        let names = (&*orders.robot, &*orders.instance);
-        self.callers.take((session, keyring), names.1, interface, (&calls, inbox))?;
+        self.callers.take(session, keyring, &orders.instance, interface, &calls, inbox)?;
         // Consumers have their inputs before any producer sends: a value that is sent once must find its consumer
         // there.
         for wire in made.wires.values() {
@@ -204,8 +203,9 @@ impl Links {
             }
         }
         for outgoing in &orders.outgoing {
-            let (of, port) = ((outgoing.wire, &*outgoing.key), port(interface, &outgoing.port, Direction::Out)?);
-            made.heard(outgoing.wire).map_or(Ok(()), |push| push.check((session, keyring), of, port))?;
+            let port = port(interface, &outgoing.port, Direction::Out)?;
+            let Some(push) = made.heard(outgoing.wire) else { continue };
+            push.check(session, keyring, outgoing, port)?;
         }
         inbox.forget(self.lock().take(made, &orders, is_first));
         self.are_made.store(true, Ordering::Release);
@@ -314,7 +314,7 @@ impl Links {
     }
 
     /// Hears a restarted program on this host again. It takes some time; to be called in one's [`Links::turn`].
-    pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, (lost, found): (&str, &Dial)) {
+    pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, lost: &str, found: &Dial) {
         let of_lost = |_: &u32, (_, hearing): &mut (Responder, WireInput)| hearing.of_producer(lost);
         let moved: Vec<_> = self.lock().inputs.extract_if(.., of_lost).collect();
         for (wire, (declared, hearing)) in moved {

@@ -11,9 +11,10 @@ use crate::sdk::export::{ExportInterface, admit};
 use crate::sdk::interface::Interface;
 use comms::io::data::{CallWay, DataError, DataSession, ObjectEvent, ObjectServer, PendingCall, Responder};
 use comms::logic::bytes::Bytes;
+use comms::logic::codec;
 use comms::logic::control::CallRoute;
+use comms::logic::key::{self, ObjectKeys};
 use comms::logic::object::{CallId, Exports, ObjectCall, ObjectError, Signature};
-use comms::logic::{codec, key};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -50,7 +51,7 @@ pub(super) type Call = (u32, &'static str, u64);
 #[derive(Clone, Debug)]
 struct Route {
     call: &'static str,
-    keys: (String, String),
+    keys: ObjectKeys,
     /// The process that is called.
     path: String,
     /// The procedure or state there.
@@ -71,18 +72,20 @@ enum Job {
 
 impl Serving {
     pub(super) fn make(
-        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
+        session: &Arc<DataSession>,
+        keyring: Option<&Keyring>,
         interface: &Interface,
-        (robot, instance): (&str, &str),
+        robot: &str,
+        instance: &str,
         inbox: &Arc<Inbox>,
     ) -> Result<Self, DataError> {
         let (exports, inbox, of) = (interface.exports.clone(), Arc::clone(inbox), Arc::downgrade(session));
-        let (key, cancel_key) = key::object(robot, instance);
+        let keys = key::object(robot, instance);
         let serve = |exports: Vec<_>| {
-            let gate = keyring.map(|keyring| keyring.gate((&key, &cancel_key)));
+            let gate = keyring.map(|keyring| keyring.gate(&keys));
             let warrants = keyring.map(|keyring| Arc::clone(keyring.warrants()));
-            let of = Served { key: key.clone(), exports, inbox, session: of, warrants };
-            session.serve_calls((&key, &cancel_key), gate, move |event| of.hear(event))
+            let of = Served { key: keys.call.clone(), exports, inbox, session: of, warrants };
+            session.serve_calls(&keys, gate, move |event| of.hear(event))
         };
         let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
         // A program without exports answers as well: silence means that it was not reached.
@@ -107,7 +110,7 @@ impl Served {
     fn hear(&self, event: ObjectEvent) {
         match event {
             ObjectEvent::Called(incoming) => match (admit(&self.exports, &incoming.call), &self.warrants) {
-                (Ok(access), Some(warrants)) => warrants.admit((&self.key, access), *incoming, &self.session),
+                (Ok(access), Some(warrants)) => warrants.admit(&self.key, access, *incoming, &self.session),
                 (Ok(_), None) => self.inbox.called(*incoming, &self.session),
                 (Err(error), _) => incoming.way.answer(Err(error)),
             },
@@ -120,10 +123,12 @@ impl Callers {
     /// Takes the routes of all calls, in the place of those before; the new ones are closed.
     pub(super) fn take(
         &self,
-        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
+        session: &Arc<DataSession>,
+        keyring: Option<&Keyring>,
         instance: &str,
         interface: &Interface,
-        (routes, inbox): (&[CallRoute], &Arc<Inbox>),
+        routes: &[CallRoute],
+        inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
         let mut known = self.shared.routes();
         let mut next = BTreeMap::new();
@@ -133,7 +138,7 @@ impl Callers {
             let is_open = known.get(&route.wire).is_some_and(|before| before.is_open);
             let (keys, signature) = (key::object(&route.deployment, &route.path), declared.signature.clone());
             let (path, name, wire) = (route.path.clone(), route.name.clone(), route.wire);
-            let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(route.seal, (&keys.0, &keys.1)));
+            let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(route.seal, &keys));
             next.insert(wire, Route { call: declared.name, keys, path, name, signature, way, is_open });
         }
         *known = next;
@@ -143,7 +148,7 @@ impl Callers {
             let (jobs_tx, to_do) = sync_channel(JOBS_MAX);
             let (session, shared, inbox) = (Arc::downgrade(session), Arc::clone(&self.shared), Arc::clone(inbox));
             let caller = instance.to_owned();
-            let work = move || work(&to_do, &session, &caller, (&shared, &inbox));
+            let work = move || work(&to_do, &session, &caller, &shared, &inbox);
             std::thread::Builder::new().name("calls".to_owned()).spawn(work).map_err(|error| error.to_string())?;
             *jobs = Some(jobs_tx);
         }
@@ -217,7 +222,7 @@ impl Shared {
     }
 }
 
-fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, (shared, inbox): (&Arc<Shared>, &Arc<Inbox>)) {
+fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, shared: &Arc<Shared>, inbox: &Arc<Inbox>) {
     let mut made = 0;
     while let Ok(job) = jobs.recv() {
         let Some(session) = session.upgrade() else { return };
@@ -238,7 +243,7 @@ fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, (shared
                     theirs.pending().remove(&call);
                     to.answered(call, result);
                 };
-                match session.call((&route.keys.0, &route.keys.1), (&route.way, &asked), take) {
+                match session.call(&route.keys, &route.way, &asked, take) {
                     Ok(pending) => {
                         let mut all = shared.pending();
                         // An answer that has come already finds nothing to take out; one that comes now waits for this.

@@ -40,7 +40,8 @@ impl Taps {
     pub(super) fn make(
         session: &DataSession,
         interface: &Interface,
-        (robot, instance): (&str, &str),
+        robot: &str,
+        instance: &str,
     ) -> Result<Self, DataError> {
         let described = described(interface);
         let tap = |output: &OutputType| {

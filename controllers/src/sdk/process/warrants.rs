@@ -46,7 +46,7 @@ impl Warrants {
     }
 
     /// Lets a call in that needs no user, and asks the node about any other. Never waits.
-    pub(super) fn admit(&self, (key, access): (&str, Access), mut incoming: IncomingCall, session: &Weak<DataSession>) {
+    pub(super) fn admit(&self, key: &str, access: Access, mut incoming: IncomingCall, session: &Weak<DataSession>) {
         let warrant = incoming.call.warrant.take();
         if !incoming.is_visit || access == Access::Look {
             return self.inbox.called(incoming, session);

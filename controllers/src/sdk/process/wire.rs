@@ -96,13 +96,14 @@ impl Push {
     /// If it does not; both definitions are shown.
     pub(super) fn check(
         &self,
-        ways: (&DataSession, Option<&Keyring>),
-        of: (u32, &str),
+        session: &DataSession,
+        keyring: Option<&Keyring>,
+        outgoing: &Outgoing,
         output: &PortInterface,
     ) -> Result<(), String> {
         match self.outlet.as_ref().and_then(Outlet::form) {
             Some(form) => agreement::compare(&form, output),
-            None => agreement::check(ways, of, output),
+            None => agreement::check(session, keyring, outgoing.wire, &outgoing.key, output),
         }
     }
 }
@@ -189,9 +190,11 @@ pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'stat
 }
 
 pub(super) fn subscribe(
-    (session, gate): (&DataSession, Option<Arc<DeviceGate>>),
+    session: &DataSession,
+    gate: Option<Arc<DeviceGate>>,
     key: &str,
-    (port, hold): (&'static str, Hold),
+    port: &'static str,
+    hold: Hold,
     inbox: &Arc<Inbox>,
 ) -> Result<Subscription, String> {
     let inbox = Arc::clone(inbox);
@@ -234,15 +237,15 @@ impl WireInput {
     pub(super) fn of(
         ways: Ways<'_>,
         incoming: &Incoming,
-        input: (&PortInterface, Hold),
+        input: &PortInterface,
+        hold: Hold,
         within: Duration,
     ) -> Result<Self, String> {
-        if let Some(inlet) = ways.directly(incoming, input, within.min(DIRECT_WITHIN), None) {
-            let (incoming, (input, hold)) = (incoming.clone(), input);
-            let input = input.clone();
+        if let Some(inlet) = ways.directly(incoming, input, hold, within.min(DIRECT_WITHIN), None) {
+            let (incoming, input) = (incoming.clone(), input.clone());
             return Ok(Self::Direct(Box::new(DirectInput { incoming, input, hold, inlet })));
         }
-        ways.over_zenoh(incoming, (input.0.name, input.1))
+        ways.over_zenoh(incoming, input.name, hold)
     }
 
     /// Returns whether it hears this producer directly.
@@ -255,9 +258,9 @@ impl WireInput {
         let Self::Direct(hearing) = self else { return Ok(self) };
         let DirectInput { mut incoming, input, hold, inlet } = *hearing;
         incoming.producer = found.clone();
-        match ways.directly(&incoming, (&input, hold), DIRECT_WITHIN, Some(inlet)) {
+        match ways.directly(&incoming, &input, hold, DIRECT_WITHIN, Some(inlet)) {
             Some(inlet) => Ok(Self::Direct(Box::new(DirectInput { incoming, input, hold, inlet }))),
-            None => ways.over_zenoh(&incoming, (input.name, hold)),
+            None => ways.over_zenoh(&incoming, input.name, hold),
         }
     }
 }
@@ -266,26 +269,27 @@ impl Ways<'_> {
     fn directly(
         self,
         incoming: &Incoming,
-        (input, hold): (&PortInterface, Hold),
+        input: &PortInterface,
+        hold: Hold,
         within: Duration,
         replaced: Option<Inlet>,
     ) -> Option<Inlet> {
         let (direct, place) = (self.direct?, incoming.producer.direct()?);
-        let (inbox, wire, input_of) = (Arc::clone(self.inbox), incoming.wire, (input.name, hold));
-        let on_arrival = move |arrival, sequence| inbox.arrive((wire, Some(sequence)), input_of, arrival);
+        let (inbox, wire, port) = (Arc::clone(self.inbox), incoming.wire, input.name);
+        let on_arrival = move |arrival, sequence| inbox.arrive(wire, Some(sequence), port, hold, arrival);
         let form = agreement::form(input);
-        let connected = direct.inlet((&place, within), (&incoming.key, form), replaced, on_arrival);
+        let connected = direct.inlet(&place, within, &incoming.key, form, replaced, on_arrival);
         connected.inspect_err(|error| tracing::debug!(%error, port = input.name, "a wire is not direct")).ok()
     }
 
-    fn over_zenoh(self, incoming: &Incoming, input: (&'static str, Hold)) -> Result<WireInput, String> {
+    fn over_zenoh(self, incoming: &Incoming, port: &'static str, hold: Hold) -> Result<WireInput, String> {
         let (inbox, wire) = (Arc::clone(self.inbox), incoming.wire);
         let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
             let arrival = match arrival {
                 Arrival::Value(bytes) => Arrival::Value(bytes.into_owned().into()),
                 Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
             };
-            inbox.arrive((wire, sequence), input, arrival);
+            inbox.arrive(wire, sequence, port, hold, arrival);
         };
         let key = &incoming.key;
         let heard = match self.keyring {
@@ -298,8 +302,10 @@ impl Ways<'_> {
 
 /// Makes the producer's end of a wire; values of one output share memory.
 pub(super) fn wire(
-    (session, direct): (&DataSession, Option<&DirectPath>),
-    (interface, keyring): (&Interface, Option<&Keyring>),
+    session: &DataSession,
+    direct: Option<&DirectPath>,
+    interface: &Interface,
+    keyring: Option<&Keyring>,
     outgoing: &Outgoing,
     shape: Shape,
     memories: &mut BTreeMap<&'static str, Memory>,

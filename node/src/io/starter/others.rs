@@ -41,7 +41,7 @@ pub(super) fn move_to_user(
     Ok(control)
 }
 
-/// Listens for programs of this user, or of another one.
-pub(super) fn listener(path: &Path, user: Option<(u32, u32)>) -> Result<Listener, ControlError> {
-    user.map_or_else(|| Listener::bind(path), |user| Listener::bind_for(path, user))
+/// Listens for programs of this user, or of another one: its user and its group.
+pub(super) fn listener(path: &Path, other: Option<(u32, u32)>) -> Result<Listener, ControlError> {
+    other.map_or_else(|| Listener::bind(path), |(user, group)| Listener::bind_for(path, user, group))
 }

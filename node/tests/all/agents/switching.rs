@@ -178,7 +178,7 @@ impl World {
             Data::Arrival(process, ..) | Data::Tick(process)
                 if !self.alive.contains(&(host.to_owned(), process.clone())) => {}
             Data::Arrival(process, wire, arrival) => {
-                self.traffic.intakes.entry(process.leaf).or_default().arrive(now, (wire, 1000), arrival, &mut out);
+                self.traffic.intakes.entry(process.leaf).or_default().arrive(now, wire, 1000, arrival, &mut out);
                 self.passed(host, &process, out);
                 if let Some(due) = self.traffic.intakes[&process.leaf].deadline() {
                     let millis = u64::try_from((due - now).as_millis()).expect("it is soon") + 1;

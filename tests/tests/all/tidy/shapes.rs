@@ -41,15 +41,7 @@ const WIDE: [(&str, usize); 27] = [
     ("verify/src/machine/writer.rs: Writer", 18),
 ];
 /// How many functions of each room have a tuple as a parameter.
-const TUPLES: [(&str, usize); 7] = [
-    ("cli", 27),
-    ("comms", 15),
-    ("controllers", 49),
-    ("node", 9),
-    ("python", 2),
-    ("team", 4),
-    ("trust", 7),
-];
+const TUPLES: [(&str, usize); 2] = [("node", 9), ("python", 2)];
 /// Types with an `impl` in more files, and in how many.
 const SPREAD: [(&str, usize); 21] = [
     ("cli: Client", 5),
@@ -170,7 +162,11 @@ fn functions_with_tuples(code: &str) -> Vec<&str> {
             continue;
         }
         let Some(open) = begin_of_parameters(after) else { continue };
-        let is_tuple = |one: &String| one.trim_start().trim_start_matches("mut ").starts_with('(');
+        let is_tuple = |one: &String| {
+            let pattern = one.trim_start().trim_start_matches("mut ");
+            // `()` has nothing to name.
+            pattern.starts_with('(') && !pattern.starts_with("()")
+        };
         if parameters(&after[open + 1..]).iter().any(is_tuple) {
             found.push(name(rest));
         }
@@ -245,7 +241,7 @@ fn a_type_is_in_few_files() {
 #[test]
 fn the_reader_of_shapes_is_right() {
     let code = "pub(super) struct A<T> {\n    a: u8,\n    pub b: Vec<(u8, T)>,\n}\nfn f<T: Fn(u8) -> u8>(a: (u8, u8), (b, c): (u8, T)) {}\n\
-                fn g(&self, a: impl Fn((u8, u8)) -> u8) {\n    let f = |(a, b)| a;\n}\nimpl<T> A<T> {\n}\nimpl B for A<u8> {\n}\n";
+                fn g(&self, (): (), a: impl Fn((u8, u8)) -> u8) {\n    let f = |(a, b)| a;\n}\nimpl<T> A<T> {\n}\nimpl B for A<u8> {\n}\n";
     assert_eq!(structs(code), [("A", 2)]);
     assert_eq!(functions_with_tuples(code), ["f"]);
     assert_eq!(implemented(code), BTreeSet::from(["A"]));

@@ -25,7 +25,7 @@ fn check(expect: Option<Expect>, arrivals: &[(u64, u32, Arrival<u32>)], until: u
         intake.expect(at(0), expect, &mut out);
     }
     for (time, wire, arrival) in arrivals {
-        intake.arrive(at(*time), (*wire, 3), arrival.clone(), &mut out);
+        intake.arrive(at(*time), *wire, 3, arrival.clone(), &mut out);
     }
     intake.tick(at(until), &mut out);
     out
@@ -69,22 +69,22 @@ fn a_producer_that_does_not_say_that_it_has_ended_is_given_up() {
     let expect = Expect { generation: 7, close: vec![1], open: vec![2] };
     let (mut intake, mut out) = (Intake::default(), Vec::new());
     intake.expect(at(0), expect, &mut out);
-    intake.arrive(at(1), (1, 3), opened(0, &[]), &mut out);
-    intake.arrive(at(2), (2, 3), opened(7, &[1]), &mut out);
+    intake.arrive(at(1), 1, 3, opened(0, &[]), &mut out);
+    intake.arrive(at(2), 2, 3, opened(7, &[1]), &mut out);
     for number in 20..24 {
-        intake.arrive(at(3), (2, 3), value(number), &mut out);
+        intake.arrive(at(3), 2, 3, value(number), &mut out);
     }
     assert_eq!((values(&out), intake.deadline()), (vec![], Some(at(1000))));
     intake.tick(at(1002), &mut out);
     // There was room for three.
     assert_eq!(values(&out), [21, 22, 23]);
     assert_eq!(taken(&out), [Taken { generation: 7, lost: 1, late: 0, missing: vec![1] }]);
-    intake.arrive(at(1003), (1, 3), value(11), &mut out);
+    intake.arrive(at(1003), 1, 3, value(11), &mut out);
     assert_eq!(values(&out), [21, 22, 23], "it is late");
-    intake.arrive(at(1004), (1, 3), closed(7, 1), &mut out);
+    intake.arrive(at(1004), 1, 3, closed(7, 1), &mut out);
     // Opened once more, it is a wire as any other.
-    intake.arrive(at(1005), (1, 3), opened(8, &[]), &mut out);
-    intake.arrive(at(1006), (1, 3), value(12), &mut out);
+    intake.arrive(at(1005), 1, 3, opened(8, &[]), &mut out);
+    intake.arrive(at(1006), 1, 3, value(12), &mut out);
     assert_eq!(values(&out), [21, 22, 23, 12]);
     intake.expect(at(1007), Expect { generation: 8, close: vec![], open: vec![1] }, &mut out);
     assert_eq!(taken(&out)[1].late, 1);
@@ -99,29 +99,29 @@ fn nobody_waits_for_a_wire_that_is_linked_no_more() {
     let word = Taken { generation: 7, lost: 0, late: 0, missing: vec![] };
     for is_forgotten_first in [true, false] {
         let (mut intake, mut out) = (Intake::default(), Vec::new());
-        intake.arrive(at(0), (1, 3), opened(0, &[]), &mut out);
+        intake.arrive(at(0), 1, 3, opened(0, &[]), &mut out);
         intake.expect(at(1), expect(), &mut out);
         if is_forgotten_first {
             intake.forget(1, &mut out);
         }
-        intake.arrive(at(2), (2, 3), opened(7, &[1]), &mut out);
-        intake.arrive(at(2), (2, 3), value(20), &mut out);
+        intake.arrive(at(2), 2, 3, opened(7, &[1]), &mut out);
+        intake.arrive(at(2), 2, 3, value(20), &mut out);
         if !is_forgotten_first {
             assert_eq!(out, []);
             intake.forget(1, &mut out);
         }
         assert_eq!((values(&out), taken(&out)), (vec![20], vec![word.clone()]));
         // Values in transit are late.
-        intake.arrive(at(3), (1, 3), value(10), &mut out);
-        intake.arrive(at(3), (1, 3), closed(7, 1), &mut out);
+        intake.arrive(at(3), 1, 3, value(10), &mut out);
+        intake.arrive(at(3), 1, 3, closed(7, 1), &mut out);
         assert_eq!((values(&out), intake.deadline()), (vec![20], None));
         // Linked once more, it is a wire as any other.
         intake.link(1);
-        intake.arrive(at(4), (1, 3), opened(0, &[]), &mut out);
-        intake.arrive(at(4), (1, 3), value(11), &mut out);
+        intake.arrive(at(4), 1, 3, opened(0, &[]), &mut out);
+        intake.arrive(at(4), 1, 3, value(11), &mut out);
         assert_eq!(values(&out), [20, 11]);
         intake.expect(at(5), Expect { generation: 8, close: vec![], open: vec![1] }, &mut out);
-        intake.arrive(at(5), (1, 3), opened(8, &[]), &mut out);
+        intake.arrive(at(5), 1, 3, opened(8, &[]), &mut out);
         assert_eq!(taken(&out)[1].late, 1);
     }
 }
@@ -248,7 +248,7 @@ fn run(seed: u64, loses: bool) -> (u64, u64) {
         }
         while let Some(entry) = lines.data.first_entry().filter(|entry| entry.key().0 <= now) {
             let (wire, arrival) = entry.remove();
-            intake.arrive(at(now), (wire, 1000), arrival, &mut out);
+            intake.arrive(at(now), wire, 1000, arrival, &mut out);
         }
         intake.tick(at(now), &mut out);
         for passed in out {

@@ -150,7 +150,7 @@ proptest! {
             if asks {
                 asked += 1;
                 let question = Number(asked);
-                let begun = all_clients[who].asks.ask(now, ("sum", 0), &question, Duration::from_millis(within));
+                let begun = all_clients[who].asks.ask(now, "sum", 0, &question, Duration::from_millis(within));
                 match begun {
                     Ok(marker) => prop_assert!(all.insert((who, marker), (asked, now + Duration::from_millis(within), false)).is_none()),
                     Err(why) => prop_assert!(matches!(why, RequestFailure::NotSent(_))),
@@ -193,7 +193,7 @@ fn the_reasons_are_told_apart() {
     let first = |line: Line, capacity: usize, more: usize| {
         let (mut server, mut clients) = (Server::new(capacity), clients());
         let client = &mut clients[0].asks;
-        let markers: Vec<u64> = (0..=more).map(|_| client.ask(at(100), ("", 0), &Number(1), within).unwrap()).collect();
+        let markers: Vec<u64> = (0..=more).map(|_| client.ask(at(100), "", 0, &Number(1), within).unwrap()).collect();
         let mut ends = BTreeMap::new();
         for ms in (100..300).step_by(10) {
             turn(&mut server, &mut clients, (at(ms), line, Line::Good));
@@ -207,7 +207,7 @@ fn the_reasons_are_told_apart() {
     // Nobody takes the questions.
     let (mut server, mut clients) = (Server::new(1), clients());
     let client = &mut clients[0];
-    client.asks.ask(at(100), ("", 0), &Number(1), within).unwrap();
+    client.asks.ask(at(100), "", 0, &Number(1), within).unwrap();
     client.asks.work(at(100), &mut client.calls);
     for order in client.calls.take() {
         let CallOrder::Make { number, argument, .. } = order else { panic!("{order:?}") };
@@ -218,7 +218,7 @@ fn the_reasons_are_told_apart() {
     assert_eq!(client.asks.end_of().unwrap().1, Err(RequestFailure::Deadline));
     // Too many at a time, and one that is too long.
     let mut many = Requester::<Vec<u8>, Number>::new("main/many").unwrap();
-    let refused = many.ask(at(0), ("", 0), &vec![0; 2 << 20], within);
+    let refused = many.ask(at(0), "", 0, &vec![0; 2 << 20], within);
     assert!(matches!(refused, Err(RequestFailure::NotSent(_))), "{refused:?}");
     many.work(at(1000), &mut Calls::default());
     assert_eq!(many.end_of(), None, "what has not begun does not end");

@@ -112,7 +112,7 @@ proptest! {
             match step {
                 0 | 1 => {
                     let category = if step == 0 { "a" } else { "b" };
-                    let number = desk.news.send(at(ms), (category, 0, 0), &Speed(1.0)).unwrap();
+                    let number = desk.news.send(at(ms), Label { category, priority: 0, marker: 0 }, &Speed(1.0)).unwrap();
                     expected[usize::from(step)].push(number);
                     expected[2].push(number);
                 }
@@ -155,7 +155,7 @@ fn who_is_silent_is_dropped_and_who_takes_another_type_is_refused() {
     let refusal = RouterRefusal::WrongType { sent: "Speed".into(), taken: "Wrench".into() };
     assert_eq!((gone.user.state(), wrong.user.state()), (&Subscribed::Yes, &Subscribed::Refused(refusal)));
     for _ in 0..3 {
-        desk.news.send(at(80), ("a", 0, 0), &Speed(1.0)).unwrap();
+        desk.news.send(at(80), Label { category: "a", priority: 0, marker: 0 }, &Speed(1.0)).unwrap();
     }
     (100..6000).step_by(20).for_each(|ms| desk.news.work(at(ms)));
     let dropped = Dropped { name: "gone".into(), why: Gone::Silent, lost: 3 };
@@ -167,7 +167,11 @@ fn who_is_silent_is_dropped_and_who_takes_another_type_is_refused() {
         desk.news.work(at(ms));
     }
     assert_eq!((gone.user.state(), desk.news.status().subscribers.len()), (&Subscribed::Yes, 1));
-    let too_long = Router::<Vec<u8>>::new("desk", 1).unwrap().send(at(0), ("", 0, 0), &vec![0; 2 << 20]);
+    let too_long = Router::<Vec<u8>>::new("desk", 1).unwrap().send(
+        at(0),
+        Label { category: "", priority: 0, marker: 0 },
+        &vec![0; 2 << 20],
+    );
     assert!(too_long.unwrap_err().contains("and 1048576 are allowed"));
 }
 
