@@ -64,6 +64,7 @@ mod work;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use client::signer::KeyPlace;
+use comms::io::core_dump;
 use comms::io::session::{self, Role};
 use language::Assignment;
 use node::console::{finish, on_own_stack, parsed_by};
@@ -273,6 +274,7 @@ fn assignment(text: &str) -> Result<Assignment, String> {
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
+    core_dump::forbid();
     on_own_stack(run_verb)
 }
 

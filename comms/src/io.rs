@@ -2,6 +2,7 @@
 
 pub mod clock;
 pub mod control;
+pub mod core_dump;
 #[cfg(feature = "zenoh")]
 pub mod data;
 pub mod descriptors;

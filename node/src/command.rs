@@ -12,6 +12,7 @@ use crate::io::{cgroup, programs, state_dir};
 use anyhow::{Context as _, anyhow, ensure};
 use arguments::Arguments;
 use clap::{CommandFactory as _, Parser, Subcommand};
+use comms::io::core_dump;
 use comms::io::session::{self, Reach, Role};
 use install::Install;
 use rustix::process::{Resource, getrlimit};
@@ -44,6 +45,7 @@ pub fn command() -> clap::Command {
 /// Runs the agent of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
+    core_dump::forbid();
     on_own_stack(run_verb)
 }
 

@@ -29,7 +29,7 @@ mod watchdog;
 use agent::Agent;
 use beats::Beats;
 use comms::io::clock::now;
-use comms::io::descriptors;
+use comms::io::{core_dump, descriptors};
 use comms::logic::human::cause;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
@@ -196,6 +196,9 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     let beats = Beats::open(start)?;
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
+    }
+    if let Some(core) = start.core {
+        core_dump::set(core);
     }
     let executed = execute(&group.start(start), &output);
     drop(secrets);

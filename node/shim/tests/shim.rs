@@ -66,6 +66,7 @@ impl Shim {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: None,
+            core: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             secrets: Vec::new(),
             command: Vec::new(),
@@ -397,6 +398,17 @@ fn a_program_has_the_soft_limit_that_it_is_given() {
     });
     let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
     assert_eq!(over.read(OUTPUT_FILE), "100\n");
+}
+
+/// A node writes no core of itself; its programs may, as far as the node itself was allowed to.
+#[test]
+fn a_program_has_the_core_limit_that_it_is_given() {
+    let shim = Shim::start_with(|start| {
+        start.core = Some(0);
+        start.command = ["sh", "-c", "ulimit -Sc"].map(str::to_owned).to_vec();
+    });
+    let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert_eq!(over.read(OUTPUT_FILE), "0\n");
 }
 
 /// No kernel allows more open files than it has numbers for.

@@ -34,6 +34,8 @@ pub struct ShimStart {
     pub groups: Vec<PathBuf>,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
     pub descriptors: Option<u64>,
+    /// How many bytes of the memory of the program the kernel may write to the disk when it crashes: its soft limit.
+    pub core: Option<u64>,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
     /// Which words of the command end with the path of a file that has a secret. Their values come first on standard
@@ -125,6 +127,9 @@ impl ShimStart {
         if let Some(descriptors) = self.descriptors {
             arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
         }
+        if let Some(core) = self.core {
+            arguments.extend(["--core".into(), core.to_string().into()]);
+        }
         for (name, value) in limit_arguments(&self.limits) {
             arguments.extend([name.into(), value.into()]);
         }
@@ -181,6 +186,7 @@ impl ShimStart {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: None,
+            core: None,
             environment: Vec::new(),
             secrets: Vec::new(),
             command: Vec::new(),
@@ -228,9 +234,10 @@ impl ShimStart {
                 let bound = if name == "--watchdog" { &mut self.watchdog } else { &mut self.ready_within };
                 *bound = Some(Duration::from_millis(millis));
             }
-            "--descriptors" => {
+            "--descriptors" | "--core" => {
                 let count = value.to_str().and_then(|count| count.parse().ok());
-                self.descriptors = Some(count.ok_or("must be a number")?);
+                let limit = if name == "--core" { &mut self.core } else { &mut self.descriptors };
+                *limit = Some(count.ok_or("must be a number")?);
             }
             "--own" => self.sandbox.own = Some(value.into()),
             "--judged" => {
@@ -367,6 +374,7 @@ mod tests {
             },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
+            core: Some(u64::MAX),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             secrets: vec![2, 0],
             command: vec!["sleep".into(), "--".into(), "5".into()],

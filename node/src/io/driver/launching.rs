@@ -12,7 +12,7 @@ use crate::logic::effect::{ProcessId, SpawnOrder};
 use crate::logic::instance::watchdog::watched;
 use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
-use comms::io::descriptors;
+use comms::io::{core_dump, descriptors};
 use comms::logic::codec::WIRE_VERSION;
 use comms::logic::control::{Location, Notice, Order};
 use language::plan::LeafKind;
@@ -80,6 +80,7 @@ impl Driver {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: descriptors::before(),
+            core: core_dump::before(),
             environment: self.environment(&order, &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command.clone(),

@@ -1,0 +1,46 @@
+//! Whether the kernel writes the memory of this process to the disk when it crashes. A node and a command hold keys and secrets,
+//! so they have the soft limit 0 for that. Programs that they start get the original limit back.
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::sync::OnceLock;
+
+/// No limit, as the kernel writes it.
+const UNLIMITED: u64 = u64::MAX;
+
+/// The soft limit that this process was started with.
+static BEFORE: OnceLock<u64> = OnceLock::new();
+
+/// Keeps the memory of this process from the disk.
+pub fn forbid() {
+    BEFORE.get_or_init(|| getrlimit(Resource::Core).current.unwrap_or(UNLIMITED));
+    set(0);
+}
+
+/// Returns the soft limit that this process was started with, in bytes, if it was changed.
+pub fn before() -> Option<u64> {
+    BEFORE.get().copied()
+}
+
+/// Sets the soft limit of this process, for the programs that it starts.
+pub fn set(bytes: u64) {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Core);
+    let current = Some(bytes).filter(|bytes| *bytes != UNLIMITED);
+    if let Err(error) = setrlimit(Resource::Core, Rlimit { current, maximum }) {
+        tracing::debug!(%error, "the limit of core dumps stays as it is");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_process_writes_no_core_and_remembers_its_limit() {
+        let at_first = getrlimit(Resource::Core);
+        forbid();
+        assert_eq!(getrlimit(Resource::Core), Rlimit { current: Some(0), ..at_first });
+        assert_eq!(before(), Some(at_first.current.unwrap_or(UNLIMITED)));
+        set(at_first.current.unwrap_or(UNLIMITED));
+        assert_eq!(getrlimit(Resource::Core), at_first);
+    }
+}
