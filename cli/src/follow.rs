@@ -24,7 +24,7 @@ use node::console::{self, Failure};
 use node::logic::output_lines::GAP;
 use node::logic::protocol::{Answer, Deployment, Report, Request, StartMode, StopReply, is_unreached};
 pub(crate) use record_folder::RUNS;
-use record_folder::{end_record, start_record};
+use record_folder::{Readers, end_record, start_record};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -121,7 +121,11 @@ pub(crate) async fn follow(
     let (request, plan, by) = (entropy::number()?, spec.plan.clone(), user::name_and_host());
     let request = Request::Deploy { request, plan, by, start };
     let request = client.signed(&home, request, 0).await?; // A user who cannot sign leaves no record.
-    let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
+    let recorder = if following.no_record {
+        None
+    } else {
+        Some(start_record(&spec, &following.runs, Readers::of(client.team().is_some()))?)
+    };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;

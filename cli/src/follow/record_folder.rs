@@ -10,6 +10,8 @@ use anyhow::{Context, anyhow};
 use comms::io::clock;
 use node::console::Failure;
 use node::io::folder;
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 /// How many folders of earlier runs are stepped over to find a free name.
@@ -18,9 +20,32 @@ const RUNS_MAX: u32 = 100_000;
 /// The option that names where records are.
 pub(crate) const RUNS: &str = "--runs";
 
+/// The readers of a record and of its page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Readers {
+    /// The user alone. In a team, values reach only users and programs that may see them.
+    Own,
+    /// As the user's mask says.
+    Usual,
+}
+
+impl Readers {
+    /// Returns the readers of a record of a team, or of a node outside any.
+    pub(super) fn of(is_in_team: bool) -> Self {
+        if is_in_team { Self::Own } else { Self::Usual }
+    }
+
+    fn mode(self) -> u32 {
+        match self {
+            Self::Own => 0o700,
+            Self::Usual => 0o777,
+        }
+    }
+}
+
 /// Begins the record of a mission below the folder `runs`.
-pub(super) fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
-    let dir = free_folder(runs, &spec.plan.name)?;
+pub(super) fn start_record(spec: &Spec, runs: &Path, readers: Readers) -> Result<Recorder, Failure> {
+    let dir = free_folder(runs, &spec.plan.name, readers)?;
     let file = spec.file.file_name().map_or_else(|| "spec.dca".to_owned(), |name| name.to_string_lossy().into_owned());
     let (text, plan) = (spec.text.clone(), spec.plan.clone());
     let header = Header { file, text, plan, started: Some(clock::unix_time()) };
@@ -53,11 +78,11 @@ pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Res
 }
 
 /// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
-fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
+fn free_folder(runs: &Path, name: &str, readers: Readers) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
     for number in 1..RUNS_MAX {
         let dir = runs.join(format!("{name}-{number}"));
-        match std::fs::create_dir(&dir) {
+        match DirBuilder::new().mode(readers.mode()).create(&dir) {
             Ok(()) => return Ok(dir),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
             Err(cause) => return Err(folder::refused(&dir, cause, RUNS).into()),
@@ -67,4 +92,23 @@ fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
         "`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`",
         runs.display()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt as _;
+
+    #[test]
+    fn in_a_team_only_the_user_reads_a_record() {
+        let runs = std::env::temp_dir().join(format!("dca-runs-{}", std::process::id()));
+        let mode = |readers| {
+            let folder = free_folder(&runs, "door", readers).unwrap();
+            (folder.file_name().unwrap().to_owned(), folder.metadata().unwrap().permissions().mode() & 0o777)
+        };
+        assert_eq!(mode(Readers::of(true)), ("door-1".into(), 0o700));
+        let (name, shared) = mode(Readers::of(false));
+        assert!(name == "door-2" && shared & 0o700 == 0o700);
+        std::fs::remove_dir_all(&runs).unwrap();
+    }
 }
