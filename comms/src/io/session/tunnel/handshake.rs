@@ -39,11 +39,22 @@ pub(super) async fn introduce(
     wanted: Option<&str>,
 ) -> Result<Peer, String> {
     send(stream, &side.introduction()).await?;
-    let peer = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?)?;
+    let checked = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?);
+    // Also to a peer that is refused: one whose keys are revoked hears of it here, as no other node speaks to it. The sets are signed,
+    // and contain no secret.
+    let sent = send(stream, &Revocations { sets: side.identity.revocations() }).await;
+    let peer = match checked {
+        Ok(peer) => peer,
+        Err(why) => {
+            // The peer's own sets are not heard, but taken: to close before would discard what was just sent.
+            drop(receive::<Revocations>(stream).await);
+            return Err(why);
+        }
+    };
     if wanted.is_some_and(|wanted| wanted != peer.session) {
         return Err("another session listens there".to_owned());
     }
-    send(stream, &Revocations { sets: side.identity.revocations() }).await?;
+    sent?;
     side.hear(receive(stream).await?, &peer)?;
     Ok(peer)
 }

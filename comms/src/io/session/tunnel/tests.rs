@@ -37,6 +37,8 @@ struct TrustsSome {
     own: usize,
     trusted: Mutex<BTreeSet<PublicKey>>,
     refused: SyncSender<String>,
+    /// The revocations that peers have passed on.
+    heard: Mutex<Vec<Vec<u8>>>,
 }
 
 impl Identity for TrustsSome {
@@ -54,10 +56,11 @@ impl Identity for TrustsSome {
     }
 
     fn revocations(&self) -> Vec<u8> {
-        Vec::new()
+        vec![u8::try_from(self.own).unwrap()]
     }
 
-    fn hear(&self, _: &[u8]) -> bool {
+    fn hear(&self, revocations: &[u8]) -> bool {
+        self.heard.lock().unwrap().push(revocations.to_vec());
         false
     }
 
@@ -72,7 +75,7 @@ fn session(own: usize, trusted: &[usize]) -> (Opened, Arc<TrustsSome>, Receiver<
     std::fs::create_dir(&folder).unwrap();
     let (refused, hears) = sync_channel(64);
     let trusted = Mutex::new(trusted.iter().map(|number| bytes(KEYS[*number].1)).collect());
-    let identity = Arc::new(TrustsSome { own, trusted, refused });
+    let identity = Arc::new(TrustsSome { own, trusted, refused, heard: Mutex::default() });
     let entrance = folder.join("s");
     let settings = Settings::data().listen(&[unix_locator(&entrance).unwrap()]);
     let listen = vec![([127, 0, 0, 1], 0).into()];
@@ -131,6 +134,21 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Delete));
     assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
     assert!(reaches(&a, &b));
+    a.close();
+    b.close();
+}
+
+/// A node whose keys were revoked while it was away is refused by all others, and learns why from the one that dials it.
+#[test]
+fn who_is_refused_hears_of_its_revocation() {
+    let ((a, _, _), (b, of_b, _)) = (session(0, &[]), session(1, &[0]));
+    a.keep(&b.id(), &[tcp(&b)]).unwrap();
+    let began = now();
+    while of_b.heard.lock().unwrap().is_empty() && now() - began < WITHIN {
+        std::thread::yield_now();
+    }
+    assert_eq!(of_b.heard.lock().unwrap().first(), Some(&vec![0]));
+    assert!(!a.is_linked() && !b.is_linked());
     a.close();
     b.close();
 }
