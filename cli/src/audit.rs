@@ -8,6 +8,7 @@ use anyhow::{Context as _, anyhow, ensure};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
 use node::io::{run_dir, state_dir};
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use team::{audit, member};
@@ -69,7 +70,9 @@ fn show(state: &Path) -> Result<(), Failure> {
     let path = state.join(member::FOLDER).join(audit::FILE);
     let text = named_file::text(&path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let rows: Vec<Vec<String>> = text.lines().filter_map(row).collect();
-    if !rows.is_empty() {
+    if console::is_json() {
+        console::answer(&text.lines().filter_map(record).collect::<Vec<_>>());
+    } else if !rows.is_empty() {
         console::say(&table::table(&rows));
     }
     let own = Some(state.join(member::FOLDER).join(member::HEADS)).filter(|heads| heads.is_file());
@@ -87,12 +90,25 @@ fn row(line: &str) -> Option<Vec<String>> {
     Some([&at, decision, who, what, reason].map(str::to_owned).to_vec())
 }
 
+/// Returns a record as a program reads it.
+fn record(line: &str) -> Option<Value> {
+    let fields: Vec<&str> = line.split('\t').collect();
+    let &[_, at, decision, who, what, _, reason, _] = fields.as_slice() else { return None };
+    let time: u64 = at.parse().ok()?;
+    Some(json!({ "time": time, "decision": decision, "who": who, "what": what, "reason": reason }))
+}
+
 fn verify(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let signed = Signed::of(&text, &arguments.heads, &of_this_machine(arguments.state.as_deref()))?;
     let log = verified(path, &text, &signed)?;
     let node = log.of().1;
     let told = signed.told();
+    if console::is_json() {
+        let file = path.display().to_string();
+        console::answer(&json!({ "file": file, "records": log.last(), "node": node.to_string(), "text": told }));
+        return Ok(());
+    }
     console::say(&format!("{}: complete up to record {}, of node {node}; {told}", path.display(), log.last()));
     Ok(())
 }

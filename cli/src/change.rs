@@ -272,7 +272,15 @@ pub(crate) async fn change(
     let Answer::Report(Report::Changed { revision, changes, .. }) = answer else {
         return Err(unasked(home, &answer));
     };
-    console::say(&format!("`{name}@{epoch}` is changed ({}, revision {revision})", counted(changes.len(), "change")));
+    if console::is_json() {
+        let changes: Vec<String> = changes.iter().map(ToString::to_string).collect();
+        console::answer(&json!({ "deployment": format!("{name}@{epoch}"), "revision": revision, "changes": changes }));
+    } else {
+        console::say(&format!(
+            "`{name}@{epoch}` is changed ({}, revision {revision})",
+            counted(changes.len(), "change")
+        ));
+    }
     Ok(())
 }
 
@@ -292,9 +300,7 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
     let Some(Revision { epoch, revision, plan, change }) = running else {
         let programs = counted(wanted.leaves.len(), "program");
         if is_json {
-            console::say(
-                &json!({ "deployment": null, "start": wanted.leaves.len(), "hosts": wanted.hosts }).to_string(),
-            );
+            console::answer(&json!({ "deployment": null, "start": wanted.leaves.len(), "hosts": wanted.hosts }));
         } else {
             let hosts = wanted.hosts.join("`, `");
             console::say(&format!("nothing runs as `{}`: {programs} would start on `{hosts}`", wanted.name));
@@ -315,7 +321,7 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
         let told = json!({
             "deployment": name, "revision": revision, "change": change, "changes": changes, "obstacles": obstacles,
         });
-        console::say(&told.to_string());
+        console::answer(&told);
         return if obstacles.is_empty() { Ok(()) } else { Err(refusal(&name, &[])) };
     }
     let found = found.map_err(|obstacles| refusal(&name, &obstacles))?;

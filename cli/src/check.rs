@@ -91,13 +91,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.fix {
         fix(&arguments.file, &arguments.controllers)?;
     }
-    let print = match arguments.format {
+    let format = if console::is_json() { Format::Json } else { arguments.format };
+    let print = match format {
         Format::Text => return check(arguments),
         Format::Json => json::json,
         Format::Sarif => sarif::sarif,
     };
     let checked = Checked::read(&arguments.file, &arguments.controllers, &arguments.values, arguments.deny.is_some())?;
-    console::say(&print(&checked));
+    console::answer(&print(&checked));
     let Some(plan) = checked.plan else { return Err(Failure::Reported) };
     compare(&as_spec(&arguments.file, checked.spec, checked.interfaces, plan), arguments)
 }
@@ -384,7 +385,7 @@ mod tests {
               "spec": "a.dca",
               "version": 1
             }"#]]
-        .assert_eq(&json::json(&checked()));
+        .assert_eq(&format!("{:#}", json::json(&checked())));
     }
 
     #[test]
@@ -488,6 +489,6 @@ mod tests {
                 }
               ],
               "version": "2.1.0"
-            }"#]].assert_eq(&sarif::sarif(&checked()));
+            }"#]].assert_eq(&format!("{:#}", sarif::sarif(&checked())));
     }
 }

@@ -32,8 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         asked
     })?;
     if arguments.json {
-        let json = serde_json::json!({ "clocks": clocks, "unreachable": unreachable });
-        console::say(&serde_json::to_string_pretty(&json)?);
+        console::answer(&serde_json::json!({ "clocks": clocks, "unreachable": unreachable }));
     } else {
         console::say(&text(&clocks, &unreachable));
     }

@@ -4,6 +4,7 @@
 //! nothing is said of those that do not.
 
 use crate::client::{Client, Clients, Statuses};
+use crate::json::with_json;
 use crate::logic::completion::{Process, processes as process_words};
 use crate::{Command, ConnectArgs, project};
 use clap::{ArgMatches, CommandFactory as _};
@@ -107,7 +108,8 @@ fn live<T: Default>(look: impl AsyncFnOnce(&Found<'_>) -> T) -> T {
 
 /// Returns the options for reaching nodes from an unfinished command line.
 fn connect(words: impl Iterator<Item = OsString>) -> ConnectArgs {
-    let command = project::with_defaults(Command::command()).unwrap_or_else(|_| Command::command());
+    let command = || with_json(Command::command());
+    let command = project::with_defaults(command()).unwrap_or_else(|_| command());
     let matches = command.ignore_errors(true).try_get_matches_from(words).ok();
     let mut connect = ConnectArgs::default();
     let mut next: Option<&ArgMatches> = matches.as_ref();

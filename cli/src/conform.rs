@@ -5,18 +5,20 @@ mod numbered;
 
 use crate::io::recorder;
 use crate::logic::record::{Entry, Run};
-use crate::verify::{LimitArgs, Refusal, load};
+use crate::verify::{LimitArgs, Refusal, in_json, load};
 use crate::{Controllers, Values, check};
 use anyhow::anyhow;
 use difference::difference;
+use language::Texts;
 use language::algebra::Event;
 use language::plan::Group;
 use node::console::{self, Failure};
 use node::logic::protocol::{Change, Report};
 use node::logic::table::counted;
 use numbered::{numbered, with_reasons};
+use serde_json::json;
 use std::path::PathBuf;
-use verify::{Conformance, Coverage, Steps, Verdict, told};
+use verify::{Conformance, Coverage, Finding, Steps, Verdict, told};
 
 /// The arguments of `dca conform`.
 #[derive(Debug, clap::Args)]
@@ -75,10 +77,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if found.steps == 0 {
         return Err(undecided(&format!("the record has no step of a supervisor: {}", recorded.without_steps(&run))));
     }
-    for finding in found.deviations.iter().chain(&found.sentences) {
-        console::say(told(finding, &loaded.spec, &loaded.interfaces, check::style()).trim_end());
+    if console::is_json() {
+        let texts = Texts::new(&loaded.spec, &loaded.interfaces);
+        let all = |findings: &[Finding]| findings.iter().map(|finding| in_json(finding, &texts)).collect::<Vec<_>>();
+        let (deviations, sentences) = (all(&found.deviations), all(&found.sentences));
+        console::answer(&json!({
+            "steps": found.steps, "deviations": deviations, "sentences": sentences, "text": summary(&found, &recorded),
+        }));
+    } else {
+        for finding in found.deviations.iter().chain(&found.sentences) {
+            console::say(told(finding, &loaded.spec, &loaded.interfaces, check::style()).trim_end());
+        }
+        console::say(&summary(&found, &recorded));
     }
-    console::say(&summary(&found, &recorded));
     if let Some(lacks) = run.lacks() {
         console::note(&format!("warning: the record is not whole: {lacks}"));
     }

@@ -27,7 +27,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let machine = block_on(async { Ok(machine::look(&run, state.as_deref()).await) })?;
     let checks = findings(&machine);
     if arguments.json {
-        console::say(&serde_json::to_string_pretty(&checks)?);
+        console::answer(&checks);
     } else {
         console::say(&text(&checks));
     }

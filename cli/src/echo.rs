@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Ok((left == Some(0)).then_some(End::Enough))
     }))?;
     match (arguments.tap.json, end) {
-        (true, end) => console::say(&json!({ "end": end.word() }).to_string()),
+        (true, end) => console::answer(&json!({ "end": end.word() })),
         (false, End::Finished) => console::note("the deployment is over"),
         (false, End::Enough | End::Interrupted) => {}
     }

@@ -75,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })?;
     if arguments.json {
         let hosts: Vec<_> = hosts.iter().map(|(host, outcome)| in_json(host, outcome)).collect();
-        console::say(&json!({ "hosts": hosts }).to_string());
+        console::answer(&json!({ "hosts": hosts }));
     } else {
         hosts.iter().for_each(|(host, outcome)| console::say(&format!("{host}: {}", in_words(outcome))));
     }

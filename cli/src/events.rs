@@ -178,7 +178,7 @@ impl Printer<'_> {
         };
         let unknown = self.unknown().filter(|_| end == End::Complete);
         if self.arguments.json && unknown.is_none() {
-            console::say(&json!({ "end": word, "lost": self.lost }).to_string());
+            console::answer(&json!({ "end": word, "lost": self.lost }));
         }
         if let Some(why) = unknown {
             return Err(Failure::Usage(anyhow!(why)));

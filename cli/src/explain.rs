@@ -30,10 +30,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(code) => Some(Code::parse(code).ok_or_else(|| anyhow!("no code `{code}`; `dca explain` lists them all"))?),
     };
     match one {
-        Some(code) if arguments.json => console::say(&serde_json::to_string_pretty(&explained(code))?),
+        Some(code) if arguments.json => console::answer(&explained(code)),
         Some(code) => console::say(&explanation(code)),
         None if arguments.json => {
-            console::say(&serde_json::to_string_pretty(&Vec::from_iter(Code::ALL.iter().copied().map(explained)))?);
+            console::answer(&Vec::from_iter(Code::ALL.iter().copied().map(explained)));
         }
         None => console::say(&list()),
     }

@@ -64,13 +64,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = clock::now();
     let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits, faults));
     let took = clock::now().since(start);
-    console::say(&match arguments {
-        Arguments { csv: true, .. } => csv(&table),
-        Arguments { html: true, .. } => html(&loaded.plan.name, &table),
-        Arguments { json: true, .. } => json(&loaded.plan.name, &table),
-        Arguments { markdown: true, .. } => table.markdown(),
-        _ => text(&table, arguments.stories, faults) + &format!("looked at in {:.2} s\n", took.as_secs_f64()),
-    });
+    match arguments {
+        Arguments { csv: true, .. } => console::say(&csv(&table)),
+        Arguments { html: true, .. } => console::say(&html(&loaded.plan.name, &table)),
+        Arguments { json: true, .. } => console::answer(&json(&loaded.plan.name, &table)),
+        Arguments { markdown: true, .. } => console::say(&table.markdown()),
+        _ => {
+            let took = format!("looked at in {:.2} s\n", took.as_secs_f64());
+            console::say(&(text(&table, arguments.stories, faults) + &took));
+        }
+    }
     for program in table.unfinished.iter().take(UNFINISHED_MAX) {
         console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
     }
@@ -122,7 +125,7 @@ fn csv(table: &Table) -> String {
 
 /// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "mission", "verdict", "story"}],
 /// "states", "unfinished", "harmless"}`; without `safe_within_s` not everything stops.
-fn json(name: &str, table: &Table) -> String {
+fn json(name: &str, table: &Table) -> Value {
     let row = |row: &Row| {
         json!({
             "program": row.program,
@@ -137,15 +140,14 @@ fn json(name: &str, table: &Table) -> String {
         })
     };
     let rows: Vec<Value> = table.rows.iter().map(row).collect();
-    let document = json!({
+    json!({
         "version": 1,
         "spec": name,
         "rows": rows,
         "states": table.states,
         "unfinished": table.unfinished,
         "harmless": table.harmless,
-    });
-    format!("{document:#}")
+    })
 }
 
 fn html(name: &str, table: &Table) -> String {

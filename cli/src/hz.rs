@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         line(&one.name, &one.whole, "all")?;
     }
     if arguments.tap.json {
-        console::say(&json!({ "end": end.word() }).to_string());
+        console::answer(&json!({ "end": end.word() }));
     }
     if end == End::Enough && counted.iter().all(|one| one.whole.is_empty()) {
         let names: Vec<&str> = counted.iter().map(|one| one.name.as_str()).collect();

@@ -30,6 +30,7 @@ pub mod graph;
 mod help;
 pub mod hz;
 pub mod io;
+mod json;
 pub mod list;
 mod lock;
 pub mod logic;
@@ -280,7 +281,7 @@ pub fn main() -> ExitCode {
 
 fn run_verb() -> ExitCode {
     complete::answer();
-    let command = match project::with_defaults(help::with_help(Command::command())) {
+    let command = match project::with_defaults(json::with_json(help::with_help(Command::command()))) {
         Ok(command) => command,
         Err(failure) => return finish(Err(failure)),
     };

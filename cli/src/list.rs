@@ -50,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     rows.sort();
     rows.dedup();
     if arguments.json {
-        console::say(&serde_json::Value::Array(rows.iter().map(Listed::json).collect()).to_string());
+        console::answer(&serde_json::Value::Array(rows.iter().map(Listed::json).collect()));
         return whole(&silent);
     }
     let mut lines = vec![["PROCESS", "NAME", "KIND", "TYPE"].map(str::to_owned).to_vec()];

@@ -2,6 +2,7 @@
 
 use crate::Command;
 use crate::help::with_help;
+use crate::json::with_json;
 use anyhow::{Context as _, anyhow};
 use clap::CommandFactory as _;
 use node::console::{self, Failure};
@@ -32,7 +33,8 @@ fn write(folder: &Path) -> std::io::Result<usize> {
     fs::create_dir_all(folder)?;
     let mut count = 0;
     // The name of a page is that of its command: `dca-db-put.1`.
-    let mut next = vec![with_help(Command::command()).disable_help_subcommand(true), node::command::command()];
+    let mut next =
+        vec![with_json(with_help(Command::command())).disable_help_subcommand(true), node::command::command()];
     while let Some(mut command) = next.pop() {
         command.build();
         next.extend(

@@ -27,7 +27,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         asked
     })?;
     if arguments.json {
-        console::say(&serde_json::to_string_pretty(&partitions)?);
+        console::answer(&partitions);
     } else {
         console::say(&text(&partitions));
     }

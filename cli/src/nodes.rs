@@ -29,7 +29,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })?;
     if arguments.json {
         let json = serde_json::json!({ "nodes": statuses, "missing": missing(&away)?, "duplicates": away.duplicates });
-        console::say(&serde_json::to_string_pretty(&json)?);
+        console::answer(&json);
         away.duplicates.iter().map(duplicate).chain(unlinked).for_each(|sentence| console::note(&sentence));
         return Ok(());
     }

@@ -339,7 +339,7 @@ fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, value: &
     if arguments.json {
         let name = format!("{}:{}.{}", found.program.at.deployment.name, found.program.path(), exported.name);
         let kind = exported.signature.result.name.as_str();
-        console::say(&json!({ "name": name, "type": kind, "value": value, "took": took.as_secs_f64() }).to_string());
+        console::answer(&json!({ "name": name, "type": kind, "value": value, "took": took.as_secs_f64() }));
     } else if !value.is_null() {
         console::say(&printable(&value.to_string()));
     }

@@ -125,7 +125,7 @@ impl List {
         found.away.warnings().iter().for_each(|warning| console::note(warning));
         if self.database.json {
             let all: Vec<serde_json::Value> = programs.iter().flat_map(|program| program.json()).collect();
-            console::say(&serde_json::Value::Array(all).to_string());
+            console::answer(&all);
             return Ok(());
         }
         let mut rows = vec![["PROGRAM", "PARAMETER", "VALUE", "SPEC", "TAKES"].map(str::to_owned).to_vec()];
@@ -152,7 +152,11 @@ impl Get {
         let value = program.value(&parameter.name).with_context(|| {
             format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
         })?;
-        console::say(&if self.database.json { value.to_json() } else { value.to_toml() });
+        if self.database.json {
+            console::answer(&value);
+        } else {
+            console::say(&value.to_toml());
+        }
         Ok(())
     }
 }

@@ -120,11 +120,16 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
             }
         }
         rows.sort_by(|one, other| (&one.0, &one.1).cmp(&(&other.0, &other.1)));
-        let text = if arguments.json { T::json(&rows) } else { T::table(&rows) };
+        let (json, text) = (T::json(&rows), T::table(&rows));
+        let now = if arguments.json { json.to_string() } else { text.clone() };
         if arguments.json || !rows.is_empty() {
-            if shown.as_ref() != Some(&text) {
-                console::say(&text);
-                shown = Some(text);
+            if shown.as_ref() != Some(&now) {
+                if arguments.json {
+                    console::answer(&json);
+                } else {
+                    console::say(&text);
+                }
+                shown = Some(now);
             }
         } else if found.silent.is_empty() {
             let (word, type_name) = (wanted.word, wanted.type_name);

@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     only(&mut statuses, &mut away, arguments.name.as_ref());
     if arguments.json {
-        console::say(&serde_json::to_string_pretty(&nodes(&statuses, &away))?);
+        console::answer(&nodes(&statuses, &away));
     } else {
         console::say(&text(&statuses, &away, arguments.name.as_ref()));
     }

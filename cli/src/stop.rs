@@ -65,9 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let name = arguments.name.text();
     let Some(unconfirmed) = unconfirmed else { return Ok(()) };
     if arguments.json {
-        console::say(
-            &serde_json::json!({ "deployment": name, "stopped": true, "unconfirmed": unconfirmed }).to_string(),
-        );
+        console::answer(&serde_json::json!({ "deployment": name, "stopped": true, "unconfirmed": unconfirmed }));
     }
     if unconfirmed.is_empty() {
         if arguments.json {

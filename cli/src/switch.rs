@@ -74,8 +74,7 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
     let Answer::Switched(switched) = answer else { return Err(unasked(&home, &answer)) };
     let switched = switched.map_err(|why| anyhow!("`{}` is not switched: {why}", arguments.name))?;
     if arguments.json {
-        let json = serde_json::to_string(&switched).map_err(|error| anyhow!(error))?;
-        console::say(&json);
+        console::answer(&switched);
     } else {
         console::say(&text(plan.as_ref(), &switched));
     }

@@ -14,6 +14,7 @@ use clap::{Args, Subcommand};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
 use node::logic::protocol::{Answer, Request};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 use trust::bundle::{Bundle, Holder};
@@ -117,7 +118,7 @@ fn list(keys: &KeysArgs) -> Result<(), Failure> {
     let bundle = revoke::look(keys, bundle);
     let own = keyring.own()?.and_then(|own| keyring.credential(&bundle, &own.public().id()));
     let renewed: Vec<Credential> = own.into_iter().chain(renewed(keys)).collect();
-    console::say(&listed(&bundle, &renewed, now()));
+    tell(&bundle, &renewed);
     Ok(())
 }
 
@@ -128,6 +129,34 @@ fn renewed(keys: &KeysArgs) -> Vec<Credential> {
     shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()).collect()
 }
 
+/// Prints a team.
+fn tell(bundle: &Bundle, renewed: &[Credential]) {
+    if !console::is_json() {
+        return console::say(&listed(bundle, renewed, now()));
+    }
+    let (team, now) = (bundle.team(), now());
+    let judge = Judge { team, revoked: bundle.revocations(), now, grace: OFFLINE_GRACE };
+    let member = |holder: &Holder<'_>| {
+        let claims = holder.certificate.claims();
+        let (until, state) = standing(holder, newest(renewed, holder, &judge), &judge);
+        json!({
+            "name": claims.name.to_string(), "role": claims.role.to_string(), "until": until.0,
+            "renewable_until": claims.renewable_until.0, "key": holder.certificate.subject().fingerprint(),
+            "state": state.trim_start_matches("! "),
+        })
+    };
+    let members: Vec<Value> = bundle.holders(now).iter().map(member).collect();
+    console::answer(&json!({
+        "team": team.name().to_string(), "id": team.id().to_string(), "fingerprint": team.id().fingerprint(), "members": members,
+    }));
+}
+
+/// Returns the certificate of a member that is valid for longest, if it was renewed.
+fn newest<'a>(renewed: &'a [Credential], holder: &Holder<'_>, judge: &Judge<'_>) -> Option<&'a Credential> {
+    let newest = renewed.iter().filter(|credential| credential.certificate() == holder.certificate);
+    newest.max_by_key(|credential| renewal::end(credential, judge))
+}
+
 /// Returns a team for a person. A member that was `renewed` is valid for longer than the certificate shows.
 fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let team = bundle.team();
@@ -135,15 +164,13 @@ fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     text += &(revoke::summary(bundle.revocations(), &team.id()) + "\n");
     let head = ["name", "role", "until", "can be renewed until", "key", ""].map(str::to_owned).to_vec();
     let judge = Judge { team: bundle.team(), revoked: bundle.revocations(), now, grace: OFFLINE_GRACE };
-    let row = |holder: &Holder<'_>| {
-        let newest = renewed.iter().filter(|credential| credential.certificate() == holder.certificate);
-        row(holder, newest.max_by_key(|credential| renewal::end(credential, &judge)), &judge)
-    };
+    let row = |holder: &Holder<'_>| row(holder, newest(renewed, holder, &judge), &judge);
     let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.holders(now).iter().map(row)).collect();
     if rows.len() == 1 { text + "nobody has a certificate\n" } else { text + "\n" + &table::table(&rows) + "\n" }
 }
 
-fn row(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> Vec<String> {
+/// Returns until when a member is valid, and what is wrong with it.
+fn standing(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> (UnixTime, &'static str) {
     let claims = holder.certificate.claims();
     let until = renewed.map_or(claims.not_after, |renewed| renewal::end(renewed, judge));
     let grace = renewed.map(|renewed| renewed.check(judge));
@@ -162,6 +189,12 @@ fn row(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> 
             | TrustError::Role { .. },
         ) => "! not trusted",
     };
+    (until, state)
+}
+
+fn row(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> Vec<String> {
+    let claims = holder.certificate.claims();
+    let (until, state) = standing(holder, renewed, judge);
     let time = |time: UnixTime| date::text(time.0.saturating_mul(1000));
     vec![
         claims.name.to_string(),

@@ -8,6 +8,7 @@ use anyhow::{Context as _, anyhow};
 use language::{ReplayError, Source};
 use node::console::{self, Failure};
 use node::logic::table::counted;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use verify::{Finding, PlayResult, Story, Verdict, told};
 
@@ -36,6 +37,28 @@ enum Outcome {
     Open,
 }
 
+impl Outcome {
+    /// Prints the result of a test.
+    fn tell(self, test: &str, text: &str) -> Self {
+        if console::is_json() {
+            let outcome = match self {
+                Self::Passed => "passed",
+                Self::Failed => "failed",
+                Self::Open => "open",
+            };
+            console::answer(&json!({ "test": test, "outcome": outcome, "text": text }));
+            return self;
+        }
+        console::say(&match self {
+            Self::Passed if text.is_empty() => format!("passed {test}\n"),
+            Self::Passed => format!("passed {test} ({text})\n"),
+            Self::Failed => format!("FAILED {test}: {text}"),
+            Self::Open => format!("NOT DECIDED {test}: {text}"),
+        });
+        self
+    }
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut outcomes = Vec::new();
@@ -50,8 +73,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let count = |outcome| outcomes.iter().filter(|other| **other == outcome).count();
     let (failed, open) = (count(Outcome::Failed), count(Outcome::Open));
-    let tests = counted(outcomes.len(), "test");
-    console::say(&format!("{tests}: {} passed, {failed} failed, {open} not decided\n", count(Outcome::Passed)));
+    let (tests, passed) = (counted(outcomes.len(), "test"), count(Outcome::Passed));
+    if console::is_json() {
+        console::answer(&json!({ "end": "complete", "passed": passed, "failed": failed, "open": open }));
+    } else {
+        console::say(&format!("{tests}: {passed} passed, {failed} failed, {open} not decided\n"));
+    }
     match (failed, open) {
         (0, 0) => Ok(()),
         (0, _) => Err(Failure::Limited),
@@ -78,7 +105,7 @@ fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 
 /// Runs one test and prints its result.
 fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
-    let name = file.display();
+    let name = file.display().to_string();
     let text =
         named_file::text(file, named_file::TEXT_MAX).with_context(|| format!("cannot read the test `{name}`"))?;
     let test = StoryTest::read(&text).map_err(|why| anyhow!("`{name}` is no test: {why}"))?;
@@ -88,10 +115,8 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     let played = test.script.as_ref().map(|script| script.play(&loaded.plan));
     let ends = played.as_ref().map(|played| &played.result);
     if let Some(PlayResult::Ends(error @ ReplayError::Unknown { .. })) = ends {
-        console::say(&format!(
-            "FAILED {name}: it does not fit the spec: {error}; write it anew with `dca verify --test`\n"
-        ));
-        return Ok(Outcome::Failed);
+        let why = format!("it does not fit the spec: {error}; write it again with `dca verify --test`\n");
+        return Ok(Outcome::Failed.tell(&name, &why));
     }
     match test.answer(&report.findings) {
         Some(finding) if finding.verdict == Verdict::Fails => {
@@ -105,21 +130,16 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
                 Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it is there again",
             };
             let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
-            console::say(&format!("FAILED {name}: {again}\n{story}"));
-            Ok(Outcome::Failed)
+            Ok(Outcome::Failed.tell(&name, &format!("{again}\n{story}")))
         }
-        Some(_) => {
-            console::say(&format!("NOT DECIDED {name}: a limit was reached: {}\n", test.message));
-            Ok(Outcome::Open)
-        }
+        Some(_) => Ok(Outcome::Open.tell(&name, &format!("a limit was reached: {}\n", test.message))),
         None => {
             let how = match ends {
-                Some(PlayResult::Ends(error)) => format!(" ({error})"),
-                Some(PlayResult::Other(how)) => format!(" ({how})"),
+                Some(PlayResult::Ends(error)) => error.to_string(),
+                Some(PlayResult::Other(how)) => how.clone(),
                 Some(PlayResult::Same) | None => String::new(),
             };
-            console::say(&format!("passed {name}{how}\n"));
-            Ok(Outcome::Passed)
+            Ok(Outcome::Passed.tell(&name, &how))
         }
     }
 }

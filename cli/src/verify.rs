@@ -216,7 +216,7 @@ pub(crate) fn compiled(
             let texts = Texts::new(&spec, &interfaces);
             let refused: Vec<Value> = diagnostics.iter().map(|found| diagnostic(found, &texts)).collect();
             let document = json!({ "version": 1, "spec": spec.name, "refused": refused });
-            console::say(&format!("{document:#}"));
+            console::answer(&document);
         } else {
             console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
         }
@@ -243,7 +243,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let took = clock::now().since(start);
     let fails = report.findings.iter().any(|finding| finding.verdict == Verdict::Fails);
     if arguments.json {
-        console::say(&json(&loaded, &report));
+        console::answer(&json(&loaded, &report));
     } else if !(fails && arguments.fix) {
         console::say(&report.text(&loaded.spec, &loaded.interfaces, check::style()));
         console::note(&effort(&report, took));
@@ -312,23 +312,10 @@ fn say(text: &str) -> Result<(), Failure> {
 /// `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}], "states", "transitions", "memory_bytes", "assumed"}`.
 /// `assumes` is the assumption of one proof, `{"text", "story"}`. A verdict is `proved`, `fails` or `open`; diagnostics
 /// are those of `dca check --format json`; a question that a limit has left open has neither diagnostic nor story.
-fn json(loaded: &Loaded, report: &Report) -> String {
+fn json(loaded: &Loaded, report: &Report) -> Value {
     let texts = Texts::new(&loaded.spec, &loaded.interfaces);
-    let finding = |found: &Finding| {
-        let verdict = match found.verdict {
-            Verdict::Proved => "proved",
-            Verdict::Fails => "fails",
-            Verdict::Open => "open",
-        };
-        json!({
-            "verdict": verdict,
-            "sentence": found.sentence,
-            "diagnostic": found.diagnostic.as_ref().map(|found| diagnostic(found, &texts)),
-            "story": found.story.as_ref().map(story),
-            "assumes": found.assumes.as_ref().map(assumption),
-        })
-    };
-    let document = json!({
+    let finding = |found: &Finding| in_json(found, &texts);
+    json!({
         "version": 1,
         "spec": loaded.spec.name,
         "findings": report.findings.iter().map(finding).collect::<Vec<_>>(),
@@ -336,8 +323,23 @@ fn json(loaded: &Loaded, report: &Report) -> String {
         "transitions": report.transitions,
         "memory_bytes": report.memory,
         "assumed": report.assumptions,
-    });
-    format!("{document:#}")
+    })
+}
+
+/// A finding as an object.
+pub(crate) fn in_json(found: &Finding, texts: &Texts<'_>) -> Value {
+    let verdict = match found.verdict {
+        Verdict::Proved => "proved",
+        Verdict::Fails => "fails",
+        Verdict::Open => "open",
+    };
+    json!({
+        "verdict": verdict,
+        "sentence": found.sentence,
+        "diagnostic": found.diagnostic.as_ref().map(|found| diagnostic(found, texts)),
+        "story": found.story.as_ref().map(story),
+        "assumes": found.assumes.as_ref().map(assumption),
+    })
 }
 
 fn assumption(assumes: &Assumption) -> Value {

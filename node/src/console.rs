@@ -6,11 +6,13 @@ mod given;
 
 use crate::logic::printable::printable;
 use anyhow::anyhow;
-use clap::{FromArgMatches, Parser};
+use clap::{ArgMatches, FromArgMatches, Parser};
 use comms::io::stack;
+use serde::Serialize;
 use std::io::{self, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
@@ -20,6 +22,8 @@ const ERROR_LINE_MAX: usize = 1000;
 
 /// Why a result could not be written, the first time.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
+/// Set if the command was asked for JSON.
+static IN_JSON: AtomicBool = AtomicBool::new(false);
 /// Notified when a result could not be written, for whatever reason.
 static UNWRITTEN: Notify = Notify::const_new();
 
@@ -61,7 +65,12 @@ pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
 /// As [`parsed`].
 pub fn parsed_by<T: FromArgMatches>(mut command: clap::Command) -> Result<T, ExitCode> {
     let matches = command.try_get_matches_from_mut(std::env::args_os());
-    let read = matches.and_then(|matches| T::from_arg_matches(&matches).map_err(|error| error.format(&mut command)));
+    let read = matches.and_then(|matches| {
+        if asks_for_json(&matches) {
+            IN_JSON.store(true, Ordering::Relaxed);
+        }
+        T::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+    });
     read.map_err(|answer| {
         let is_result = !answer.use_stderr();
         let taken = if is_result { results().flush() } else { Ok(()) };
@@ -76,6 +85,12 @@ pub fn parsed_by<T: FromArgMatches>(mut command: clap::Command) -> Result<T, Exi
             _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
         }
     })
+}
+
+/// Returns whether a command, or the verb in it, was given `--json`.
+fn asks_for_json(matches: &ArgMatches) -> bool {
+    let is_given = matches.try_get_one::<bool>("json").is_ok_and(|json| json == Some(&true));
+    is_given || matches.subcommand().is_some_and(|(_, verb)| asks_for_json(verb))
 }
 
 /// Standard output, for results. Where this process was given none that can be written, everything fails.
@@ -121,9 +136,31 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
     ExitCode::from(code)
 }
 
+/// Writes a result: a text, or, if the command was asked for JSON, the object `{"text": …}`.
+pub fn say(text: &str) {
+    if is_json() {
+        return answer(&serde_json::json!({ "text": text }));
+    }
+    put(text);
+}
+
+/// Returns whether the command was asked for JSON: `--json` is one of its arguments.
+pub fn is_json() -> bool {
+    IN_JSON.load(Ordering::Relaxed)
+}
+
+/// Writes a result as JSON, on one line.
+pub fn answer(value: &impl Serialize) {
+    match serde_json::to_string(value) {
+        Ok(line) => put(&line),
+        // The first reason is the most helpful one.
+        Err(error) => drop(FAILED.set(error.into())),
+    }
+}
+
 /// Writes a result. If it has no reader any more, this is not reported; any other failure is a failure of the command
 /// ([`failed`]).
-pub fn say(text: &str) {
+fn put(text: &str) {
     let Err(error) = write_result(&mut results(), text) else { return };
     if error.kind() != io::ErrorKind::BrokenPipe {
         // The first reason is the most helpful one.

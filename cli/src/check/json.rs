@@ -16,17 +16,16 @@ use language::{Diagnostic, Fix, Label, Lines, Severity, Span, Texts};
 use serde_json::{Value, json};
 
 /// Returns the document.
-pub(super) fn json(checked: &Checked) -> String {
+pub(super) fn json(checked: &Checked) -> Value {
     let texts = checked.texts();
     let diagnostics: Vec<Value> = checked.diagnostics.iter().map(|found| diagnostic(found, &texts)).collect();
-    let document = json!({
+    json!({
         "version": 1,
         "spec": checked.spec.name,
         "accepted": checked.plan.is_some(),
         "diagnostics": diagnostics,
         "omitted": checked.omitted,
-    });
-    format!("{document:#}")
+    })
 }
 
 /// One diagnostic as an object.

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 const SCHEMA: &str = "https://json.schemastore.org/sarif-2.1.0.json";
 
 /// Returns the log of one run; the rules are the codes that occur in it.
-pub(super) fn sarif(checked: &Checked) -> String {
+pub(super) fn sarif(checked: &Checked) -> Value {
     let codes: BTreeSet<Code> = checked.diagnostics.iter().map(|found| found.code).collect();
     let texts = checked.texts();
     let results: Vec<Value> = checked.diagnostics.iter().map(|found| result(found, &texts)).collect();
@@ -19,8 +19,7 @@ pub(super) fn sarif(checked: &Checked) -> String {
         "rules": codes.into_iter().map(rule).collect::<Vec<_>>(),
     });
     let run = json!({"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results});
-    let document = json!({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]});
-    format!("{document:#}")
+    json!({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]})
 }
 
 fn rule(code: Code) -> Value {

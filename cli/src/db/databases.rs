@@ -104,13 +104,8 @@ impl DatabaseArgs {
     pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
         let reply = self.ask(question)?;
         let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
-        self.done(sentence);
+        console::say(&sentence);
         Ok(())
-    }
-
-    /// Prints the sentence about the result.
-    pub(crate) fn done(&self, sentence: String) {
-        console::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
     }
 }
 

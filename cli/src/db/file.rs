@@ -72,7 +72,7 @@ impl Export {
             file.write(text.as_bytes())?;
             return Ok(file.finish()?);
         }
-        console::say(&if self.database.json { serde_json::json!({ "file": text }).to_string() } else { text });
+        console::say(&text);
         Ok(())
     }
 }

@@ -129,7 +129,7 @@ impl Import {
             let json = serde_json::json!({
                 "differences": differences, "settles": settles, "transactions": transactions, "reached": !done.pending,
             });
-            console::say(&serde_json::to_string_pretty(&Readers::of(&self.commit.database).json(json))?);
+            console::answer(&Readers::of(&self.commit.database).json(json));
         } else {
             match &transactions[..] {
                 [] => {}

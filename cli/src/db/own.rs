@@ -43,7 +43,7 @@ impl Own {
         let reply = database.ask(Question::Owners)?;
         let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
         if database.json {
-            console::say(&serde_json::to_string(&owners)?);
+            console::answer(&owners);
             return Ok(());
         }
         for (prefix, robot) in owners {

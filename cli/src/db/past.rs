@@ -128,7 +128,7 @@ impl History {
         })?;
         let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&serde_json::to_string_pretty(&readers.json(serde_json::to_value(&entries)?))?);
+            console::answer(&readers.json(serde_json::to_value(&entries)?));
         } else if entries.is_empty() {
             console::note("nothing of that is in the log");
         } else {
@@ -152,7 +152,7 @@ impl Conflicts {
         if self.database.json {
             let listed = conflicts.iter().map(json).collect::<Result<Vec<_>, _>>()?;
             let json = serde_json::json!({ "conflicts": listed, "races": races });
-            console::say(&serde_json::to_string_pretty(&readers.json(json))?);
+            console::answer(&readers.json(json));
         } else if conflicts.is_empty() && races.is_empty() {
             console::say("no conflicts");
         } else {
@@ -213,7 +213,7 @@ impl Diff {
         })?;
         let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&serde_json::to_string_pretty(&readers.json(serde_json::to_value(&differences)?))?);
+            console::answer(&readers.json(serde_json::to_value(&differences)?));
         } else if differences.is_empty() {
             console::note("nothing has changed");
         } else {
@@ -236,7 +236,11 @@ impl VersionAt {
         let reply = self.database.ask(Question::Version(self.moment))?;
         let Reply::Version(version) = reply else { return Err(refusal(&reply)) };
         let text = token::token(&version);
-        console::say(&if self.database.json { serde_json::json!({ "version": text }).to_string() } else { text });
+        if self.database.json {
+            console::answer(&serde_json::json!({ "version": text }));
+        } else {
+            console::say(&text);
+        }
         Ok(())
     }
 }

@@ -38,8 +38,11 @@ impl Get {
             console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
         }
         let readers = Readers::of(&self.database);
-        let json = || readers.json(serde_json::to_value(&datum).unwrap_or_default()).to_string();
-        console::say(&if self.database.json { json() } else { readers.text(&datum) });
+        if self.database.json {
+            console::answer(&readers.json(serde_json::to_value(&datum)?));
+        } else {
+            console::say(&readers.text(&datum));
+        }
         Ok(())
     }
 }
@@ -62,7 +65,7 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
             let value = serde_json::to_value(datum).unwrap_or_default();
             (key.to_string(), readers.json(value))
         });
-        console::say(&serde_json::Value::Object(fields.collect()).to_string());
+        console::answer(&serde_json::Value::Object(fields.collect()));
         return Ok(());
     }
     for (key, datum, versions) in shown {

@@ -53,7 +53,11 @@ impl Status {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let reply = self.database.ask(Question::Status)?;
         let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
-        console::say(&if self.database.json { serde_json::to_string_pretty(&status)? } else { table::status(&status) });
+        if self.database.json {
+            console::answer(&status);
+        } else {
+            console::say(&table::status(&status));
+        }
         Ok(())
     }
 }
@@ -94,7 +98,7 @@ impl Join {
             }
         })?;
         let sentence = format!("`{robot}` belongs to the team of `{member}` now");
-        database.done(sentence);
+        console::say(&sentence);
         Ok(())
     }
 }

@@ -103,7 +103,7 @@ impl Watch {
 
     fn begin_anew(&self, why: &str) {
         if self.database.json {
-            console::say(&serde_json::json!({ "read_anew": why }).to_string());
+            console::answer(&serde_json::json!({ "read_anew": why }));
         } else {
             console::note(&format!("{why}: read the state, `dca db get {}`", self.key));
         }
@@ -113,7 +113,7 @@ impl Watch {
         // Looked up again each time: a watch outlives changes of the team.
         let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&readers.json(serde_json::to_value(event)?).to_string());
+            console::answer(&readers.json(serde_json::to_value(event)?));
             return Ok(());
         }
         // The first line of the table is its heading.

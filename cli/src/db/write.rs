@@ -131,12 +131,12 @@ impl CommitArgs {
             CommitProgress::AckLevel(dot) => (dot, true),
             CommitProgress::Pending(dot) => (dot, false),
             CommitProgress::Done(sentence) => {
-                self.database.done(sentence);
+                console::say(&sentence);
                 return Ok(());
             }
         };
         if self.database.json {
-            console::say(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }).to_string());
+            console::answer(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }));
         } else {
             console::say(&if stays_here(question) {
                 "written, on this robot only".to_owned()

@@ -71,7 +71,7 @@ mod tests {
             text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
         assert!(!text.contains('\u{1b}') && lines[1].ends_with("7 0.30 s 0.60 s drive, clean 4 1 2"), "{text}");
         assert_eq!(lines[2], "d:main/hw.lock - - - 0.60 s - 4 1 2");
-        let json: Value = serde_json::from_str(&LockStatus::json(&[row(&held), row(&free)])).unwrap();
+        let json = LockStatus::json(&[row(&held), row(&free)]);
         assert_eq!((&json[0]["process"], &json[0]["name"]), (&"d:main/hw".into(), &"lock".into()));
         assert_eq!((&json[0]["fence"], &json[0]["left"]), (&7.into(), &0.3.into()));
         assert_eq!((&json[1]["holder"], &json[1]["waiting"]), (&Value::Null, &json!([])));

@@ -24,14 +24,14 @@ pub(crate) trait Shown: Sized {
     fn fields(&self) -> Value;
 
     /// Returns an array of JSON: the fields of each, with its process and its name.
-    fn json(rows: &[(String, String, Self)]) -> String {
+    fn json(rows: &[(String, String, Self)]) -> Value {
         let object = |(process, name, value): &(String, String, Self)| {
             let mut fields = value.fields();
             fields["process"] = json!(process);
             fields["name"] = json!(name);
             fields
         };
-        Value::Array(rows.iter().map(object).collect()).to_string()
+        Value::Array(rows.iter().map(object).collect())
     }
 }
 
@@ -161,7 +161,7 @@ mod tests {
         let start = ["d:main/a.commands", "Speed", "1", "of", "8", "2", "drop", "oldest", "3", "4", "5", "6"];
         assert_eq!(cells[1][..12], start);
         assert!(!text.contains('\u{1b}') && cells[2][12] == "-", "{text}");
-        let json: Value = serde_json::from_str(&QueueStatus::json(&[row("joy")])).unwrap();
+        let json = QueueStatus::json(&[row("joy")]);
         assert_eq!((&json[0]["waiting"], &json[0]["last_sender"]), (&1.into(), &"joy".into()));
     }
 }

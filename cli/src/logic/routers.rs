@@ -108,7 +108,7 @@ mod tests {
                 "d:main/a.news Order 9 2 - - - - - -",
             ]
         );
-        let json: Value = serde_json::from_str(&RouterStatus::json(&[row(subscribers)])).unwrap();
+        let json = RouterStatus::json(&[row(subscribers)]);
         assert_eq!(json[0]["subscribers"][0]["filters"][0], "category order");
     }
 }

@@ -19,7 +19,7 @@ pub(super) async fn all(clients: &Clients, name: &ProcessName, is_json: bool) ->
             let names = ["deployment", "process", "state", "host"].into_iter().map(str::to_owned);
             names.zip(row.iter().map(|cell| cell.as_str().into())).collect::<serde_json::Map<_, _>>()
         };
-        console::say(&serde_json::to_string_pretty(&rows[1..].iter().map(object).collect::<Vec<_>>())?);
+        console::answer(&rows[1..].iter().map(object).collect::<Vec<_>>());
         return Ok(());
     }
     if rows.len() > 1 {

@@ -39,7 +39,7 @@ impl Init {
         let mut bundle = Bundle::new(Team::found(self.name.clone(), &root));
         bundle.add(user::certificate(&bundle, admin_name(), Role::Admin, admin, &root, now())?)?;
         keyring.begin(&locked, &bundle)?;
-        console::say(&super::listed(&bundle, &[], now()));
+        super::tell(&bundle, &[]);
         console::note(
             "Keep a copy of the folder with the keys, and the passphrase, where they cannot be lost together.",
         );

@@ -26,6 +26,7 @@ mod hanging;
 mod hardware;
 mod hosts;
 mod in_process;
+mod json;
 mod kernel;
 mod killed_nodes;
 mod kills;

@@ -1,0 +1,68 @@
+//! `--json`: which verbs have it, and for whom it is added here.
+//!
+//! A verb with an answer of its own form reads the option itself and calls `console::answer`. The answers of the others are
+//! sentences or texts: `console::say` writes each as `{"text": …}`.
+
+use clap::{Arg, ArgAction, Command};
+
+/// The verbs that get the option here. Of `ctl` and `team`, all verbs below them get it.
+const TEXTS: [&str; 16] = [
+    "add", "audit", "check", "conform", "ctl", "fix", "fmt", "graph", "new", "remove", "replace", "report", "sim",
+    "team", "test", "types",
+];
+
+/// Returns a command line in which every verb that answers has `--json`.
+pub(crate) fn with_json(command: Command) -> Command {
+    let option = || Arg::new("json").long("json").action(ArgAction::SetTrue).help("Print JSON").global(true);
+    TEXTS.iter().fold(command, |command, verb| command.mut_subcommand(verb, |verb| verb.arg(option())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    /// Verbs without an answer: they show a mission, or write for a program of its own form.
+    const OTHERS: [&str; 6] = ["attach", "completions", "deploy", "lsp", "man", "run"];
+
+    /// Returns the verbs that have none below them, each with its words.
+    fn leaves(command: &Command, words: &[&str]) -> Vec<Vec<String>> {
+        let below: Vec<&Command> = command.get_subcommands().filter(|verb| verb.get_name() != "help").collect();
+        let own = || words.iter().map(|word| (*word).to_owned()).collect();
+        if below.is_empty() {
+            return vec![own()];
+        }
+        below.iter().flat_map(|verb| leaves(verb, &[words, &[verb.get_name()]].concat())).collect()
+    }
+
+    #[test]
+    fn every_verb_that_answers_has_the_option() {
+        let mut command = with_json(crate::Command::command());
+        command.build();
+        command.clone().debug_assert();
+        for words in leaves(&command, &[]) {
+            let find = |found: &Command, word: &String| found.find_subcommand(word).unwrap().clone();
+            let verb = words.iter().fold(command.clone(), |found, word| find(&found, word));
+            let has_option = verb.get_arguments().any(|option| option.get_id() == "json");
+            assert_eq!(has_option, !OTHERS.contains(&words[0].as_str()), "dca {}", words.join(" "));
+        }
+    }
+
+    /// Only `console::answer` writes JSON as a result, so that each is one line.
+    #[test]
+    fn every_answer_is_one_line() {
+        let mut files = vec![PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/src"))];
+        while let Some(path) = files.pop() {
+            if path.is_dir() {
+                files.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+                continue;
+            }
+            let text = fs::read_to_string(&path).unwrap();
+            let (pretty, document) = (concat!("to_string", "_pretty"), concat!("document", ":#}"));
+            assert!(!text.contains(pretty) && !text.contains(document), "{}", path.display());
+        }
+        assert!(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/json.rs")).is_file());
+    }
+}
