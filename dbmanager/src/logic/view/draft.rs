@@ -46,7 +46,7 @@ pub enum TxnError {
         size: usize,
     },
     /// Too many writes or conditions, or a long reason.
-    #[error("a transaction has {count} {what}, more than {limit}")]
+    #[error("a transaction has {count} {what}, more than {limit}{}", way_out(what))]
     Limit {
         /// Of what there is too much.
         what: &'static str,
@@ -89,6 +89,15 @@ pub enum TxnError {
         /// The key.
         key: Key,
     },
+}
+
+/// Says what to do about too much of something.
+fn way_out(what: &str) -> &'static str {
+    match what {
+        "writes" => "; write them in several transactions, as `dca db import` does with a long file",
+        "conditions" => "; require less, or do it in several transactions",
+        _ => "",
+    }
 }
 
 impl Draft {
