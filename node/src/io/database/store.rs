@@ -220,4 +220,13 @@ mod tests {
         drop(place);
         fs::remove_dir_all(&base).unwrap();
     }
+
+    #[test]
+    fn the_manual_states_the_bound_of_the_log() {
+        let pages = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/src/database/");
+        for page in ["model.md", "using.md"] {
+            let text = fs::read_to_string(format!("{pages}{page}")).unwrap();
+            assert!(text.contains(&format!("{} MiB", LOG_SIZE >> 20)), "{page}");
+        }
+    }
 }
