@@ -3,6 +3,7 @@
 pub mod databases;
 pub mod file;
 pub mod import;
+pub mod moment;
 pub mod own;
 pub mod past;
 pub mod read;

@@ -1,7 +1,7 @@
 //! `dca db export`, `tx`: many keys at once, from and to text.
 
 use super::databases::{DatabaseArgs, refusal};
-use super::past::a_moment;
+use super::moment::a_moment;
 use super::readers::Readers;
 use super::write::{CommitArgs, written};
 use crate::io::named_file;

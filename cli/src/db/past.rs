@@ -1,17 +1,19 @@
 //! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: the past, and unsettled conflicts.
 
 use super::databases::{DatabaseArgs, keys, refusal};
+use super::moment::{a_date, a_moment};
 use super::read;
 use super::readers::Readers;
 use super::write::CommitArgs;
 use anyhow::Context;
+use comms::io::clock;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::conflict::Conflict;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::table::{self, Span};
+use dbmanager::logic::view::token;
 use dbmanager::logic::view::value::Datum;
-use dbmanager::logic::view::{date, token};
 use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Choice, Question, Reply, Resolve as ResolveRequest};
 
@@ -24,7 +26,7 @@ pub struct History {
     /// Only changes by this robot
     #[arg(long, value_name = "ROBOT")]
     by: Option<String>,
-    /// Only changes from this date on, such as `2026-11-21 10:00`
+    /// Only changes from this date on, such as `14:03`, `yesterday`, `5 min ago` or `2026-11-21 10:00`
     #[arg(long, value_name = "DATE", value_parser = a_date)]
     from: Option<u64>,
     /// Only changes before this date
@@ -78,7 +80,7 @@ pub struct Resolve {
 /// The arguments of `dca db diff`.
 #[derive(Debug, clap::Args)]
 pub struct Diff {
-    /// From when: a date such as `2026-11-21 10:00:00`, or a version as `dca db version` prints it
+    /// From when: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, or a version as `dca db version` prints it
     #[arg(value_parser = a_moment)]
     from: AsOf,
     /// To when
@@ -94,7 +96,7 @@ pub struct Diff {
 /// The arguments of `dca db at`.
 #[derive(Debug, clap::Args)]
 pub struct At {
-    /// When: a date such as `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
+    /// When: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
     #[arg(value_parser = a_moment)]
     moment: AsOf,
     /// How the keys begin
@@ -132,7 +134,7 @@ impl History {
         } else if entries.is_empty() {
             console::note("nothing of that is in the log");
         } else {
-            console::say(&table::history(&entries, span, &|datum| readers.text(datum)));
+            console::say(&table::history(&entries, span, &|datum| readers.text(datum), clock::minutes_ahead));
         }
         Ok(())
     }
@@ -156,7 +158,7 @@ impl Conflicts {
         } else if conflicts.is_empty() && races.is_empty() {
             console::say("no conflicts");
         } else {
-            console::say(&table::conflicts(&conflicts, &races, &|datum| readers.text(datum)));
+            console::say(&table::conflicts(&conflicts, &races, &|datum| readers.text(datum), clock::minutes_ahead));
             console::note(
                 "`dca db resolve KEY --seen SEEN --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
             );
@@ -245,18 +247,6 @@ impl VersionAt {
     }
 }
 
-fn a_date(text: &str) -> Result<u64, String> {
-    date::parse(text).ok_or_else(|| "a date is `2026-11-21 10:00:00`, in UTC".to_owned())
-}
-
 fn a_dot(text: &str) -> Result<Dot, String> {
     token::dot(text).ok_or_else(|| "a transaction is named as `dca db history` shows it".to_owned())
-}
-
-pub(crate) fn a_moment(text: &str) -> Result<AsOf, String> {
-    if text == "now" {
-        return Ok(AsOf::Now);
-    }
-    let moment = token::vector(text).map(AsOf::Version).or_else(|| date::parse(text).map(AsOf::Date));
-    moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a version".to_owned())
 }

@@ -2,6 +2,7 @@
 //! reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
+use super::moment::zone;
 use super::readers::Readers;
 use crate::reader::Reader;
 use anyhow::anyhow;
@@ -61,7 +62,7 @@ impl Watch {
             match replies.next(clock::now() + ANSWER_WITHIN).await {
                 Ok(Some(Reply::Version(version))) => {
                     if told.is_none() && !self.database.json {
-                        console::note("watching; ^C ends it");
+                        console::note(&format!("watching, with dates in {}; ^C ends it", zone()));
                     }
                     *told = Some(version);
                 }
@@ -117,7 +118,8 @@ impl Watch {
             return Ok(());
         }
         // The first line of the table is its heading.
-        let lines = table::history(std::slice::from_ref(&event.entry), Span::All, &|datum| readers.text(datum));
+        let entry = std::slice::from_ref(&event.entry);
+        let lines = table::history(entry, Span::All, &|datum| readers.text(datum), clock::minutes_ahead);
         lines.lines().skip(1).for_each(console::say);
         for key in &event.conflicts {
             console::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}`"));

@@ -1,6 +1,7 @@
 //! The clocks of the machine. Only this file reads a clock, and only here a thread waits for one.
 
 mod kernel;
+mod zone;
 
 use crate::logic::time::Time;
 use rustix::thread::set_current_timer_slack;
@@ -18,6 +19,12 @@ pub fn now() -> Time {
 /// Returns the time since 1970 on this host's calendar clock, for people. It may be wrong, and it may jump.
 pub fn unix_time() -> Duration {
     Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
+}
+
+/// Returns by how many minutes local time is ahead of UTC at a moment, in milliseconds since 1970: by the variable `TZ`, or by
+/// `/etc/localtime`.
+pub fn minutes_ahead(millis: u64) -> i64 {
+    zone::minutes_ahead(millis)
 }
 
 /// How often both clocks are read, to have them at one moment.

@@ -3,7 +3,7 @@
 
 use super::as_of::Difference;
 use super::conflict::{Conflict, Party, Race, Sibling};
-use super::date;
+use super::date::{self, Ahead};
 use super::past::{HistoryEntry, When};
 use super::value::Datum;
 use crate::logic::txn::Condition;
@@ -37,12 +37,17 @@ pub enum Span {
     All,
 }
 
-/// Returns transactions, the oldest first: one line for each key that was changed.
-pub fn history(history: &[HistoryEntry], span: Span, show: Show<'_>) -> String {
-    let mut rows = vec![head(match span {
-        Span::Key => &["WHEN (UTC)", "BY", "VALUE", "WHY", "TRANSACTION", ""],
-        Span::All => &["WHEN (UTC)", "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""],
-    })];
+/// Returns transactions, the oldest first: one line for each key that was changed. The heading names the zone of the dates; a
+/// date of another season has its own.
+pub fn history(history: &[HistoryEntry], span: Span, show: Show<'_>, ahead: Ahead) -> String {
+    let last = history.iter().rev().find(|entry| entry.when.is_known());
+    let minutes = last.map_or(0, |entry| ahead(entry.when.millis));
+    let zone = format!("WHEN ({})", date::zone(minutes));
+    let when = |at: When| when(at, ahead, Some(minutes));
+    let mut rows = vec![match span {
+        Span::Key => head(&[&zone, "BY", "VALUE", "WHY", "TRANSACTION", ""]),
+        Span::All => head(&[&zone, "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""]),
+    }];
     let short = |dot: &Dot| match history.iter().find(|entry| entry.dot == *dot) {
         Some(entry) => format!("{}'s {}", entry.by, when(entry.when)),
         None => dot.to_string(),
@@ -84,7 +89,8 @@ pub fn differences(differences: &[Difference], show: Show<'_>) -> String {
 }
 
 /// Returns the unsettled conflicts and races, a block for each.
-pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> String {
+pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>, ahead: Ahead) -> String {
+    let when = |at: When| when(at, ahead, None);
     let mut blocks = Vec::new();
     for conflict in conflicts {
         let Conflict { key, versions } = conflict;
@@ -122,12 +128,14 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> Stri
     blocks.join("\n\n")
 }
 
-/// Returns a date; `~` before it says that no clock was kept.
-fn when(when: When) -> String {
+/// Returns a date with its offset, unless that is told elsewhere; `~` before it says that no clock was kept.
+fn when(when: When, ahead: Ahead, told: Option<i64>) -> String {
     if !when.is_known() {
         return "no date".to_owned();
     }
-    format!("{}{}", if when.trusted { "" } else { "~" }, date::text(when.millis))
+    let minutes = ahead(when.millis);
+    let offset = if told == Some(minutes) { String::new() } else { date::offset(minutes) };
+    format!("{}{}{offset}", if when.trusted { "" } else { "~" }, date::local(when.millis, ahead))
 }
 
 fn shown(value: Option<&Datum>, show: Show<'_>) -> String {

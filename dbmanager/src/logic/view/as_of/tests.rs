@@ -4,7 +4,7 @@ use crate::logic::log::Log;
 use crate::logic::snapshot;
 use crate::logic::txn::Draft;
 use crate::logic::view::past::{Filter, Keys};
-use crate::logic::view::table;
+use crate::logic::view::{date, table};
 use crate::logic::view::tests::{MORNING, Robot, heal, key, play, steps};
 use expect_test::expect;
 use proptest::prelude::*;
@@ -218,7 +218,7 @@ fn a_clock_that_nobody_keeps_tells_dates_all_the_same() {
         ~2026-11-21 10:00:02  0000000000000001  1      at 10:00:02  0000000000000001:1
         ~2026-11-21 10:00:03  0000000000000001  2      at 10:00:03  0000000000000001:2
         ~2026-11-21 10:00:04  0000000000000002  3      at 10:00:04  0000000000000002:1"#]]
-    .assert_eq(&table::history(&history, table::Span::Key, &Datum::to_toml));
+    .assert_eq(&table::history(&history, table::Span::Key, &Datum::to_toml, date::utc));
     let shown = |seconds: u64| {
         let state = past.at(&past.vector_at(MORNING + 1000 * seconds, "", None).unwrap(), None).unwrap();
         state.get(&key("team/a")).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml())
@@ -236,7 +236,7 @@ fn without_any_date_no_question_by_date_is_answered() {
     expect![[r#"
         WHEN (UTC)  BY                VALUE  WHY  TRANSACTION
         no date     0000000000000001  1           0000000000000001:1"#]]
-    .assert_eq(&table::history(&history, table::Span::Key, &Datum::to_toml));
+    .assert_eq(&table::history(&history, table::Span::Key, &Datum::to_toml, date::utc));
     for date in [5000, 6000, MORNING] {
         assert!(matches!(past.vector_at(date, "", None), Err(AsOfError::Undated { count: 1, .. })), "{date}");
     }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::logic::txn::Draft;
-use crate::logic::view::table;
 use crate::logic::view::tests::{Robot, heal, key, toml};
+use crate::logic::view::{date, table};
 use expect_test::expect;
 
 #[test]
@@ -14,9 +14,9 @@ fn both_values_who_and_why() {
     assert_eq!(conflicts, team[1].past().conflicts("team/"));
     expect![[r#"
         team/gain: 2 writes did not see each other (--seen 39158c935eeb)
-          1.5               r1  2026-11-21 10:00:02  0000000000000001:2  brighter
-          (deleted)  shown  r2  2026-11-21 10:00:02  0000000000000002:1  not used any more"#]]
-    .assert_eq(&table::conflicts(&conflicts, &[], &Datum::to_toml));
+          1.5               r1  2026-11-21 10:00:02Z  0000000000000001:2  brighter
+          (deleted)  shown  r2  2026-11-21 10:00:02Z  0000000000000002:1  not used any more"#]]
+    .assert_eq(&table::conflicts(&conflicts, &[], &Datum::to_toml, date::utc));
     team[0].forget(0);
     assert_eq!(team[0].past().conflicts("team/")[0].versions[0].reason, None, "the log does not reach back");
     team[1].put("keep it", "team/gain", "1.5");
@@ -38,13 +38,13 @@ fn require_absent_both_create() {
     assert_eq!((past.conflicts("").len(), past.races("").len(), past.races("robot/").len()), (1, 1, 0));
     expect![[r#"
         team/leader: 2 writes did not see each other (--seen 39158c935eeb)
-          "r1"         r1  2026-11-21 10:00:02  0000000000000001:2  relies
-          "r2"  shown  r2  2026-11-21 10:00:02  0000000000000002:1  relies
+          "r1"         r1  2026-11-21 10:00:02Z  0000000000000001:2  relies
+          "r2"  shown  r2  2026-11-21 10:00:02Z  0000000000000002:1  relies
 
         team/leader: r2 relied on there being nothing, unaware of a change (--seen 39158c935eeb)
-          relied on it    r2  2026-11-21 10:00:02  0000000000000002:1  relies
-          had changed it  r1  2026-11-21 10:00:02  0000000000000001:2  relies"#]]
-    .assert_eq(&table::conflicts(&past.conflicts(""), &past.races(""), &Datum::to_toml));
+          relied on it    r2  2026-11-21 10:00:02Z  0000000000000002:1  relies
+          had changed it  r1  2026-11-21 10:00:02Z  0000000000000001:2  relies"#]]
+    .assert_eq(&table::conflicts(&past.conflicts(""), &past.races(""), &Datum::to_toml, date::utc));
     assert_eq!(team[1].past().races(""), past.races(""));
     team[0].put("r1 it is", "team/leader", "\"r1\"");
     assert_eq!(team[0].past().races(""), vec![]);
@@ -105,7 +105,7 @@ fn a_key_has_one_line_whatever_the_number_of_races() {
     let races = team[0].past().races("");
     assert_eq!((races.len(), &races), (1, &team[1].past().races("")), "1,830 pairs");
     assert!((60..=120).contains(&races[0].count), "{races:?}");
-    let told = table::conflicts(&[], &races, &Datum::to_toml);
+    let told = table::conflicts(&[], &races, &Datum::to_toml, date::utc);
     assert!(told.contains(&format!("more transactions (--seen {})", races[0].seen)), "{told}");
     team[1].put("both were seen", "team/n", "200");
     heal(&mut team);

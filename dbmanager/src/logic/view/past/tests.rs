@@ -1,7 +1,7 @@
 use super::*;
 use crate::logic::txn::Draft;
-use crate::logic::view::table;
 use crate::logic::view::tests::{Robot, heal, key, play, steps};
+use crate::logic::view::{date, table};
 use expect_test::expect;
 use proptest::prelude::*;
 
@@ -24,7 +24,7 @@ fn the_history_of_a_key() {
         WHEN (UTC)            BY  VALUE              WHY          TRANSACTION
         2026-11-21 10:00:02   r1  1.0                first light  0000000000000001:2
         2026-11-21 10:00:03   r1  {"$bytes" = "78"}               0000000000000001:3  ! concurrent with r2's ~2026-11-21 10:00:02
-        ~2026-11-21 10:00:02  r2  (deleted)          new lens     0000000000000002:1  ! concurrent with r1's 2026-11-21 10:00:03"#]].assert_eq(&table::history(&left, table::Span::Key, &Datum::to_toml));
+        ~2026-11-21 10:00:02  r2  (deleted)          new lens     0000000000000002:1  ! concurrent with r1's 2026-11-21 10:00:03"#]].assert_eq(&table::history(&left, table::Span::Key, &Datum::to_toml, date::utc));
     let mut sorted = [left, right];
     sorted.iter_mut().for_each(|history| history.sort_by_key(|entry| entry.dot));
     assert_eq!(sorted[0], sorted[1], "every robot tells the same, in the order of its own");
@@ -46,7 +46,7 @@ fn who_has_done_what() {
         2026-11-21 10:00:02  r1  team/a                        0      number 0        0000000000000001:2  ! concurrent with r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
         2026-11-21 10:00:03  r1  team/a                        2      number 2        0000000000000001:3  ! concurrent with r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
         2026-11-21 10:00:02  r2  team/a                        1      number 1        0000000000000002:1  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02
-        2026-11-21 10:00:03  r2  team/a                        3      number 3        0000000000000002:2  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02"#]].assert_eq(&table::history(&past.history(&all), table::Span::All, &Datum::to_toml));
+        2026-11-21 10:00:03  r2  team/a                        3      number 3        0000000000000002:2  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02"#]].assert_eq(&table::history(&past.history(&all), table::Span::All, &Datum::to_toml, date::utc));
     assert_eq!(past.history(&Filter { limit: 2, ..all.clone() }), past.history(&all)[3..], "the last ones");
     let by = |robot: &str| past.history(&Filter { by: Some(robot.into()), ..all.clone() });
     assert_eq!(by("r2"), past.history(&all)[3..], "who is asked for does not change what is concurrent");

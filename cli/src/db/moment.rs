@@ -1,0 +1,53 @@
+//! Moments as people name them, in the local time of this machine.
+
+use comms::io::clock;
+use dbmanager::logic::view::{date, token};
+use node::logic::database::question::AsOf;
+
+/// Reads a date, as milliseconds since 1970.
+pub(crate) fn a_date(text: &str) -> Result<u64, String> {
+    date_of(text).ok_or_else(|| format!("a date is {}", dates()))
+}
+
+/// Reads a point in the history of a copy.
+pub(crate) fn a_moment(text: &str) -> Result<AsOf, String> {
+    if text == "now" {
+        return Ok(AsOf::Now);
+    }
+    let moment = token::vector(text).map(AsOf::Version).or_else(|| date_of(text).map(AsOf::Date));
+    moment.ok_or_else(|| format!("a moment is `now`, a version, or a date: {}", dates()))
+}
+
+/// Returns the zone that dates are in.
+pub(crate) fn zone() -> String {
+    date::zone(clock::minutes_ahead(now()))
+}
+
+fn date_of(text: &str) -> Option<u64> {
+    date::parse(text, now(), clock::minutes_ahead)
+}
+
+fn now() -> u64 {
+    u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX)
+}
+
+/// Returns the forms of a date.
+fn dates() -> String {
+    format!(
+        "`14:03`, `yesterday 14:03`, `5 min ago` or `2026-11-21 10:00:00`, in {} unless it ends with `Z` or `+01:00`",
+        zone()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_moment_is_a_date_or_a_version() {
+        assert_eq!(a_moment("2026-11-21 10:00:00Z"), Ok(AsOf::Date(1_795_255_200_000)));
+        assert!(matches!(a_moment("5 min ago"), Ok(AsOf::Date(date)) if now() - date < 310_000));
+        let why = a_moment("noon").unwrap_err();
+        assert!(why.contains("`yesterday 14:03`"), "{why}");
+    }
+}

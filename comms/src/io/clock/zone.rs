@@ -1,0 +1,12 @@
+//! The time zone of this machine. The C library reads it, with the rules for years to come; no safe crate in use does.
+
+/// Returns by how many minutes local time is ahead of UTC at a moment; 0 if the C library does not know.
+#[expect(unsafe_code, reason = "no crate in use has a safe signature for localtime_r")]
+pub(super) fn minutes_ahead(millis: u64) -> i64 {
+    let Ok(seconds) = libc::time_t::try_from(millis / 1000) else { return 0 };
+    // SAFETY: `tm` is a plain C structure of integers and a pointer, for which all zeros are a valid value.
+    let mut here: libc::tm = unsafe { std::mem::zeroed() };
+    // SAFETY: both pointers are valid for the call. The library guards its zone with a lock; nothing in this program sets `TZ`.
+    let is_known = unsafe { !libc::localtime_r(&raw const seconds, &raw mut here).is_null() };
+    if is_known { here.tm_gmtoff / 60 } else { 0 }
+}
