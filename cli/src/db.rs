@@ -1,5 +1,6 @@
 //! `dca db`: the verbs of the database. Every robot of a team has a copy of it.
 
+pub mod compare;
 pub mod databases;
 pub mod file;
 pub mod import;
@@ -45,8 +46,8 @@ enum Verb {
     Conflicts(past::Conflicts),
     /// Settle a key with such writes, everywhere
     Resolve(past::Resolve),
-    /// Show the changes between two moments
-    Diff(past::Diff),
+    /// Show the changes between two moments, or the differences between the keys below two prefixes
+    Diff(compare::Diff),
     /// Print the values of keys at another moment
     At(past::At),
     /// Print the version of the database now, or at a date: a moment for `at` and `diff`

@@ -10,6 +10,7 @@ use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::time::Time;
 use dbmanager::logic::key::{Key, KeyError};
+use dbmanager::logic::state::Version;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure, block_on};
@@ -128,6 +129,19 @@ impl<'a> Databases<'a> {
             keys.extend(shown);
         }
         Ok(keys)
+    }
+
+    /// Returns the keys of the asked robot below a prefix.
+    pub(crate) async fn entries(&self, prefix: &str) -> Result<Vec<(Key, Vec<Version>)>, Failure> {
+        let mut entries = Vec::new();
+        let question = Question::List { prefix: prefix.to_owned(), at: AsOf::Now };
+        let take = |reply| {
+            let Reply::Entries(part) = reply else { return Err(refusal(&reply)) };
+            entries.extend(part);
+            Ok(())
+        };
+        self.ask_all(question, take).await?;
+        Ok(entries)
     }
 
     /// Returns the robot that is asked unless another is named.

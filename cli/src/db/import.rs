@@ -23,7 +23,7 @@ use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::table;
 use dbmanager::logic::view::transfer::{self, Absent};
 use node::console::{self, Failure};
-use node::logic::database::question::{AsOf, Question, Reply};
+use node::logic::database::question::{Question, Reply};
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -37,6 +37,9 @@ const TELL_EVERY: Duration = Duration::from_secs(1);
 pub struct Import {
     /// A file as `dca db export` prints it; `-` for standard input
     file: PathBuf,
+    /// Write the keys below this prefix instead of that of the file, such as `robot/r3/`
+    #[arg(long, value_name = "PREFIX")]
+    below: Option<String>,
     /// Delete keys that are not in the file, if they are below its prefix
     #[arg(long)]
     delete: bool,
@@ -63,9 +66,15 @@ impl Import {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let text = read(&self.file)?;
+        let text = match &self.below {
+            Some(prefix) => {
+                transfer::moved(&text, prefix).with_context(|| format!("moving the keys below `{prefix}`"))?
+            }
+            None => text,
+        };
         let below = transfer::below(&text).with_context(|| format!("reading {}", self.file.display()))?;
         self.commit.database.with(async |databases| {
-            let state = below_prefix(databases, below).await?;
+            let state = state_of(databases.entries(&below).await?);
             let absent = if self.delete { Absent::Delete } else { Absent::Keep };
             let import = transfer::import(&text, &state, absent, "").context("reading the file")?;
             self.show(&import);
@@ -172,18 +181,6 @@ impl Progress {
             self.output.line(&Line::Live(format!("written: {}", estimate.line(now.since(self.begun)))));
         }
     }
-}
-
-/// Returns the keys of the asked robot below a prefix.
-async fn below_prefix(databases: &Databases<'_>, prefix: String) -> Result<State, Failure> {
-    let (mut entries, question) = (Vec::new(), Question::List { prefix, at: AsOf::Now });
-    let take = |reply| {
-        let Reply::Entries(part) = reply else { return Err(refusal(&reply)) };
-        entries.extend(part);
-        Ok(())
-    };
-    databases.ask_all(question, take).await?;
-    Ok(state_of(entries))
 }
 
 /// Returns the owners of prefixes.

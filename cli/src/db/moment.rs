@@ -14,8 +14,11 @@ pub(crate) fn a_moment(text: &str) -> Result<AsOf, String> {
     if text == "now" {
         return Ok(AsOf::Now);
     }
+    if let Some(robot) = text.strip_prefix("on:").filter(|robot| !robot.is_empty()) {
+        return Ok(AsOf::On(robot.to_owned()));
+    }
     let moment = token::vector(text).map(AsOf::Version).or_else(|| date_of(text).map(AsOf::Date));
-    moment.ok_or_else(|| format!("a moment is `now`, a version, or a date: {}", dates()))
+    moment.ok_or_else(|| format!("a moment is `now`, a version, `on:ROBOT`, or a date: {}", dates()))
 }
 
 /// Returns the zone that dates are in.
@@ -44,10 +47,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_moment_is_a_date_or_a_version() {
+    fn a_moment_is_a_date_a_version_or_the_part_that_a_robot_has() {
+        assert_eq!(a_moment("on:r3"), Ok(AsOf::On("r3".to_owned())));
         assert_eq!(a_moment("2026-11-21 10:00:00Z"), Ok(AsOf::Date(1_795_255_200_000)));
         assert!(matches!(a_moment("5 min ago"), Ok(AsOf::Date(date)) if now() - date < 310_000));
         let why = a_moment("noon").unwrap_err();
-        assert!(why.contains("`yesterday 14:03`"), "{why}");
+        assert!(why.contains("`yesterday 14:03`") && a_moment("on:").is_err(), "{why}");
     }
 }

@@ -1,4 +1,4 @@
-//! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: the past, and unsettled conflicts.
+//! `dca db history`, `conflicts`, `resolve`, `at`: the past, and unsettled conflicts.
 
 use super::databases::{DatabaseArgs, keys, refusal};
 use super::moment::{a_date, a_moment};
@@ -77,26 +77,11 @@ pub struct Resolve {
     commit: CommitArgs,
 }
 
-/// The arguments of `dca db diff`.
-#[derive(Debug, clap::Args)]
-pub struct Diff {
-    /// From when: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, or a version as `dca db version` prints it
-    #[arg(value_parser = a_moment)]
-    from: AsOf,
-    /// To when
-    #[arg(value_parser = a_moment, default_value = "now")]
-    to: AsOf,
-    /// How the keys begin
-    #[arg(long, value_name = "PREFIX", default_value = "")]
-    prefix: String,
-    #[command(flatten)]
-    database: DatabaseArgs,
-}
-
 /// The arguments of `dca db at`.
 #[derive(Debug, clap::Args)]
 pub struct At {
-    /// When: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
+    /// When: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `on:ROBOT` for
+    /// the part that this robot has too
     #[arg(value_parser = a_moment)]
     moment: AsOf,
     /// How the keys begin
@@ -109,7 +94,7 @@ pub struct At {
 /// The arguments of `dca db version`.
 #[derive(Debug, clap::Args)]
 pub struct VersionAt {
-    /// When: a date, or `now`
+    /// When: a date, `now`, or `on:ROBOT`
     #[arg(value_parser = a_moment, default_value = "now")]
     moment: AsOf,
     #[command(flatten)]
@@ -200,28 +185,6 @@ impl Resolve {
             within: *within,
             seen: self.seen,
         }))
-    }
-}
-
-impl Diff {
-    /// Runs the verb.
-    pub(crate) fn run(self) -> Result<(), Failure> {
-        let (question, mut differences) =
-            (Question::Diff { from: self.from, to: self.to, prefix: self.prefix }, Vec::new());
-        self.database.ask_all(question, |reply| {
-            let Reply::Differences(part) = reply else { return Err(refusal(&reply)) };
-            differences.extend(part);
-            Ok(())
-        })?;
-        let readers = Readers::of(&self.database);
-        if self.database.json {
-            console::answer(&readers.json(serde_json::to_value(&differences)?));
-        } else if differences.is_empty() {
-            console::note("nothing has changed");
-        } else {
-            console::say(&table::differences(&differences, &|datum| readers.text(datum)));
-        }
-        Ok(())
     }
 }
 

@@ -1,11 +1,13 @@
 //! `dca db get`: prints the values of keys.
 
-use super::databases::{DatabaseArgs, keys, refusal};
+use super::databases::{DatabaseArgs, Databases, keys, refusal};
 use super::readers::Readers;
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Version, differ};
+use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::schema::{SCHEMA, Schemas};
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Question, Reply};
@@ -27,12 +29,13 @@ impl Get {
             Keys::Below(prefix) => return list(&self.database, prefix, AsOf::Now),
             Keys::Only(key) => key,
         };
-        let reply = self.database.ask(Question::Get { key })?;
-        let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
-        let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
-        let Some(datum) = shown(&versions) else {
+        let (versions, default) = self.database.with(async |databases| stored(databases, &key).await)?;
+        let Some(datum) = shown(&versions).or_else(|| default.clone()) else {
             return Err(anyhow!("there is nothing at `{}`", self.key).into());
         };
+        if default.is_some() {
+            console::note(&format!("note: nothing is stored at `{}`; its schema has this default", self.key));
+        }
         if differ(&versions) {
             let (key, count) = (&self.key, versions.len());
             console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
@@ -45,6 +48,18 @@ impl Get {
         }
         Ok(())
     }
+}
+
+/// Returns the writes to a key; where there is none, the default of its schema.
+async fn stored(databases: &Databases<'_>, key: &Key) -> Result<(Vec<Version>, Option<Datum>), Failure> {
+    let reply = databases.ask_one(databases.robot(), Question::Get { key: key.clone() }).await?;
+    let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+    let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
+    if shown(&versions).is_some() {
+        return Ok((versions, None));
+    }
+    let schemas = Schemas::of(&state_of(databases.entries(SCHEMA).await?));
+    Ok((versions, schemas.find(key).and_then(|schema| schema.default.clone())))
 }
 
 /// Prints the present or past values of the keys below a prefix.

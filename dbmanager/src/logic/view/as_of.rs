@@ -65,6 +65,12 @@ pub enum AsOfError {
         /// Up to which transactions.
         missing: VersionVector,
     },
+    /// No such robot is known here.
+    #[error("the team has no robot `{robot}`; `dca db status` lists its robots")]
+    NoMember {
+        /// Its name.
+        robot: String,
+    },
     /// Some of it was written while no clock was set, and no dated transaction had seen it by then.
     #[error(
         "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
@@ -249,6 +255,26 @@ pub fn diff(earlier: &State, later: &State, prefix: &str) -> Vec<Difference> {
         (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, siblings })
     };
     keys.into_iter().filter_map(difference).collect()
+}
+
+/// Returns the differences between the keys below two prefixes, by their names behind the prefix. Each stands under its key below
+/// `to`.
+pub fn compare(state: &State, from: &str, to: &str) -> Vec<Difference> {
+    let (old, new) = (below(state, from), below(state, to));
+    let shown = |versions: Option<&&[Version]>| versions?.last()?.value.as_ref().map(Datum::of);
+    let names: BTreeSet<&str> = old.keys().chain(new.keys()).copied().collect();
+    let difference = |name: &str| {
+        let (before, after) = (shown(old.get(name)), shown(new.get(name)));
+        let key = Key::new(format!("{to}{name}")).or_else(|_too_long| Key::new(format!("{from}{name}"))).ok()?;
+        let siblings = if state.is_conflict(&key) { state.versions(&key).len() } else { 1 };
+        (before != after).then_some(Difference { key, before, after, siblings })
+    };
+    names.into_iter().filter_map(difference).collect()
+}
+
+/// Returns the keys below a prefix, by their names behind it.
+fn below<'s>(state: &'s State, prefix: &'s str) -> BTreeMap<&'s str, &'s [Version]> {
+    state.scan(prefix).filter_map(|(key, all)| Some((key.as_str().strip_prefix(prefix)?, all))).collect()
 }
 
 #[cfg(test)]

@@ -62,8 +62,7 @@ pub struct Import {
 
 /// Returns the keys below `prefix` as a file.
 pub fn export(state: &State, prefix: &str) -> String {
-    let mut file =
-        format!("# A database of DCA, one key a line.\nformat = {FORMAT}\nbelow = {}\n\n[values]\n", quote(prefix));
+    let mut file = head(prefix);
     for (key, versions) in state.scan(prefix).filter(|(key, _)| is_about(prefix, key)) {
         let Some(value) = versions.last().and_then(|version| version.value.as_ref()) else { continue };
         if let [others @ .., _] = versions
@@ -76,9 +75,17 @@ pub fn export(state: &State, prefix: &str) -> String {
             let others = others.iter().map(other).collect::<Vec<_>>().join(", ");
             file.push_str(&format!("# {} concurrent writes, also: {others}\n", versions.len()));
         }
-        file.push_str(&format!("{} = {}\n", quote(key.as_str()), Datum::of(value).to_toml()));
+        file.push_str(&line(key, &Datum::of(value)));
     }
     file + END + "\n"
+}
+
+fn head(prefix: &str) -> String {
+    format!("# A database of DCA, one key a line.\nformat = {FORMAT}\nbelow = {}\n\n[values]\n", quote(prefix))
+}
+
+fn line(key: &Key, datum: &Datum) -> String {
+    format!("{} = {}\n", quote(key.as_str()), datum.to_toml())
 }
 
 /// Returns what a file would change.
@@ -136,6 +143,29 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
 /// If it is no such file, with the place.
 pub fn below(file: &str) -> Result<String, TextError> {
     read(file).map(|file| file.below)
+}
+
+/// Returns the same file about the keys below another prefix.
+///
+/// # Errors
+/// If it is no such file, with the place; or if one of its keys would not be a key below `prefix`.
+pub fn moved(file: &str, prefix: &str) -> Result<String, TextError> {
+    let refuse = |what: String| text::at(file, 0, (what, "a prefix ends in `/`, such as `robot/r3/`"), String::new());
+    let File { below, values } = read(file)?;
+    if !prefix.ends_with('/') {
+        return Err(refuse(format!("`{prefix}` is not a prefix")));
+    }
+    let mut moved = head(prefix);
+    for (key, (datum, _)) in &values {
+        let name = key.as_str().strip_prefix(below.as_str()).unwrap_or_default();
+        let key = Key::new(format!("{prefix}{name}")).map_err(|error| refuse(error.to_string()))?;
+        if !is_about(prefix, &key) {
+            return Err(refuse(format!("`{key}` is not below `{prefix}`")));
+        }
+        moved.push_str(&line(&key, datum));
+    }
+    let is_whole = file.trim_end().lines().next_back() == Some(END);
+    Ok(moved + if is_whole { END } else { "" } + "\n")
 }
 
 /// Returns whether a key belongs into the file about `prefix`.

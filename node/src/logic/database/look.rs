@@ -7,7 +7,7 @@ use crate::logic::table::counted;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{CausalContext, State, Version};
 use dbmanager::logic::txn::{Value, Write};
-use dbmanager::logic::version_vector::VersionVector;
+use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
 use dbmanager::logic::view::as_of::{AsOfError, diff};
 use dbmanager::logic::view::conflict;
 use dbmanager::logic::view::past::{Filter, Past};
@@ -71,7 +71,28 @@ impl Database {
                 let version = past.vector_at(*millis, prefix, self.derived.checkpoints.oldest())?;
                 past.at(&version, self.derived.checkpoints.before(&version))
             }
+            AsOf::On(robot) => {
+                let version = self.known_on(robot)?;
+                past.at(&version, self.derived.checkpoints.before(&version))
+            }
         }
+    }
+
+    /// Returns which transactions of this copy a robot has too, as far as is known here.
+    fn known_on(&self, robot: &str) -> Result<VersionVector, AsOfError> {
+        let named = self.replica.members().active().filter(|(_, name)| *name == robot).map(|(origin, _)| origin);
+        let origins: Vec<ReplicaId> = named.collect();
+        if origins.is_empty() {
+            return Err(AsOfError::NoMember { robot: robot.to_owned() });
+        }
+        if origins.contains(&self.replica.origin()) {
+            return Ok(self.replica.log().vector().clone());
+        }
+        let mut known = VersionVector::default();
+        origins.iter().filter_map(|origin| self.replica.acked(*origin)).for_each(|acked| known.join(acked));
+        // It may have more than this copy.
+        known.meet(self.replica.log().vector());
+        Ok(known)
     }
 
     /// Returns the version vector of a moment.
@@ -80,6 +101,7 @@ impl Database {
             AsOf::Now => Ok(self.replica.log().vector().clone()),
             AsOf::Version(version) => Ok(version.clone()),
             AsOf::Date(millis) => self.past().vector_at(*millis, "", self.derived.checkpoints.oldest()),
+            AsOf::On(robot) => self.known_on(robot),
         };
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }
@@ -88,10 +110,12 @@ impl Database {
     pub(super) fn readable(&self, prefix: &str, moment: &AsOf) -> Result<State, String> {
         match moment {
             AsOf::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
-            AsOf::Version(_) | AsOf::Date(_) if prefix.starts_with(LOCAL) => {
+            AsOf::Version(_) | AsOf::Date(_) | AsOf::On(_) if prefix.starts_with(LOCAL) => {
                 Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
             }
-            AsOf::Now | AsOf::Version(_) | AsOf::Date(_) => self.at(moment, prefix).map_err(|why| why.to_string()),
+            AsOf::Now | AsOf::Version(_) | AsOf::Date(_) | AsOf::On(_) => {
+                self.at(moment, prefix).map_err(|why| why.to_string())
+            }
         }
     }
 

@@ -127,6 +127,8 @@ pub enum AsOf {
     Version(VersionVector),
     /// A date, in milliseconds since 1970.
     Date(u64),
+    /// The transactions of this copy that a robot has too, as far as is known here.
+    On(String),
 }
 
 /// How to settle a key.

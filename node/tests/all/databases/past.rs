@@ -63,3 +63,28 @@ fn a_long_answer_comes_in_parts() {
         );
     }
 }
+
+/// The keys that a robot lacks are the changes since the part of this copy that it has too.
+#[test]
+fn what_a_robot_lacks_is_listed() {
+    let mut world = World::team(&["r1", "r2", "r3"]);
+    world.write(0, "team/a", 1);
+    world.run(Duration::from_secs(2));
+    world.away(&[2], true);
+    world.write(0, "team/a", 2);
+    world.write(1, "team/b", 3);
+    world.run(Duration::from_secs(2));
+    let lacked = |world: &mut World, robot: &str| {
+        let (from, to, prefix) = (AsOf::On(robot.to_owned()), AsOf::Now, "team/".to_owned());
+        let answer = world.ask(0, Question::Diff { from, to, prefix });
+        let Reply::Differences(all) = &answer else { panic!("{answer:?}") };
+        all.iter().map(|one| one.key.to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!(lacked(&mut world, "r3"), ["team/a", "team/b"]);
+    assert_eq!((lacked(&mut world, "r2"), lacked(&mut world, "r1")), (vec![], vec![]));
+    let unknown = world.ask(0, Question::Version(AsOf::On("r9".to_owned())));
+    assert!(matches!(&unknown, Reply::Refused(why) if why.contains("no robot `r9`")), "{unknown:?}");
+    world.away(&[2], false);
+    world.run(Duration::from_secs(5));
+    assert_eq!(lacked(&mut world, "r3"), Vec::<String>::new());
+}

@@ -4,8 +4,8 @@ use crate::logic::log::Log;
 use crate::logic::snapshot;
 use crate::logic::txn::Draft;
 use crate::logic::view::past::{Filter, Keys};
-use crate::logic::view::{date, table};
 use crate::logic::view::tests::{MORNING, Robot, heal, key, play, steps};
+use crate::logic::view::{date, table};
 use expect_test::expect;
 use proptest::prelude::*;
 
@@ -263,4 +263,26 @@ fn what_has_changed() {
         + team/new   [1, 2.5]
         - team/old   {"$bytes" = "78"}"#]]
     .assert_eq(&table::differences(&diff(&before.state, &team[0].state, "team/"), &Datum::to_toml));
+}
+
+#[test]
+fn two_robots_are_compared_by_the_names_behind_their_prefixes() {
+    let mut team = Robot::team(1);
+    for (name, value) in [
+        ("robot/r2/same", "1"),
+        ("robot/r3/same", "1"),
+        ("robot/r2/gain", "1.5"),
+        ("robot/r3/gain", "2.0"),
+        ("robot/r2/only", "true"),
+        ("robot/r3/new", "4"),
+        ("robot/r31/x", "5"),
+    ] {
+        team[0].put("", name, value);
+    }
+    expect![[r#"
+        ~ robot/r3/gain  1.5 → 2.0
+        + robot/r3/new   4
+        - robot/r3/only  true"#]]
+    .assert_eq(&table::differences(&compare(&team[0].state, "robot/r2/", "robot/r3/"), &Datum::to_toml));
+    assert_eq!(compare(&team[0].state, "robot/r2/", "robot/r2/"), []);
 }

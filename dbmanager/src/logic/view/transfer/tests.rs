@@ -195,3 +195,26 @@ fn mistakes_are_told_with_their_place() {
         ],
     );
 }
+
+#[test]
+fn the_keys_of_one_robot_go_to_another() {
+    let mut team = Robot::team(1);
+    team[0].put("", "robot/r2/params/gain", "1.5");
+    team[0].put("", "robot/r2/params/a b", "[1, \"x\"]");
+    team[0].put("", "robot/r3/params/old", "1");
+    let file = moved(&export(&team[0].state, "robot/r2/"), "robot/r3/").unwrap();
+    expect![[r#"
+        + robot/r3/params/a b   [1, "x"]
+        + robot/r3/params/gain  1.5
+        - robot/r3/params/old   1"#]]
+    .assert_eq(&table::differences(
+        &import(&file, &team[0].state, Absent::Delete, "").unwrap().differences,
+        &Datum::to_toml,
+    ));
+    // A file that was cut off stays one that deletes nothing.
+    let cut = file.replace("# end\n", "");
+    assert!(import(&moved(&cut, "robot/r4/").unwrap(), &team[0].state, Absent::Delete, "").is_err());
+    for prefix in ["robot/r3", "sys/", ""] {
+        assert!(moved(&file, prefix).is_err(), "{prefix}");
+    }
+}
