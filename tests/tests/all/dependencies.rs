@@ -1,29 +1,60 @@
-//! The commands that the README gives to newcomers build each dependency once.
+//! The commands that the README gives to newcomers, and the wheel of Python, build each crate once.
 
-use std::collections::BTreeSet;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::process::Command;
 
-/// The crates from elsewhere that a command of cargo builds, with their features.
-fn dependencies(arguments: &[&str]) -> BTreeSet<String> {
+/// Returns the units that a command of cargo compiles: their keys, which cover all their dependencies, and their names.
+fn units(arguments: &[&str]) -> BTreeMap<u64, String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
-    command.args(["tree", "--locked", "--offline", "--no-dedupe", "--prefix", "none", "--format", "{p} {f}"]);
+    command.args(arguments).args(["--locked", "--offline", "--unit-graph", "-Zunstable-options"]);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests have a folder of their own");
-    let asked = command.args(arguments).current_dir(folder).output().expect("cargo has started this test");
+    // A stable cargo refuses the option without this variable.
+    let asked = command.env("RUSTC_BOOTSTRAP", "1").current_dir(folder).output().expect("cargo has started this test");
     assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
-    let text = String::from_utf8(asked.stdout).expect("names of crates are ASCII");
-    // The crates of this repository have their path behind the version.
-    text.lines().filter(|line| !line.contains("(/")).map(str::to_owned).collect()
+    let graph: Value = serde_json::from_slice(&asked.stdout).expect("cargo prints JSON");
+    let units = graph["units"].as_array().expect("a graph has units");
+    let mut known = BTreeMap::new();
+    (0..units.len()).map(|unit| (key(units, unit, &mut known), name(&units[unit]))).collect()
+}
+
+fn name(unit: &Value) -> String {
+    format!("{} {} {} {}", unit["pkg_id"], unit["target"]["name"], unit["mode"], unit["features"])
+}
+
+/// Returns the key of a unit: equal units have equal names, profiles and dependencies.
+fn key(units: &[Value], at: usize, known: &mut BTreeMap<usize, u64>) -> u64 {
+    if let Some(found) = known.get(&at) {
+        return *found;
+    }
+    let unit = &units[at];
+    let index = |dependency: &Value| dependency["index"].as_u64().and_then(|index| usize::try_from(index).ok());
+    let dependencies: Vec<usize> = unit["dependencies"].as_array().into_iter().flatten().filter_map(index).collect();
+    let mut below: Vec<u64> = dependencies.into_iter().map(|dependency| key(units, dependency, known)).collect();
+    below.sort_unstable();
+    let (mut hasher, mut profile) = (DefaultHasher::new(), unit["profile"].clone());
+    // The profile of tests is that of development under another name.
+    profile["name"].take();
+    (name(unit), unit["target"]["crate_types"].to_string(), profile.to_string(), below).hash(&mut hasher);
+    known.insert(at, hasher.finish());
+    hasher.finish()
 }
 
 #[test]
-fn tests_need_no_dependency_with_other_features_than_the_programs() {
-    let programs = dependencies(&["--edges", "normal,build"]);
-    let tests = dependencies(&["--workspace", "--edges", "normal,build,dev"]);
-    let built_again: Vec<&String> = programs.difference(&tests).collect();
-    assert_eq!(built_again, Vec::<&String>::new(), "tests want other features: name these in the workspace, too");
-    let wheel = dependencies(&["--package", "dca-python", "--edges", "normal,build"]);
-    let built_again: Vec<&String> = wheel.difference(&tests).collect();
-    assert_eq!(built_again, Vec::<&String>::new(), "the wheel wants other features: name these in `python/Cargo.toml`");
+fn tests_programs_and_the_wheel_build_each_crate_once() {
+    let tests = units(&["test", "--workspace"]);
+    let again = |arguments: &[&str]| -> Vec<String> {
+        units(arguments).into_iter().filter(|(key, _)| !tests.contains_key(key)).map(|(_, name)| name).collect()
+    };
+    let programs = again(&["build"]);
+    assert_eq!(programs, Vec::<String>::new(), "tests want other features: name these in the workspace");
+    let wheel = again(&["rustc", "--package", "dca-python", "--lib"]);
+    let is_own = |name: &String| name.contains("dca-python");
+    assert!(
+        wheel.len() == 1 && wheel.iter().all(is_own),
+        "name the features of these in `python/Cargo.toml`: {wheel:#?}"
+    );
 }
