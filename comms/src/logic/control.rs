@@ -21,6 +21,9 @@ use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+/// The most bytes that a process may leave for the next one.
+pub const VALUE_MAX: usize = 1 << 20;
+
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Location {

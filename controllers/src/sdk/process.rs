@@ -17,6 +17,7 @@ mod agreement;
 mod cycle;
 mod database;
 mod devices;
+mod ending;
 mod heartbeat;
 mod inbox;
 mod keyring;

@@ -36,8 +36,6 @@ use std::time::Duration;
 pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(38);
 /// How long a program has between SIGTERM and SIGKILL.
 pub(super) const GRACE: Duration = Duration::from_secs(1);
-/// The most bytes that a process may leave for the next.
-const VALUE_MAX: usize = 1 << 20;
 /// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
 pub(super) const KILL_WITHIN: Duration = Duration::from_secs(15);
 /// How long the removal may take after its shim was killed: the shim may be suspended.

@@ -1,6 +1,7 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
 use super::database::{Answered, DatabaseLine};
+use super::ending::Ending;
 use super::heartbeat::{Heartbeat, Spends};
 use super::inbox::{Arrived, Command, Inbox, Item, TakenSwitch, ToServe};
 use super::links::Links;
@@ -26,14 +27,6 @@ const PANICKED: i32 = 101;
 const LOSSES_EVERY: Duration = Duration::from_millis(500);
 /// How many calls of others are carried out before the loop looks whether a calculation is due.
 const CALLS_AT_ONCE: usize = 16;
-
-/// How the present activation ends once `stop` has finished.
-#[derive(Debug)]
-enum Ending {
-    Done(Vec<u8>),
-    Aborted(String),
-    Stopped,
-}
 
 #[derive(Debug)]
 enum Phase {
@@ -411,11 +404,7 @@ impl Cycle {
         if self.refused > 0 {
             tracing::warn!(refused = self.refused, "values were refused: a number in them was not finite");
         }
-        self.tell(&match ending {
-            Ending::Done(value) => Notice::Done { activation, value },
-            Ending::Aborted(reason) => Notice::Aborted { activation, reason },
-            Ending::Stopped => Notice::Stopped { activation },
-        });
+        self.tell(&ending.notice(activation));
     }
 
     fn send(&mut self) {

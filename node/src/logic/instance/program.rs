@@ -2,12 +2,12 @@
 
 use super::{
     CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Program, SHIM_KILL_WITHIN, Stage,
-    VALUE_MAX, watchdog,
+    watchdog,
 };
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::codec::WIRE_VERSION;
-use comms::logic::control::{Notice, Order};
+use comms::logic::control::{Notice, Order, VALUE_MAX};
 use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {

@@ -1,0 +1,65 @@
+//! The end of an activation, and the notice of it.
+
+use comms::logic::control::{Notice, VALUE_MAX};
+
+/// The most bytes of a reason to abort. A longer one is cut.
+const REASON_MAX: usize = 4096;
+
+/// How the present activation ends once `stop` has finished.
+#[derive(Debug)]
+pub(super) enum Ending {
+    Done(Vec<u8>),
+    Aborted(String),
+    Stopped,
+}
+
+impl Ending {
+    /// Returns the notice of this end. A notice above the limit of a frame would be lost, and the activation would never end: a value that is
+    /// too large is an abort, and a reason that is too long is cut.
+    pub(super) fn notice(self, activation: u32) -> Notice {
+        match self {
+            Self::Done(value) if value.len() > VALUE_MAX => {
+                let size = value.len();
+                Notice::Aborted {
+                    activation,
+                    reason: format!("it leaves a value of {size} bytes; {VALUE_MAX} are allowed"),
+                }
+            }
+            Self::Done(value) => Notice::Done { activation, value },
+            Self::Aborted(reason) => Notice::Aborted { activation, reason: cut(reason) },
+            Self::Stopped => Notice::Stopped { activation },
+        }
+    }
+}
+
+fn cut(mut reason: String) -> String {
+    if reason.len() > REASON_MAX {
+        reason.truncate(reason.floor_char_boundary(REASON_MAX));
+        reason.push('…');
+    }
+    reason
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::io::control::notice_frame;
+
+    fn check(ending: Ending, expected: &str) {
+        let notice = ending.notice(1);
+        notice_frame(&notice).unwrap();
+        let Notice::Aborted { reason, .. } = notice else { panic!("{notice:?}") };
+        assert_eq!(reason, expected);
+    }
+
+    #[test]
+    fn an_end_of_any_size_reaches_the_node() {
+        check(Ending::Done(vec![0; 17 << 20]), "it leaves a value of 17825792 bytes; 1048576 are allowed");
+        check(Ending::Aborted("ä".repeat(9 << 20)), &format!("{}…", "ä".repeat(REASON_MAX / 2)));
+        check(Ending::Aborted("no door".to_owned()), "no door");
+        assert_eq!(
+            Ending::Done(vec![0; VALUE_MAX]).notice(1),
+            Notice::Done { activation: 1, value: vec![0; VALUE_MAX] }
+        );
+    }
+}
