@@ -67,8 +67,11 @@ const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
 enum ProcessError {
     #[error("a controller is started by `dca-node` or `dca run`, not by hand: {variable} is not set\n{USAGE}")]
     NoNode { variable: &'static str },
-    #[error("{0}\n{USAGE}")]
-    Create(#[from] CreateError),
+    #[error("{error}{}", usage(.error))]
+    Create {
+        #[from]
+        error: CreateError,
+    },
     #[error("cannot open a data session: {0}")]
     Session(#[from] OpenError),
     #[error("cannot talk to the node: {0}")]
@@ -79,6 +82,14 @@ enum ProcessError {
     Team(String),
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
+}
+
+/// Returns the usage behind a mistake that only a person makes: a node starts the types that there are.
+fn usage(error: &CreateError) -> String {
+    match error {
+        CreateError::UnknownType { .. } => format!("\n{USAGE}"),
+        CreateError::Argument { .. } | CreateError::Refused { .. } => String::new(),
+    }
 }
 
 /// The process of another language in which controllers run.
@@ -112,7 +123,7 @@ fn run_named(registry: &Registry, Embedding { arguments, around }: &Embedding) -
         Some(name) => {
             return match take_part(registry, name, arguments.get(1..).unwrap_or_default(), *around) {
                 Ok(code) => code,
-                Err(error @ (ProcessError::Create(_) | ProcessError::NoNode { .. })) => {
+                Err(error @ (ProcessError::Create { .. } | ProcessError::NoNode { .. })) => {
                     tell(&error.to_string(), ExitCode::from(2))
                 }
                 Err(error) => tell(&error.to_string(), ExitCode::FAILURE),
