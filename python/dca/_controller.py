@@ -184,6 +184,14 @@ class _Parameter:
         self.attribute = attribute
         self.name = self.name or attribute
 
+    def checked(self, value: Any) -> Any:
+        """Returns a value as the attribute has it; raises `ValueError` if a whole number is declared, and this is another one."""
+        if not self.is_whole:
+            return value
+        if value != value // 1:
+            raise ValueError(f"parameter `{self.name}` is {value}: expected a whole number")
+        return int(value)
+
 
 class _Secret:
     """The type of a secret."""
@@ -291,18 +299,20 @@ class Declaration:
         # A wrong name, period or parameter is reported where the class is written.
         _dca.interface([self])
 
-    def make(self, attributes: dict[str, Any]) -> Any:
-        """Makes an instance with its ports and the values of its parameters."""
+    def make(self, attributes: dict[str, Any], values: dict[str, Any]) -> Any:
+        """Makes an instance with its ports, by attribute, and the values of its parameters, by name."""
         cls: Any = self.cls
         controller = cls.__new__(cls)
-        places = {one.name: one for one in self.parameters}
-        for name, value in attributes.items():
-            place = places.get(name)
-            if place is not None:
-                name, value = place.attribute, int(value) if place.is_whole else value
-            setattr(controller, name, value)
+        for attribute, port in attributes.items():
+            setattr(controller, attribute, port)
+        self.set(controller, values)
         controller.__init__()
         return controller
+
+    def set(self, controller: Any, values: dict[str, Any]) -> None:
+        """Gives an instance the values of its parameters, by name: all of them, or none if one is refused."""
+        for attribute, value in [(one.attribute, one.checked(values[one.name])) for one in self.parameters]:
+            setattr(controller, attribute, value)
 
 
 def service(

@@ -18,6 +18,8 @@ from ._message import encode
 
 __all__ = ["Ended", "Harness", "Module", "Sent", "Wire"]
 
+_Parameters = dict[str, str | float | bool]
+
 
 @dataclass(frozen=True, slots=True)
 class Sent:
@@ -62,8 +64,8 @@ class Wire:
 class Module:
     """A controller in a harness."""
 
-    def __init__(self, harness: "Harness", number: int, cls: type[Any]) -> None:
-        self._harness, self._number, self._cls = harness, number, cls
+    def __init__(self, harness: "Harness", number: int, cls: type[Any], parameters: _Parameters) -> None:
+        self._harness, self._number, self._cls, self._parameters = harness, number, cls, parameters
         self._outputs: dict[str, list[tuple[float, bytes]]] = {}
 
     def __repr__(self) -> str:
@@ -79,6 +81,12 @@ class Module:
         data = bytes(value) if isinstance(value, (bytes, bytearray, memoryview)) else encode(value)
         self._harness._native.activate(self._number, data)
         return self
+
+    def configure(self, **parameters: str | float | bool) -> None:
+        """Changes parameters, as `dca param set` does while it runs."""
+        changed = self._parameters | parameters
+        self._harness._native.configure(self._number, _arguments(self._cls, changed))
+        self._parameters = changed
 
     def stop(self) -> None:
         """Asks it to stop."""
@@ -131,10 +139,8 @@ class Harness:
 
     def add(self, cls: type[Any], **parameters: str | float | bool) -> Module:
         """Adds an idle controller with these parameters: in SI units, or a text with a unit."""
-        declared = declaration(cls)
-        types = {one.name: one.type_name for one in declared.parameters}
-        arguments = [f"{name}={_argument(value, types.get(name))}" for name, value in parameters.items()]
-        module = Module(self, self._native.add(declared, arguments), cls)
+        number = self._native.add(declaration(cls), _arguments(cls, parameters))
+        module = Module(self, number, cls, parameters)
         self._modules.append(module)
         return module
 
@@ -153,6 +159,11 @@ class Harness:
     def _collect(self) -> None:
         for at, number, port, data in self._native.take_sent():
             self._modules[number]._outputs.setdefault(port, []).append((at, data))
+
+
+def _arguments(cls: type[Any], parameters: _Parameters) -> list[str]:
+    types = {one.name: one.type_name for one in declaration(cls).parameters}
+    return [f"{name}={_argument(value, types.get(name))}" for name, value in parameters.items()]
 
 
 def _argument(value: str | float | bool, type_name: str | None) -> str:

@@ -81,6 +81,14 @@ impl NativeHarness {
         Ok(())
     }
 
+    /// Gives a controller other parameters.
+    fn configure(&mut self, module: usize, arguments: Vec<String>) -> PyResult<()> {
+        let module = self.module(module)?;
+        let parameters = self.harness.module(module).interface().about.parameters;
+        let arguments = Arguments::parse(parameters, &arguments).map_err(refused)?;
+        self.harness.configure(module, arguments).map_err(PyValueError::new_err)
+    }
+
     fn stop(&mut self, module: usize) -> PyResult<()> {
         let module = self.module(module)?;
         self.harness.stop(module);

@@ -251,9 +251,8 @@ impl Module for Instance {
     fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String> {
         let set = |py: Python<'_>| -> PyResult<()> {
             let object = self.object.bind(py);
-            for (name, value) in values(py, &self.class.interface, &arguments)?.iter() {
-                object.setattr(name.cast::<pyo3::types::PyString>()?, value)?;
-            }
+            let values = values(py, &self.class.interface, &arguments)?;
+            self.class.declaration.bind(py).call_method1("set", (object, values))?;
             if running && object.hasattr("configure")? {
                 object.call_method0("configure")?;
             }
@@ -404,7 +403,7 @@ struct Ends<'a> {
 
 /// Makes an object of the class, with its ports and parameters as attributes.
 fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -> PyResult<Py<PyAny>> {
-    let attributes = values(py, &class.interface, arguments)?;
+    let (attributes, values) = (PyDict::new(py), values(py, &class.interface, arguments)?);
     if let Some(attribute) = &class.database {
         attributes.set_item(attribute, DatabaseOf(Arc::clone(ends.database)))?;
     }
@@ -428,7 +427,7 @@ fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -
     for (output, port) in ends.outputs.iter().zip(class.outputs()) {
         attributes.set_item(&port.attribute, Output(Arc::clone(output)))?;
     }
-    Ok(class.declaration.bind(py).call_method1("make", (attributes,))?.unbind())
+    Ok(class.declaration.bind(py).call_method1("make", (attributes, values))?.unbind())
 }
 
 /// Returns the parameters as Python values, by name.

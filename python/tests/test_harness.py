@@ -236,3 +236,31 @@ def test_the_reason_of_an_abort_is_the_exception_and_not_its_note():
 
 def test_an_exception_of_the_package_has_its_name():
     assert dca.SendError.__module__ == dca.CallError.__module__ == dca.Refused.__module__ == "dca"
+
+
+def test_a_parameter_changes_while_it_runs():
+    @dca.service("Turns.", every="10 ms")
+    class Turn:
+        steps = dca.parameter(int, (0, 10), default=1, name="Steps")
+        reach = dca.parameter(dca.Length, default="1 m")
+        told = 0
+
+        def configure(self):
+            self.told += 1
+
+        def main_calc(self, tick):
+            if self.told:
+                return dca.abort(repr((self.told, self.steps, self.reach)))
+
+    harness = dca.testing.Harness()
+    turn = harness.add(Turn).start()
+    assert harness.run("50 ms") is None
+    with pytest.raises(ValueError, match="parameter `Steps` is 2.5: expected a whole number"):
+        turn.configure(Steps=2.5)
+    turn.configure(Steps=7, reach="20 cm")
+    # The attribute has the value, as a whole number, and not an attribute of the parameter's name.
+    assert harness.run("50 ms").reason == "(1, 7, 0.2)"
+    turn.configure(Steps=8)
+    assert harness.run("50 ms") is None
+    with pytest.raises(ValueError, match="parameter `Steps` is 0.5: expected a whole number"):
+        harness.add(Turn, Steps=0.5)

@@ -6,6 +6,7 @@
 
 mod disturbance;
 
+use super::arguments::Arguments;
 use super::controller::{Progress, Stopping};
 use super::interface::{Binding, Direction};
 use super::module::{Delivery, DeliveryError, Module};
@@ -278,6 +279,15 @@ impl Harness {
             }
             Err(reason) => self.reports.push(Report { at: now, module, ending: Ending::Aborted(reason) }),
         }
+    }
+
+    /// Gives a module other parameters, as a node does.
+    ///
+    /// # Errors
+    /// Why the module refuses them.
+    pub fn configure(&mut self, module: ModuleId, arguments: Arguments) -> Result<(), String> {
+        let running = self.is_active(module);
+        self.slots[module.0].module.configure(arguments, running).map(drop)
     }
 
     /// Asks a running module to stop; any other is left alone.
