@@ -238,7 +238,8 @@ def outcome(tag: str, value: Any = None) -> _dca.Done:
 
 def abort(reason: str) -> _dca.Abort:
     """Returns the failed end of an activation, and why, in one line."""
-    return _dca.Abort(str(reason))
+    # A name of a file may have bytes that are not text.
+    return _dca.Abort(str(reason).encode(errors="backslashreplace").decode())
 
 
 def _bytes(value: Any) -> bytes:

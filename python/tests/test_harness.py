@@ -264,3 +264,14 @@ def test_a_parameter_changes_while_it_runs():
     assert harness.run("50 ms") is None
     with pytest.raises(ValueError, match="parameter `Steps` is 0.5: expected a whole number"):
         harness.add(Turn, Steps=0.5)
+
+
+def test_a_reason_that_is_not_text_is_told():
+    @dca.task("Fails.")
+    class Fails:
+        def main_calc(self, tick):
+            return dca.abort("cannot read /tmp/\udcff")
+
+    harness = dca.testing.Harness()
+    harness.add(Fails).start()
+    assert harness.run("1 s").reason == "cannot read /tmp/\\udcff"
