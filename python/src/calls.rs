@@ -2,6 +2,7 @@
 
 use crate::exports::type_form;
 use crate::message::MessageType;
+use crate::piece::Arrived;
 use crate::quantity::span;
 use comms::logic::object::{ObjectError, Signature};
 use controllers::sdk::{CallInterface, CallOrder, RawCalls};
@@ -178,7 +179,7 @@ impl Call {
         let Some(message) = self.of.result.as_deref() else { return Ok(py.None().into_bound(py)) };
         let message = message.get();
         match message.look(&bytes) {
-            Some(look) if look.is_finite || message.allows_nan => message.value(py, &Arc::new(bytes)),
+            Some(look) if look.is_finite || message.allows_nan => message.value(py, &Arrived::new(bytes)),
             Some(_) => Err(CallError::new_err("a number of the answer is not finite")),
             None => Err(CallError::new_err(format!("the answer is not a `{}`", message.name))),
         }

@@ -1,6 +1,6 @@
 //! The bytes of a value that waits to be sent. Large pieces of bytes in it are not copied before they go to their consumers.
 
-use crate::piece::Piece;
+use crate::piece::{Arrived, Piece};
 use comms::logic::layout::Writer;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -27,7 +27,7 @@ enum Held {
     /// A `bytes` of Python.
     Python(PyBackedBytes),
     /// A part of a value that has arrived.
-    Arrived(Arc<Vec<u8>>, Range<usize>),
+    Arrived(Arc<Arrived>, Range<usize>),
 }
 
 impl Held {
@@ -109,7 +109,7 @@ impl Encoded {
 }
 
 /// Returns the data behind a view, if that is all of a large piece of a value that has arrived.
-fn arrived(view: &Bound<'_, PyMemoryView>) -> Option<(Arc<Vec<u8>>, Range<usize>)> {
+fn arrived(view: &Bound<'_, PyMemoryView>) -> Option<(Arc<Arrived>, Range<usize>)> {
     let piece = view.getattr("obj").ok()?.cast_into::<Piece>().ok()?;
     let (whole, range) = piece.get().part();
     let size: usize = view.getattr("nbytes").ok()?.extract().ok()?;

@@ -2,6 +2,7 @@
 
 use crate::failure::told;
 use crate::message::MessageType;
+use crate::piece::Arrived;
 use comms::logic::object::{Access, ExportKind, ObjectError, Signature, TypeForm};
 use controllers::sdk::{Activity, ExportInterface, RawReply};
 use pyo3::exceptions::{PyException, PyRuntimeError, PyTypeError};
@@ -107,7 +108,7 @@ impl Export {
     ) -> PyResult<Vec<u8>> {
         let mut arguments = Vec::new();
         if let Some(argument) = &self.argument {
-            arguments.push(argument.get().value(py, &Arc::new(bytes.to_vec()))?);
+            arguments.push(argument.get().value(py, &Arrived::new(bytes.to_vec()))?);
         }
         if self.is_later {
             let waiting = Reply { raw: Mutex::new(reply.take()), result: self.result.clone() };

@@ -5,7 +5,7 @@
 //! same fields. An optional value has the bytes of a list of at most one.
 
 use crate::encoded::Encoded;
-use crate::piece::Piece;
+use crate::piece::{Arrived, Piece};
 use comms::logic::layout::Reader;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -151,7 +151,7 @@ impl Form {
         &self,
         py: Python<'py>,
         reader: &mut Reader<'_>,
-        whole: &Arc<Vec<u8>>,
+        whole: &Arc<Arrived>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let short = || PyValueError::new_err("the bytes are not of this message type");
         Ok(match self {

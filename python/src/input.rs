@@ -1,6 +1,7 @@
 //! Inputs: values arrive as bytes on the control loop, and become Python values when the controller reads them.
 
 use crate::message::MessageType;
+use crate::piece::Arrived;
 use crate::quantity::{seconds, span, time};
 use comms::logic::time::Time;
 use controllers::sdk::{Arrivals, EVERY_MAX};
@@ -22,7 +23,7 @@ pub(crate) struct InputState {
 struct Held {
     arrivals: Arrivals,
     /// The newest value, or all of them in order.
-    values: VecDeque<Arc<Vec<u8>>>,
+    values: VecDeque<Arc<Arrived>>,
     /// The newest value as Python has read it.
     read: Option<Py<PyAny>>,
 }
@@ -54,7 +55,7 @@ impl InputState {
                 held.arrivals.lose(1);
             }
         }
-        held.values.push_back(Arc::new(bytes));
+        held.values.push_back(Arrived::new(bytes));
         Ok(())
     }
 
@@ -183,7 +184,7 @@ pub(crate) struct EveryInput(pub(crate) Arc<InputState>);
 impl EveryInput {
     /// Iterates over the values since the last calculation, the oldest first.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let waiting: Vec<Arc<Vec<u8>>> = self.0.held().values.iter().map(Arc::clone).collect();
+        let waiting: Vec<Arc<Arrived>> = self.0.held().values.iter().map(Arc::clone).collect();
         let message = self.0.message.get();
         let values = waiting.iter().map(|bytes| message.value(py, bytes)).collect::<PyResult<Vec<_>>>()?;
         Ok(PyList::new(py, values)?.try_iter()?.into_any())

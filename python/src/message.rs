@@ -2,6 +2,7 @@
 
 use crate::encoded::Encoded;
 use crate::form::{Form, Look};
+use crate::piece::Arrived;
 use comms::logic::layout::Reader;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -56,7 +57,7 @@ impl MessageType {
         if self.look(bytes).is_none() {
             return Err(PyValueError::new_err(format!("the bytes are not of the message type `{}`", self.name)));
         }
-        self.value(py, &Arc::new(bytes.to_vec()))
+        self.value(py, &Arrived::new(bytes.to_vec()))
     }
 }
 
@@ -79,7 +80,7 @@ impl MessageType {
     }
 
     /// Returns the value of bytes that were looked at.
-    pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &Arc<Vec<u8>>) -> PyResult<Bound<'py, PyAny>> {
+    pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &Arc<Arrived>) -> PyResult<Bound<'py, PyAny>> {
         self.form.read(py, &mut Reader::new(bytes), bytes)
     }
 }

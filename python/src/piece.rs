@@ -1,36 +1,99 @@
 //! Bytes of a value that has arrived, for Python to look at without a copy.
 //!
 //! The one module of this crate with `unsafe` code. A `memoryview` of a [`Piece`] keeps the piece, and the piece keeps the bytes of its value. The
-//! bytes are not changed, and not freed before the last view is gone.
+//! bytes are not changed, and not freed before the last view is gone. Python gives a view no way to end its copies in other views and
+//! arrays, so ending a view with its value would leave pointers to freed bytes. Instead, the kept bytes have a limit.
 
-use pyo3::exceptions::PyBufferError;
+use pyo3::exceptions::{PyBufferError, PyMemoryError};
 use pyo3::ffi;
 use pyo3::prelude::*;
 use pyo3::types::PyMemoryView;
 use std::ffi::{c_int, c_void};
-use std::ops::Range;
+use std::ops::{Deref, Range};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// The most bytes of values that views keep, in this process.
+const KEPT_MAX: usize = 512 << 20;
+/// How many bytes they keep now.
+static KEPT: AtomicUsize = AtomicUsize::new(0);
+
+/// The bytes of a value that has arrived. While views look at them they count as kept.
+#[derive(Debug)]
+pub(crate) struct Arrived {
+    bytes: Vec<u8>,
+    is_kept: AtomicBool,
+}
+
+impl Arrived {
+    pub(crate) fn new(bytes: Vec<u8>) -> Arc<Self> {
+        Arc::new(Self { bytes, is_kept: AtomicBool::new(false) })
+    }
+
+    /// Counts the bytes as kept; returns whether there is room for them.
+    fn keep(&self) -> bool {
+        if self.is_kept.swap(true, Ordering::Relaxed) {
+            return true;
+        }
+        let size = self.bytes.len();
+        let fits = KEPT.fetch_add(size, Ordering::Relaxed).saturating_add(size) <= KEPT_MAX;
+        if !fits {
+            self.is_kept.store(false, Ordering::Relaxed);
+            KEPT.fetch_sub(size, Ordering::Relaxed);
+        }
+        fits
+    }
+}
+
+impl Deref for Arrived {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl Drop for Arrived {
+    fn drop(&mut self) {
+        if *self.is_kept.get_mut() {
+            KEPT.fetch_sub(self.bytes.len(), Ordering::Relaxed);
+        }
+    }
+}
 
 /// A part of the bytes of a value.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Piece {
-    whole: Arc<Vec<u8>>,
+    whole: Arc<Arrived>,
     range: Range<usize>,
 }
 
 impl Piece {
     /// Returns the bytes that it is a part of, and which.
-    pub(crate) fn part(&self) -> (&Arc<Vec<u8>>, Range<usize>) {
+    pub(crate) fn part(&self) -> (&Arc<Arrived>, Range<usize>) {
         (&self.whole, self.range.clone())
     }
 
     /// Returns a read-only view of a part of `whole`.
+    ///
+    /// # Errors
+    /// If other views keep too many bytes.
     pub(crate) fn view<'py>(
         py: Python<'py>,
-        whole: &Arc<Vec<u8>>,
+        whole: &Arc<Arrived>,
         range: Range<usize>,
     ) -> PyResult<Bound<'py, PyMemoryView>> {
+        if !whole.keep() {
+            // Views in cycles of references are gone only when Python looks for such.
+            py.import("gc")?.call_method0("collect")?;
+            if !whole.keep() {
+                return Err(PyMemoryError::new_err(format!(
+                    "views keep {} MiB of values that have arrived: release views, or copy what is kept with bytes(view)",
+                    KEPT_MAX >> 20
+                )));
+            }
+        }
         let piece = Bound::new(py, Self { whole: Arc::clone(whole), range })?;
         PyMemoryView::from(piece.as_any())
     }

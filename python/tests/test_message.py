@@ -99,6 +99,7 @@ def test_a_long_text_has_a_long_length():
         (dict(at=None), TypeError, "at: expected a `Point`, got None"),
         (dict(count=1.5), TypeError, "count: expected a whole number, got 1.5"),
         (dict(count=2**60), ValueError, "count: 1152921504606846976 is beyond 2^53"),
+        (dict(count=2**80), ValueError, "count: 1208925819614629174706176 is beyond 2^53"),
         (dict(soft=1), TypeError, "soft: expected a bool, got 1"),
         (dict(who=b"x"), TypeError, "who: expected a str"),
         (dict(image=3), TypeError, "image: expected bytes"),
@@ -283,3 +284,27 @@ def test_a_view_keeps_its_bytes_and_is_read_only():
     part.release()
     with pytest.raises(ValueError):
         part[0]
+
+
+@dca.message
+@dataclass(slots=True)
+class Image:
+    pixels: dca.Bytes
+
+
+def test_views_keep_a_limited_number_of_bytes():
+    data = dca.encode(Image(bytes(64 << 20)))
+    kept = []
+    with pytest.raises(MemoryError, match=r"views keep 512 MiB of values that have arrived: .* copy what is kept with bytes\(view\)"):
+        for _ in range(9):
+            kept.append(dca.decode(Image, data))
+    assert len(kept) == 7
+    # A second view of a value costs nothing, and a released one makes room.
+    memoryview(kept[0].pixels)
+    kept.pop().pixels.release()
+    kept.append(dca.decode(Image, data))
+    # So do views in a cycle of references, which nothing else frees in time.
+    circle = [kept.pop()]
+    circle.append(circle)
+    del circle
+    kept.append(dca.decode(Image, data))

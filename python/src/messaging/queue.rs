@@ -3,6 +3,7 @@
 use super::Station;
 use super::lock::LockStation;
 use crate::message::MessageType;
+use crate::piece::Arrived;
 use comms::logic::messaging::header::DATA_SIZE_MAX;
 use comms::logic::messaging::queue::{MessageQueue, QueueSettings};
 use comms::logic::time::Time;
@@ -179,7 +180,7 @@ pub(super) fn take(py: Python<'_>, source: &dyn Source) -> PyResult<Option<Taken
     let (mut message, mut of) = (None, None);
     source.with(&mut |held| (message, of) = (held.take(), Some(Arc::clone(&held.message))));
     let (Some(QueueMessage { header, fence, data, .. }), Some(of)) = (message, of) else { return Ok(None) };
-    let data = of.get().value(py, &Arc::new(data))?.unbind();
+    let data = of.get().value(py, &Arrived::new(data))?.unbind();
     let (category, sender) = (header.category, header.sender);
     Ok(Some(Taken { data, category, sender, priority: header.priority, marker: header.marker, fence }))
 }
