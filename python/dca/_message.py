@@ -141,7 +141,12 @@ def _record(cls: type[Any], path: str, depth: int, inner: _Inner) -> tuple[Any, 
 
 
 def _forms(cls: type[Any], path: str, depth: int, inner: _Inner) -> list[tuple[Any, str]]:
-    hints = typing.get_type_hints(cls, include_extras=True)
+    try:
+        hints = typing.get_type_hints(cls, include_extras=True)
+    except NameError as error:
+        if error.name == cls.__name__:
+            raise TypeError(f"{path}: a message cannot contain itself") from None
+        raise
     return [_form(hints[field.name], f"{path}.{field.name}", depth + 1, inner) for field in dataclasses.fields(cls)]
 
 

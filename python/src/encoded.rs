@@ -2,6 +2,7 @@
 
 use crate::piece::{Arrived, Piece};
 use comms::logic::layout::Writer;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyMemoryView};
@@ -65,6 +66,10 @@ impl Encoded {
             self.writer().length(range.len());
             self.pieces.push((self.bytes.len(), Held::Arrived(whole, range)));
             return Ok(());
+        }
+        // The bytes of an array of objects are addresses in this process.
+        if view.getattr("format")?.extract::<String>()?.contains('O') {
+            return Err(PyTypeError::new_err("objects have no bytes"));
         }
         // This also copies data that is not one piece.
         self.piece(&view.call_method0("tobytes")?.cast_into::<PyBytes>()?);

@@ -7,7 +7,7 @@
 use crate::encoded::Encoded;
 use crate::piece::{Arrived, Piece};
 use comms::logic::layout::Reader;
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyString, PyTuple};
 use std::sync::Arc;
@@ -207,11 +207,16 @@ impl Form {
                 encoded.writer().number(number);
             }
             Self::Whole => {
-                let whole: i64 = value.extract().map_err(|_no_number| expected("a whole number", value))?;
+                let too_large =
+                    || PyValueError::new_err(format!("{value} is beyond 2^53, which a message cannot hold"));
+                let whole: i64 = value.extract().map_err(|error: PyErr| {
+                    let is_number = error.is_instance_of::<PyOverflowError>(value.py());
+                    if is_number { too_large() } else { expected("a whole number", value) }
+                })?;
                 #[expect(clippy::cast_precision_loss, reason = "the next line refuses what is not exact")]
                 let number = whole as f64;
                 if number.abs() > WHOLE_MAX {
-                    return Err(PyValueError::new_err(format!("{whole} is beyond 2^53, which a message cannot hold")));
+                    return Err(too_large());
                 }
                 encoded.writer().number(number);
             }
@@ -270,7 +275,8 @@ fn write_list(of: &Form, count: Option<usize>, value: &Bound<'_, PyAny>, encoded
         None => encoded.writer().length(length),
     }
     let mut written = 0;
-    for element in value.try_iter()? {
+    // An iterator need not end: more than one beyond the length is not asked for.
+    for element in value.try_iter()?.take(length.saturating_add(1)) {
         of.write(&element?, encoded)?;
         written += 1;
     }

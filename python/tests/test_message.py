@@ -308,3 +308,36 @@ def test_views_keep_a_limited_number_of_bytes():
     circle.append(circle)
     del circle
     kept.append(dca.decode(Image, data))
+
+
+def test_addresses_of_objects_are_not_bytes():
+    numpy = pytest.importorskip("numpy")
+    with pytest.raises(TypeError, match="pixels: expected bytes, or another buffer"):
+        dca.encode(Image(numpy.array([object()], dtype=object)))
+    strided = numpy.arange(20000, dtype=numpy.uint8)[::2]
+    strided.flags.writeable = False
+    assert dca.decode(Image, dca.encode(Image(strided))).pixels == strided.tobytes()
+    assert dca.encode(Image(numpy.zeros((3, 0)))) == b"\x00"
+
+
+def test_a_list_that_never_ends_is_refused():
+    class Endless:
+        def __len__(self):
+            return 3
+
+        def __iter__(self):
+            while True:
+                yield 1.0
+
+    with pytest.raises(ValueError, match="sweep: the list has changed"):
+        dca.encode(everything(sweep=Endless()))
+    with pytest.raises(ValueError, match="near: the list has changed"):
+        dca.encode(everything(near=Endless()))
+
+
+def test_a_message_that_contains_itself_is_refused():
+    class Chain:
+        next: "list[Chain]"
+
+    with pytest.raises(TypeError, match="Chain: a message cannot contain itself"):
+        dca.message(dataclass(Chain))
