@@ -5,8 +5,9 @@ use crate::instance::Instance;
 use controllers::sdk::process::{Embedding, run_in};
 use controllers::sdk::{Module, Registry};
 use language::{Diagnostic, Options, Origin, Severity, Source};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -33,9 +34,20 @@ pub(crate) fn interface(py: Python<'_>, declarations: Vec<Py<PyAny>>) -> PyResul
 
 fn registry(py: Python<'_>, declarations: &[Py<PyAny>]) -> PyResult<Registry> {
     let mut registry = Registry::default();
+    let mut messages = BTreeMap::new();
     for declaration in declarations {
         let class = Class::of(declaration.bind(py))?;
         let interface = class.interface.clone();
+        if registry.interface(interface.type_name).is_some() {
+            return Err(twice("controllers", interface.type_name));
+        }
+        let own = interface.messages().map(|(name, fields)| (name.to_owned(), fields.to_owned()));
+        for (name, fields) in own.chain(class.inner_types(py)) {
+            let is_other = messages.insert(name.clone(), fields.clone()).is_some_and(|before| before != fields);
+            if is_other {
+                return Err(twice("message types", &name));
+            }
+        }
         for (name, fields) in class.inner_types(py) {
             registry.add_type(&name, &fields);
         }
@@ -45,6 +57,10 @@ fn registry(py: Python<'_>, declarations: &[Py<PyAny>]) -> PyResult<Registry> {
         });
     }
     Ok(registry)
+}
+
+fn twice(kind: &str, name: &str) -> PyErr {
+    PyTypeError::new_err(format!("there are two {kind} `{name}`: give one of them another `name`"))
 }
 
 /// Runs the control loop as one thread of Python. Without this, each calculation would be a new thread to Python, with new thread-local values.

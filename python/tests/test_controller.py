@@ -1,7 +1,7 @@
 """Declarations of controllers, as a spec sees them, and what is refused where the class is written."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 
 import dca
 import pytest
@@ -157,3 +157,24 @@ def test_capacities_and_leases_have_limits():
             wrong()
     with pytest.raises(TypeError, match="has a lock `arm`, which is not one of its dca.Lock"):
         dca.service("Does nothing.")(type("Odd", (), {"Q": dca.Queue(Range, lock="arm"), "main_calc": lambda self, tick: None}))
+
+
+def test_two_classes_or_message_types_of_one_name_are_refused():
+    def controller(kind, name):
+        message = dca.message(name="Value")(make_dataclass("M", [("x", kind)]))
+
+        @dca.service("Does nothing.", name=name)
+        class Same:
+            In = dca.In(message)
+
+            def main_calc(self, tick):
+                pass
+
+        return Same.__dca_controller__
+
+    same = [controller(float, "One"), controller(float, "Two")]
+    assert dca._dca.interface(same).count("type Value = { x: Number };") == 1
+    with pytest.raises(TypeError, match="there are two controllers `One`: give one of them another `name`"):
+        dca._dca.interface([same[0], controller(float, "One")])
+    with pytest.raises(TypeError, match="there are two message types `Value`"):
+        dca._dca.interface([same[0], controller(str, "Two")])
