@@ -1,6 +1,7 @@
 //! The exports of a class: procedures that others call and states that they read, between two calculations.
 
 use crate::failure::told;
+use crate::forked;
 use crate::message::MessageType;
 use crate::piece::Arrived;
 use comms::logic::object::{Access, ExportKind, ObjectError, Signature, TypeForm};
@@ -90,7 +91,7 @@ impl Export {
             }
         }
         let mut reply = Some(reply);
-        let result = Python::attach(|py| self.call(py, object, bytes, &mut reply).map_err(|error| cause(py, error)));
+        let result = forked::call(|py| self.call(py, object, bytes, &mut reply).map_err(|error| cause(py, error)));
         // The method has taken the reply along, or there is a result.
         match (reply, result) {
             (Some(reply), Ok(bytes)) => reply.answer(Ok(bytes)),

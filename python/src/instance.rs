@@ -9,6 +9,7 @@ use crate::declaration::Class;
 use crate::encoded::Encoded;
 use crate::ending::{Abort, Done, Tick};
 use crate::failure::told;
+use crate::forked;
 use crate::input::{EveryInput, Input, InputState, Refused};
 use crate::keys::KeysState;
 use crate::messaging::Stations;
@@ -70,7 +71,7 @@ impl Instance {
     /// # Errors
     /// The last line of the exception of its `__init__`.
     pub(crate) fn new(class: &Arc<Class>, arguments: &Arguments) -> Result<Self, String> {
-        Python::attach(|py| {
+        forked::call(|py| {
             let inputs: Vec<_> =
                 class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect();
             let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
@@ -242,7 +243,7 @@ impl Module for Instance {
         self.stations.work(now);
         self.keys.iter().for_each(|keys| keys.begin());
         self.key_ports.begin(&self.class.interface.ports, now);
-        let begun = Python::attach(|py| self.begin(py, value).map_err(|error| told(py, error)));
+        let begun = forked::call(|py| self.begin(py, value).map_err(|error| told(py, error)));
         self.stations.work(now);
         begun
     }
@@ -258,7 +259,7 @@ impl Module for Instance {
             }
             Ok(())
         };
-        Python::attach(|py| set(py).map_err(|error| told(py, error)))?;
+        forked::call(|py| set(py).map_err(|error| told(py, error)))?;
         self.arguments = arguments;
         Ok(Configured::Now)
     }
@@ -268,7 +269,7 @@ impl Module for Instance {
         self.database.begin(now);
         self.stations.work(now);
         self.tell_news(now);
-        let progress = Python::attach(|py| {
+        let progress = forked::call(|py| {
             let returned = self.object.bind(py).call_method1("main_calc", (tick,));
             returned.and_then(|returned| self.progress(&returned)).map_err(|error| told(py, error))
         });
@@ -293,7 +294,7 @@ impl Module for Instance {
             let returned = object.call_method1("stop", (tick,))?;
             Ok(returned.is_none() || returned.is_truthy()?)
         };
-        let is_finished = Python::attach(|py| {
+        let is_finished = forked::call(|py| {
             call(py).unwrap_or_else(|error| {
                 told(py, error);
                 true
@@ -382,7 +383,7 @@ impl Module for Instance {
             let signal = |GivenSignal { name, value, unit, headline }| Signal { name, unit, value, headline };
             Ok(given.into_iter().take(SIGNALS_MAX).map(signal).collect())
         };
-        Python::attach(|py| {
+        forked::call(|py| {
             read(py).unwrap_or_else(|error| {
                 told(py, error);
                 Vec::new()

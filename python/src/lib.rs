@@ -4,7 +4,7 @@
 //! wires, the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called
 //! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
 //!
-//! `exports` and `calls` are procedures of its own and of others, `database` and `stored` the database. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
+//! `exports` and `calls` are procedures of its own and of others, `database` and `stored` the database. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process, `forked` its children,
 //! `failure` what an exception becomes.
 
 mod calls;
@@ -14,6 +14,7 @@ mod encoded;
 mod ending;
 mod exports;
 mod failure;
+mod forked;
 mod form;
 mod harness;
 mod input;

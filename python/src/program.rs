@@ -1,6 +1,7 @@
 //! The process: what `dca.run` does.
 
 use crate::declaration::Class;
+use crate::forked;
 use crate::instance::Instance;
 use controllers::sdk::process::{Embedding, run_in};
 use controllers::sdk::{Module, Registry};
@@ -15,6 +16,7 @@ use std::sync::Arc;
 #[pyfunction]
 pub(crate) fn run(py: Python<'_>, declarations: Vec<Py<PyAny>>, arguments: Vec<String>) -> PyResult<u8> {
     let registry = registry(py, &declarations)?;
+    forked::remember();
     let code = py.detach(|| run_in(&registry, &Embedding { arguments, around }));
     Ok((0..=2).find(|number| ExitCode::from(*number) == code).unwrap_or(1))
 }

@@ -142,3 +142,15 @@ def test_doctor_names_the_interpreter_and_its_package(missions):
 
     [python] = [one for one in json.loads(told.stdout) if one["name"] == "python"]
     assert python["finding"].startswith("`.venv/bin/python` is Python 3.") and "with `dca` " in python["finding"], python
+
+
+def test_a_child_of_fork_that_comes_back_is_ended(missions):
+    act = "self.count = getattr(self, 'count', 0) + 1; self.child = os.fork() if self.count == 2 else None"
+    act += "\n        if self.child == 0: raise ValueError('in the child')"
+    act += "\n        if self.child: assert os.waitstatus_to_exitcode(os.waitpid(self.child, 0)[1]) == 1"
+    act += "\n        if self.count == 5: return dca.done()"
+    write(missions, act=act)
+    ended = missions.run("bad.dca")
+    logs = missions("logs", "bad")
+    assert ended.returncode == 0, ended.stdout + ended.stderr + logs.stdout
+    assert "a child of os.fork() has come back to the control loop" in logs.stdout
