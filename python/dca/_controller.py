@@ -421,4 +421,9 @@ def run(*controllers: type[Any]) -> None:
         logging.basicConfig(handlers=[handler], level=_level())
     # The node stops its programs; Ctrl-C ends one that was started by hand.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    sys.exit(_dca.run(declarations, arguments))
+    code = _dca.run(declarations, arguments)
+    if arguments[0] in _MODES:
+        # The answer is not late because of threads that the program has begun on import.
+        sys.stdout.flush()
+        os._exit(code)
+    sys.exit(code)

@@ -144,6 +144,19 @@ def test_doctor_names_the_interpreter_and_its_package(missions):
     assert python["finding"].startswith("`.venv/bin/python` is Python 3.") and "with `dca` " in python["finding"], python
 
 
+def test_a_thread_that_began_on_import_does_not_keep_the_interface(missions):
+    missions.write(
+        "bad.py",
+        WAITS.format(act="return dca.done()", before="pass").replace(
+            "import dca\n", "import dca, threading, time\nthreading.Thread(target=lambda: time.sleep(3600)).start()\n", 1
+        ),
+    )
+    spec = SPEC.format(policy="", venv=".venv").replace("(host: Host)", "").replace(" done; stop within 500 ms;", "")
+    missions.write("bad.dca", spec)
+    checked = missions("check", "bad.dca")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
 def test_a_child_of_fork_that_comes_back_is_ended(missions):
     act = "self.count = getattr(self, 'count', 0) + 1; self.child = os.fork() if self.count == 2 else None"
     act += "\n        if self.child == 0: raise ValueError('in the child')"
