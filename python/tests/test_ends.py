@@ -167,3 +167,17 @@ def test_a_child_of_fork_that_comes_back_is_ended(missions):
     logs = missions("logs", "bad")
     assert ended.returncode == 0, ended.stdout + ended.stderr + logs.stdout
     assert "a child of os.fork() has come back to the control loop" in logs.stdout
+
+
+def test_a_long_end_reaches_the_mission(missions):
+    write(missions, act="return dca.done(bytes(17 << 20))")
+    ended = missions.run("bad.dca")
+    assert ended.returncode == 1 and "it leaves a value of 17825792 bytes" in ended.stdout + ended.stderr
+
+
+def test_an_exception_of_init_is_its_reason(missions):
+    missions.write("bad.py", WAITS.format(act="pass", before="pass").replace("    def main", "    def __init__(self): raise KeyError('boo')\n\n    def main"))
+    missions.write("bad.dca", SPEC.format(policy="", venv=".venv"))
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    assert ended.returncode == 1 and "`Bad`: KeyError: 'boo'" in out and "usage" not in out, out
