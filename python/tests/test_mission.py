@@ -199,3 +199,13 @@ def test_a_detector_of_images_and_a_service_over_http(missions):
     logs = missions("logs", "browser").stdout
     assert ended.returncode == 0, ended.stdout + ended.stderr + logs + missions("logs", "web").stdout
     assert "the spot is at " in logs
+
+
+@pytest.mark.parametrize(("cup", "code"), [("true", 0), ("false", 1)])
+def test_a_judge_that_has_learnt(missions, cup, code):
+    pytest.importorskip("sklearn")
+    shutil.copy(EXAMPLES / "grasp.py", missions.folder)
+    missions.write("grasp.dca", (EXAMPLES / "grasp.dca").read_text().replace("cup = true", f"cup = {cup}"))
+    ended = missions.run("grasp.dca")
+    assert ended.returncode == code, ended.stdout + ended.stderr
+    assert code == 0 or "the hand is empty" in ended.stdout + ended.stderr
