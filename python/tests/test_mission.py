@@ -141,7 +141,8 @@ if __name__ == "__main__":
     dca.run(Many)
 """,
     )
-    missions.write("many.dca", SPEC.format(policy="").replace("bad.py", "many.py").replace("Bad", "Many"))
+    # One calculation starts two interpreters, which takes long beside other work.
+    missions.write("many.dca", SPEC.format(policy=" { watchdog 60 s; }").replace("bad.py", "many.py").replace("Bad", "Many"))
     ended = missions.run("many.dca")
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
