@@ -184,7 +184,8 @@ impl Maker<'_> {
         match self.random.below(6) {
             0..=1 => Action::Assign { variable: self.random.below(VARIABLES), formula: self.formula(2) },
             2 => Action::Keep { slot: self.random.below(SLOTS), value: self.value() },
-            3 => Action::Raise(self.random.below(SIGNALS)),
+            // Signals that raise signals fill whole reactions, and each costs as much as a thousand other events.
+            3 if self.random.one_in(4) => Action::Raise(self.random.below(SIGNALS)),
             4 => Action::Log(vec![Fragment::Text("n ".into()), Fragment::Number(self.formula(2))]),
             _ => Action::Send { output: self.random.below(9), value: self.value() },
         }

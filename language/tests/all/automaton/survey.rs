@@ -167,7 +167,7 @@ fn random_activities_agree_with_the_reference() {
 }
 
 #[test]
-#[ignore = "long: 100,000 activities"]
+#[ignore = "long: 100,000 activities, 3 minutes of one processor"]
 fn many_random_activities_agree_with_the_reference() {
     let figures = survey(100_000, 14, 1 << 32);
     println!("{figures:?}");
