@@ -7,8 +7,9 @@ use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use anyhow::anyhow;
 use clap_complete::ArgValueCompleter;
+use language::plan::Notice;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, Request, TellRequest};
+use node::logic::protocol::{ActivityInput, Answer, Request, TellRequest};
 use std::time::Duration;
 
 /// How long the home of the deployment has to answer.
@@ -32,6 +33,38 @@ pub(crate) struct Arguments {
 enum Order {
     /// Give it a message
     Message(Message),
+    /// Ask it to suspend: its transition `on suspend` is taken
+    Suspend(ConnectArgs),
+    /// Ask it to go on: its transition `on resume` is taken
+    Resume(ConnectArgs),
+}
+
+impl Order {
+    fn connect(&self) -> &ConnectArgs {
+        match self {
+            Self::Message(message) => &message.connect,
+            Self::Suspend(connect) | Self::Resume(connect) => connect,
+        }
+    }
+
+    fn told(&self) -> ActivityInput {
+        match self {
+            Self::Message(Message { port, text, priority, .. }) => {
+                ActivityInput::Message { port: port.clone(), text: text.clone(), priority: *priority }
+            }
+            Self::Suspend(_) => ActivityInput::Notice(Notice::Suspend),
+            Self::Resume(_) => ActivityInput::Notice(Notice::Resume),
+        }
+    }
+
+    /// The name of the order, for a person.
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Message(_) => "the message",
+            Self::Suspend(_) => "the order to suspend",
+            Self::Resume(_) => "the order to resume",
+        }
+    }
 }
 
 /// A message for an activity.
@@ -51,27 +84,26 @@ struct Message {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
-        let Order::Message(message) = &arguments.order;
-        let clients = Clients::open(&message.connect).await?;
-        let told = tell(&clients, arguments, message).await;
+        let clients = Clients::open(arguments.order.connect()).await?;
+        let told = tell(&clients, arguments).await;
         clients.close().await;
         told
     })
 }
 
-async fn tell(clients: &Clients, arguments: &Arguments, message: &Message) -> Result<(), Failure> {
+async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
     let activity = &arguments.activity;
     if activity.deployment().is_some_and(|named| !named.is(&deployment)) {
         return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
     }
     let (name, process) = (deployment.name.clone(), activity.process().unwrap_or_default().to_owned());
-    let (port, text) = (message.port.clone(), message.text.clone());
-    let request = TellRequest { name, process, port, text, priority: message.priority };
+    let order = &arguments.order;
+    let request = TellRequest { name, process, order: order.told() };
     let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
-    let path = told.map_err(|why| anyhow!("cannot give the message: {why}"))?;
-    console::say(&format!("`{path}` gets the message\n"));
+    let path = told.map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
+    console::say(&format!("`{path}` gets {}\n", order.name()));
     Ok(())
 }

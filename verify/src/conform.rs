@@ -116,11 +116,11 @@ impl<'s, 'a> Follower<'s, 'a> {
             Event::Aborted { member, .. } => {
                 has(&|label| matches!(label, Label::Aborted(_, other) if of(*member)(other)))
             }
-            Event::Message { port, filters, .. } => {
-                let number = self.system.message_number(0, *port, filters);
+            Event::Message { .. } | Event::Notice(_) => {
+                let number = self.system.message_number(0, event);
                 number.and_then(|number| has(&|label| label == Label::Told(0, number)))
             }
-            Event::Stopped { .. } | Event::StopUnconfirmed { .. } | Event::Notice(_) => None,
+            Event::Stopped { .. } | Event::StopUnconfirmed { .. } => None,
         }
     }
 

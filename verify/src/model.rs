@@ -6,7 +6,7 @@
 //! are many, they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
 
 use language::algebra::{Program, Value};
-use language::plan::{Expression, Group, Member, MemberKind, Plan};
+use language::plan::{Expression, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
 
 /// A group with at most this many configurations, estimated from its operators, is not divided.
@@ -230,7 +230,8 @@ impl Outline<'_> {
                 start
             })
             .collect();
-        let is_small = operands.iter().all(|operand| runs(operand).len() < 2) && operands.len() <= BESIDE_MAX;
+        let is_small = self.names_members()
+            || operands.iter().all(|operand| runs(operand).len() < 2) && operands.len() <= BESIDE_MAX;
         let mut kept = Vec::new();
         let mut pieces: Vec<(&Expression, u32)> = Vec::new();
         for (operand, &start) in operands.iter().zip(&starts) {
@@ -283,6 +284,12 @@ impl Outline<'_> {
         around.members.push(Seat::Part(index));
         around.names.push(Member { name: String::new(), kind: MemberKind::Group(0), service: false });
         u32::try_from(around.members.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    /// Whether it is an activity that waits for the ends of members.
+    fn names_members(&self) -> bool {
+        let Expression::Chart(chart) = &self.source.expression else { return false };
+        chart.notices.iter().any(|notice| matches!(notice, Notice::Done(_) | Notice::Aborted(_)))
     }
 
     /// Whether an operand shares no member and no resource with the rest of its group.

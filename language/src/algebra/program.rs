@@ -19,7 +19,7 @@
 
 use super::phase::Phase;
 use crate::automaton::Automaton;
-use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, StateChart};
+use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Notice, StateChart};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
@@ -59,11 +59,27 @@ pub(super) struct ChartProgram {
     runs: Vec<(usize, usize)>,
     /// The transitions with a timer, in the order of their timers; the first timer is number 0.
     pub(super) timed: Vec<usize>,
+    /// The members whose ends it wants to know of: each with whether it is the normal end, and the number of the notice.
+    ends: Vec<MemberEnd>,
     /// Whether the activity has no normal end.
     is_service: bool,
 }
 
+/// The end of a member that an activity wants to know of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct MemberEnd {
+    member: u32,
+    is_normal: bool,
+    notice: usize,
+}
+
 impl ChartProgram {
+    /// The notice of the end of a member, if a transition waits for it.
+    pub(super) fn notice_of(&self, member: u32, is_normal: bool) -> Option<usize> {
+        let is_it = |end: &&MemberEnd| end.member == member && end.is_normal == is_normal;
+        self.ends.iter().find(is_it).map(|end| end.notice)
+    }
+
     /// The node of the run of a state.
     pub(super) fn node_of(&self, state: usize) -> Option<usize> {
         self.runs.iter().find(|(of, _)| *of == state).map(|(_, node)| *node)
@@ -183,7 +199,7 @@ impl Program {
             chart: None,
         };
         if let Expression::Chart(chart) = &group.expression {
-            program.chart = Some(Box::new(ChartProgram::new(chart)));
+            program.chart = Some(Box::new(ChartProgram::new(chart, &group.members)));
             let timers = program.chart.iter().map(|chart| chart.timed.len()).sum();
             program.timers = vec![0; timers];
         }
@@ -355,12 +371,18 @@ impl Program {
 }
 
 impl ChartProgram {
-    fn new(chart: &StateChart) -> Self {
+    fn new(chart: &StateChart, members: &[Member]) -> Self {
+        let end = |(notice, known): (usize, &Notice)| {
+            let (name, is_normal) = known.end_of()?;
+            let member = members.iter().position(|member| member.name == name)?;
+            Some(MemberEnd { member: small(member), is_normal, notice })
+        };
+        let ends = chart.notices.iter().enumerate().filter_map(end).collect();
         let automaton = Automaton::new(chart.chart.clone()).expect("the chart of a validated plan is an automaton");
         let transitions = &automaton.chart().transitions;
         let timed = (0..transitions.len()).filter(|&number| transitions[number].trigger.time().is_some()).collect();
         let runs = chart.runs.iter().map(|run| (run.state as usize, 0)).collect();
-        Self { automaton, runs, timed, is_service: chart.is_service() }
+        Self { automaton, runs, timed, ends, is_service: chart.is_service() }
     }
 }
 

@@ -110,7 +110,7 @@ pub(super) fn step_in<C: Cells, S: Seats>(
     commands: &mut Vec<Command>,
     ended: Option<&mut Vec<usize>>,
 ) -> Option<Outcome> {
-    let mut reaction = Reaction { program, state, commands, ended };
+    let mut reaction = Reaction { program, state, commands, ended, notice: None };
     let outcome = match event {
         Event::Start(_) if !reaction.is_idle() => return None,
         Event::Start(value) => reaction.begin(value),
@@ -118,22 +118,22 @@ pub(super) fn step_in<C: Cells, S: Seats>(
         Event::Done { member, activation, value } => {
             let node = reaction.seated(member, activation)?;
             let outcome = reaction.e_done(node, value);
-            reaction.e_ctx(node, outcome)
+            reaction.e_member(member, node, outcome)
         }
         Event::Aborted { member, activation, report } => {
             let node = reaction.seated(member, activation)?;
             let outcome = reaction.e_abort(node, report);
-            reaction.e_ctx(node, outcome)
+            reaction.e_member(member, node, outcome)
         }
         Event::Stopped { member, activation } => {
             let node = reaction.seated(member, activation)?;
             let outcome = reaction.e_stopped(node);
-            reaction.e_ctx(node, outcome)
+            reaction.e_member(member, node, outcome)
         }
         Event::StopUnconfirmed { member, activation } => {
             let node = reaction.seated(member, activation)?;
             let outcome = reaction.e_unconfirmed(node);
-            reaction.e_ctx(node, outcome)
+            reaction.e_member(member, node, outcome)
         }
         Event::Elapsed { timer, activation } => {
             let node = reaction.armed(timer, activation)?;
@@ -163,6 +163,8 @@ struct Reaction<'a, C, S> {
     state: &'a mut State<C, S>,
     commands: &'a mut Vec<Command>,
     ended: Option<&'a mut Vec<usize>>,
+    /// The end of a member that an activity has still to be told of.
+    notice: Option<usize>,
 }
 
 impl<C: Cells, S: Seats> Reaction<'_, C, S> {
@@ -191,6 +193,16 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn finish(&mut self, outcome: Outcome) -> Outcome {
         self.commands.extend(self.program.sets_always.iter().map(|&set| Command::Disconnect { set }));
         outcome
+    }
+
+    /// The outcome of a member, at its node. An activity may wait for it.
+    fn e_member(&mut self, member: u32, node: usize, outcome: Outcome) -> Option<Outcome> {
+        self.notice = self.program.chart.as_deref().and_then(|chart| match outcome {
+            Outcome::Done(_) => chart.notice_of(member, true),
+            Outcome::Aborted(_) => chart.notice_of(member, false),
+            Outcome::Stopped => None,
+        });
+        self.e_ctx(node, outcome).or_else(|| self.e_notice())
     }
 
     /// [e-ctx]: the outcome of `node` climbs until an operator absorbs it.

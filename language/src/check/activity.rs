@@ -5,6 +5,7 @@ mod domain;
 mod endless;
 mod filter;
 mod formula;
+mod notice;
 mod remarks;
 mod state;
 mod transition;
@@ -14,7 +15,7 @@ use super::names::{listed, twice};
 use super::spec::{ChartModel, Expr, ExprKind};
 use crate::automaton::{Automaton, Chart, Variable};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Filter, StateChart};
+use crate::plan::{Filter, Notice, StateChart};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Number, Port};
 use crate::syntax::ast::{Name, Node};
@@ -47,13 +48,24 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     reader.transitions(node);
     reader.remarks(node);
     let (is_sound, chart) = (reader.is_sound, reader.chart());
+    let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
     if let Some(diagnostic) = useless_labels(group) {
         group.diagnostics().push(diagnostic);
     }
     if is_sound && let Err(error) = Automaton::new(chart.chart.clone()) {
         group.diagnostics().push(Diagnostic::new(Code::E0902, span, error.to_string()));
     }
-    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs })) })
+    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices })) })
+}
+
+/// Everything that the transitions of an activity wait for by a number.
+#[derive(Default)]
+struct Heard {
+    filters: Vec<Filter>,
+    /// The notices, each with its first place.
+    notices: Vec<(Notice, Span)>,
+    /// The signals, with whether each is raised.
+    signals: Vec<(Name, bool)>,
 }
 
 /// An activity while it is read.
@@ -69,9 +81,7 @@ struct ActivityReader<'r, 'g> {
     slots: BTreeMap<String, usize>,
     inputs: Vec<(Name, String)>,
     outputs: Vec<Name>,
-    filters: Vec<Filter>,
-    /// The signals, with whether each is raised.
-    signals: Vec<(Name, bool)>,
+    heard: Heard,
     runs: Vec<(usize, Expr)>,
     /// The place of each transition.
     places: Vec<Span>,
@@ -90,8 +100,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             slots: BTreeMap::new(),
             inputs: Vec::new(),
             outputs: Vec::new(),
-            filters: Vec::new(),
-            signals: Vec::new(),
+            heard: Heard::default(),
             runs: Vec::new(),
             places: Vec::new(),
             is_sound: true,
@@ -118,9 +127,9 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             runs: Vec::new(),
             inputs: self.inputs.iter().map(|(name, _)| name.text.clone()).collect(),
             outputs: names(&self.outputs),
-            filters: std::mem::take(&mut self.filters),
-            notices: Vec::new(),
-            signals: self.signals.iter().map(|(name, _)| name.text.clone()).collect(),
+            filters: std::mem::take(&mut self.heard.filters),
+            notices: self.heard.notices.iter().map(|(notice, _)| notice.clone()).collect(),
+            signals: self.heard.signals.iter().map(|(name, _)| name.text.clone()).collect(),
         }
     }
 

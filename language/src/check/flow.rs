@@ -3,6 +3,7 @@
 mod dead;
 mod ends;
 mod instant;
+mod notice;
 mod outcome;
 mod resource;
 mod service;
@@ -27,6 +28,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         dead::check(members, actions, diagnostics);
         value::check(spec, process, actions, diagnostics);
         resource::check(process, actions, diagnostics);
+        notice::check(spec, process, diagnostics);
         resource::kept(process, &service::members(spec, process), actions, diagnostics);
     }
     instant::check(spec, diagnostics);

@@ -382,6 +382,8 @@ pub(crate) struct ChartModel {
     pub(crate) chart: StateChart,
     /// The runs, each with the number of its state.
     pub(crate) runs: Vec<(usize, Expr)>,
+    /// Where each notice of the chart is first waited for.
+    pub(crate) notices: Vec<Span>,
 }
 
 impl ChartModel {

@@ -44,8 +44,51 @@ pub struct StateRun {
 pub enum Notice {
     /// A person asks the activity to suspend.
     Suspend,
+    /// A person asks the activity to go on.
+    Resume,
     /// A host is lost.
     HostLost(String),
+    /// A host cannot be reached, and may come back.
+    LinkLost(String),
+    /// A parameter of a member has another value.
+    ParameterChanged {
+        /// The name of the member.
+        member: String,
+        /// The name of the parameter.
+        parameter: String,
+    },
+    /// The member of this name is done.
+    Done(String),
+    /// The member of this name has aborted.
+    Aborted(String),
+}
+
+impl Notice {
+    /// The member whose end it is, and whether that is a normal end.
+    pub(crate) fn end_of(&self) -> Option<(&str, bool)> {
+        match self {
+            Self::Done(member) => Some((member, true)),
+            Self::Aborted(member) => Some((member, false)),
+            Self::Suspend | Self::Resume | Self::HostLost(_) | Self::LinkLost(_) | Self::ParameterChanged { .. } => {
+                None
+            }
+        }
+    }
+}
+
+/// As a spec writes it.
+impl std::fmt::Display for Notice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Suspend => f.write_str("suspend"),
+            Self::Resume => f.write_str("resume"),
+            Self::HostLost(host) => write!(f, "host {host} lost"),
+            Self::LinkLost(host) => write!(f, "link {host} lost"),
+            Self::ParameterChanged { member, parameter } => write!(f, "parameter {member}.{parameter} changed"),
+            Self::Done(member) => write!(f, "{member}.done"),
+            Self::Aborted(member) => write!(f, "{member}.aborted"),
+        }
+    }
 }
 
 /// A condition on a message.
@@ -127,6 +170,18 @@ impl StateChart {
         Some(Event::Message { port, filters, priority, value })
     }
 
+    /// Returns the event of a notice; none if no transition waits for it.
+    pub fn notice(&self, notice: &Notice) -> Option<Event> {
+        let number = self.notices.iter().position(|known| known == notice)?;
+        Some(Event::Notice(u32::try_from(number).ok()?))
+    }
+
+    /// Returns the numbers of the notices that come from outside of the activity: all but the ends of its members.
+    pub fn notices_from_outside(&self) -> Vec<u32> {
+        let is_outside = |(_, notice): &(u32, &Notice)| notice.end_of().is_none();
+        (0_u32..).zip(&self.notices).filter(is_outside).map(|(number, _)| number).collect()
+    }
+
     /// Returns messages that the activity tells apart, for one who lets all of them come: each with its port, its text and its
     /// priority.
     pub fn messages(&self) -> Vec<(u32, String, u8)> {
@@ -147,6 +202,13 @@ impl StateChart {
             }
         }
         all
+    }
+
+    /// Returns everything from outside that the activity tells apart: [`Self::messages`], then its notices.
+    pub fn heard(&self) -> Vec<Event> {
+        let messages = self.messages().into_iter();
+        let messages = messages.filter_map(|(port, text, priority)| self.message_at(port, &text, priority));
+        messages.chain(self.notices_from_outside().into_iter().map(Event::Notice)).collect()
     }
 
     /// The filters that a transition at a port has.

@@ -26,6 +26,12 @@ pub enum SimulationError {
         /// The name as it was given.
         name: String,
     },
+    /// No activity that runs waits for it.
+    #[error("no running activity waits for `{what}`")]
+    Notice {
+        /// The news or the order that it would have to wait for.
+        what: String,
+    },
     /// The line is not understood.
     #[error(
         "expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `{line}`"
@@ -38,8 +44,8 @@ pub enum SimulationError {
 
 impl Simulation<'_> {
     /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
-    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `5 s` lets time
-    /// pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
+    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`,
+    /// `host c1 lost`, `link c1 lost` and `parameter arm.speed changed` tell activities of these, `5 s` lets time pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
     /// The line is not a command, or it names no running process.
@@ -57,6 +63,9 @@ impl Simulation<'_> {
                 self.stop();
                 Ok(())
             }
+            ("suspend" | "resume", "", "") if self.notify(text) => Ok(()),
+            ("host" | "link", host, "lost") => self.told_of(&format!("{first} {host} lost")),
+            ("parameter", parameter, "changed") => self.told_of(&format!("parameter {parameter} changed")),
             ("message", port, text) if !port.is_empty() => self.send(port, text),
             (name, "" | "done", "") => self.end(name, Ending::Done),
             (name, "done", tag) if !tag.contains(char::is_whitespace) => {
@@ -66,6 +75,10 @@ impl Simulation<'_> {
             (name, "abort", why) => self.end(name, Ending::Aborted(why.to_owned())),
             (_, _, _) => Err(SimulationError::Unreadable { line: text.to_owned() }),
         }
+    }
+
+    fn told_of(&mut self, what: &str) -> Result<(), SimulationError> {
+        if self.notify(what) { Ok(()) } else { Err(SimulationError::Notice { what: what.to_owned() }) }
     }
 
     pub(super) fn find(&self, name: &str) -> Result<u32, SimulationError> {

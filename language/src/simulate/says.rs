@@ -26,14 +26,30 @@ impl Simulation<'_> {
         Ok(())
     }
 
+    /// Tells the activities that run of something outside of them: `suspend`, `host c1 lost`. Returns whether one waits for it.
+    pub(super) fn notify(&mut self, text: &str) -> bool {
+        let running = (0..self.plan.groups.len()).filter(|&group| !self.states[group].is_idle());
+        let notices = running.flat_map(|group| {
+            let chart = self.chart_of(group);
+            let outside = chart.into_iter().flat_map(|chart| {
+                let numbers = chart.notices_from_outside();
+                numbers.into_iter().filter(|&number| chart.notices[number as usize].to_string() == text)
+            });
+            outside.map(move |number| (group, Event::Notice(number))).collect::<Vec<_>>()
+        });
+        let notices: Vec<(usize, Event)> = notices.collect();
+        let is_heard = !notices.is_empty();
+        self.queue.extend(notices);
+        self.react();
+        is_heard
+    }
+
     /// An activity gets a message of a story.
     pub(super) fn told(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
         let group = self.plan.groups.iter().position(|group| group.path == path).ok_or("it is not a group")?;
         let chart = self.chart_of(group).ok_or("it is not an activity")?;
-        let messages = chart.messages();
-        let message = (number as usize).checked_sub(1).and_then(|index| messages.get(index));
-        let (port, text, priority) = message.ok_or("it has no such message")?;
-        let event = chart.message_at(*port, text, *priority).ok_or("it has no such port")?;
+        let index = (number as usize).checked_sub(1);
+        let event = index.and_then(|index| chart.heard().into_iter().nth(index)).ok_or("it has no such message")?;
         self.queue.push_back((group, event));
         self.react();
         Ok(())

@@ -3,6 +3,7 @@
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod charts;
 mod in_algebra;
+mod notices;
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod reference;
 mod rules;

@@ -20,7 +20,6 @@ mod wires;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
-pub use activity::Message;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};

@@ -16,7 +16,7 @@ mod succession;
 use crate::logic::agent::Identity;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
-use crate::logic::executer::{ExecContext, Executer, Message, below_using, group_host, leaf_host};
+use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToCoordinator, ToParticipant};
@@ -243,9 +243,8 @@ impl Participant {
             | ToParticipant::Taken { .. }
             | ToParticipant::Succeeding { .. }
             | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
-            ToParticipant::Tell { group, port, text, priority } => {
-                let message = Message { port, text, priority };
-                self.with_executer(group, out, |executer, at, out| executer.tell(&message, at, out));
+            ToParticipant::Tell { group, told } => {
+                self.with_executer(group, out, |executer, at, out| executer.tell(&told, at, out));
             }
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };

@@ -28,7 +28,7 @@ pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
 use comms::logic::object::Access;
-pub use deploying::{StartMode, ToCoordinator, ToParticipant};
+pub use deploying::{ActivityInput, StartMode, ToCoordinator, ToParticipant};
 pub use estop::{Estop, Estopped};
 pub use event::Event;
 pub use facts::LeafFacts;
@@ -236,23 +236,19 @@ pub enum Request {
     Revocations(Vec<Vec<u8>>),
     /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
     Call(Box<CallRequest>),
-    /// Gives a message to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], at once.
+    /// Gives an order to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], at once.
     Tell(Box<TellRequest>),
 }
 
-/// A request to give a message to an activity.
+/// A request to give an order to an activity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TellRequest {
     /// The deployment.
     pub name: String,
     /// An absolute path of the activity, or the end of one.
     pub process: String,
-    /// The input port.
-    pub port: String,
-    /// The content.
-    pub text: String,
-    /// The priority.
-    pub priority: u8,
+    /// The order.
+    pub order: ActivityInput,
 }
 
 /// A call of a procedure.

@@ -1,6 +1,7 @@
 //! Tests that need more than one room, on real processes and on virtual time.
 
 mod absent;
+mod activities;
 mod addresses;
 mod aligned;
 mod at_rest;

@@ -38,7 +38,7 @@ impl System<'_> {
                 }
             }
             if frame.states[unit].hears() {
-                labels.extend((0..self.messages(unit)).map(|number| Label::Told(small(unit), number)));
+                labels.extend(self.messages(unit).map(|number| Label::Told(small(unit), number)));
             }
             for timer in 0..self.program(unit).timers() {
                 if frame.states[unit].is_armed(self.program(unit), timer) {

@@ -138,7 +138,7 @@ impl System<'_> {
                     hosts.insert(host);
                 }
             }
-            if self.is_cut(rift.home, own) {
+            if self.is_cut(rift.home, own) || self.beyond(own).any(|lost| self.awaits_loss(unit, lost)) {
                 hosts.insert(own);
             }
         }
@@ -170,6 +170,12 @@ impl System<'_> {
 
     fn is_cut(&self, one: u32, other: u32) -> bool {
         self.mode.lost.is_some_and(|loss| (one == loss.host) != (other == loss.host))
+    }
+
+    /// The hosts that a host cannot reach after the loss.
+    fn beyond(&self, host: u32) -> impl Iterator<Item = u32> {
+        let hosts = (0_u32..).zip(&self.model.plan.hosts).map(|(other, _)| other);
+        hosts.filter(move |other| self.is_cut(host, *other))
     }
 
     /// Whether the loss separates a member from its supervisor.

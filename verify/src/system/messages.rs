@@ -1,20 +1,43 @@
-//! The messages that activities tell apart: any of them may come at any time.
+//! The messages and notices that activities tell apart: any of them may come at any time. A lost host is the exception where the
+//! loss is a fault that is explored: there its notice comes when the node of the activity notes the loss.
 
 use super::{System, small};
 use language::algebra::Event;
-use language::plan::Expression;
+use language::plan::{Expression, Notice, StateChart};
 
-/// The messages that an activity tells apart; none for other groups.
+/// The messages and notices that an activity tells apart; none for other groups.
 pub(super) fn of(expression: &Expression) -> Vec<Event> {
-    let Expression::Chart(chart) = expression else { return Vec::new() };
-    let messages = chart.messages().into_iter();
-    messages.filter_map(|(port, text, priority)| chart.message_at(port, &text, priority)).collect()
+    if let Expression::Chart(chart) = expression { chart.heard() } else { Vec::new() }
 }
 
 impl System<'_> {
-    /// How many messages a unit tells apart.
-    pub(super) fn messages(&self, unit: usize) -> u16 {
-        small(self.units[unit].messages.len())
+    /// The numbers of the messages and notices that may come to a unit.
+    pub(super) fn messages(&self, unit: usize) -> impl Iterator<Item = u16> {
+        let is_faulty = self.mode.fault.is_some() || self.mode.lost.is_some();
+        let is_loss = move |event: &Event| is_faulty && matches!(self.noticed(unit, event), Some(Notice::HostLost(_)));
+        let messages = self.units[unit].messages.iter().enumerate();
+        messages.filter(move |(_, event)| !is_loss(event)).map(|(number, _)| small(number))
+    }
+
+    /// The event of a unit that learns of the loss of a host; none if no transition waits for it.
+    pub(super) fn loss_notice(&self, unit: usize, host: u32) -> Option<Event> {
+        let host = self.model.plan.hosts.get(host as usize)?;
+        self.chart(unit)?.notice(&Notice::HostLost(host.clone()))
+    }
+
+    /// Whether a unit waits for the loss of a host.
+    pub(super) fn awaits_loss(&self, unit: usize, host: u32) -> bool {
+        self.loss_notice(unit, host).is_some()
+    }
+
+    fn chart(&self, unit: usize) -> Option<&StateChart> {
+        let expression = &self.model.parts[self.units[unit].part].expression;
+        if let Expression::Chart(chart) = expression { Some(chart) } else { None }
+    }
+
+    fn noticed(&self, unit: usize, event: &Event) -> Option<&Notice> {
+        let Event::Notice(number) = event else { return None };
+        self.chart(unit)?.notices.get(*number as usize)
     }
 
     /// The message of a number.
@@ -22,16 +45,24 @@ impl System<'_> {
         self.units[unit].messages.get(usize::from(number)).cloned()
     }
 
-    /// The number of a message that came in a run.
-    pub(crate) fn message_number(&self, unit: usize, port: u32, filters: &[u32]) -> Option<u16> {
-        let is_it = |event: &Event| matches!(event, Event::Message { port: other, filters: passed, .. } if *other == port && passed == filters);
+    /// The number of a message or notice that came in a run.
+    pub(crate) fn message_number(&self, unit: usize, event: &Event) -> Option<u16> {
+        let is_it = |known: &Event| match (known, event) {
+            (Event::Message { port, filters, .. }, Event::Message { port: other, filters: passed, .. }) => {
+                port == other && filters == passed
+            }
+            (Event::Notice(number), Event::Notice(other)) => number == other,
+            _ => false,
+        };
         self.units[unit].messages.iter().position(is_it).map(small)
     }
 
-    /// The name of a message for a person: its port, its text and its priority.
+    /// The name of a message or notice for a person: of a message its port, its text and its priority.
     pub(crate) fn message_name(&self, unit: usize, number: u16) -> String {
-        let part = &self.model.parts[self.units[unit].part];
-        let Expression::Chart(chart) = &part.expression else { return String::new() };
+        let Some(chart) = self.chart(unit) else { return String::new() };
+        if let Some(notice) = self.told(unit, number).and_then(|event| self.noticed(unit, &event)) {
+            return notice_name(notice);
+        }
         let messages = chart.messages();
         let Some((port, text, priority)) = messages.get(usize::from(number)) else { return String::new() };
         let port = chart.inputs.get(*port as usize).map_or("", String::as_str);
@@ -40,5 +71,20 @@ impl System<'_> {
             text if *priority == 0 => format!("the message `{text}` at `{port}`"),
             text => format!("the message `{text}` of priority {priority} at `{port}`"),
         }
+    }
+}
+
+/// The name of a notice, for a person.
+fn notice_name(notice: &Notice) -> String {
+    match notice {
+        Notice::Suspend => "the order to suspend".to_owned(),
+        Notice::Resume => "the order to resume".to_owned(),
+        Notice::HostLost(host) => format!("the news that host `{host}` is lost"),
+        Notice::LinkLost(host) => format!("the news that host `{host}` cannot be reached"),
+        Notice::ParameterChanged { member, parameter } => {
+            format!("the news that `{parameter}` of `{member}` has changed")
+        }
+        Notice::Done(member) => format!("the news that `{member}` is done"),
+        Notice::Aborted(member) => format!("the news that `{member}` has failed"),
     }
 }

@@ -32,8 +32,10 @@ pub(crate) struct Stepper<'s> {
 pub(super) enum Blow {
     /// It is stopped.
     Stop(usize),
-    /// A member has failed for it.
-    End(usize, u32),
+    /// It is an activity, and is told that the host of this number is lost.
+    News(usize, u32),
+    /// A member has failed for it that ran, or that was already being stopped.
+    End(usize, u32, Activity),
     /// A member has stopped, and no confirmation arrives.
     Tell(usize, u32),
 }
@@ -251,9 +253,19 @@ impl Reaction<'_, '_> {
             match blow {
                 Blow::Tell(unit, member) => self.change(unit, Some(member), || Changed::Stopped),
                 Blow::Stop(unit) if !self.system.is_silent(self.frame, unit) => return Some((unit, Event::Stop)),
-                Blow::End(unit, member) if !self.system.is_silent(self.frame, unit) => {
+                Blow::News(unit, host) if !self.system.is_silent(self.frame, unit) => {
+                    let is_idle = !self.frame.states[unit].is_node_active(0);
+                    if let Some(event) = self.system.loss_notice(unit, host).filter(|_| !is_idle) {
+                        return Some((unit, event));
+                    }
+                }
+                Blow::End(unit, member, was) if !self.system.is_silent(self.frame, unit) => {
                     let is_severed = self.system.is_severed(self.frame, MemberRef { unit, member });
                     match self.frame.states[unit].activity(member) {
+                        // The news of the loss may have led to the stop.
+                        Activity::Stopping if is_severed && was == Activity::Active => {
+                            return Some((unit, self.ended(unit, member, failed())));
+                        }
                         Activity::Active => return Some((unit, self.ended(unit, member, failed()))),
                         Activity::Stopping if is_severed => {
                             return Some((unit, self.ended(unit, member, unconfirmed())));
@@ -261,7 +273,7 @@ impl Reaction<'_, '_> {
                         Activity::Stopping | Activity::Idle => {}
                     }
                 }
-                Blow::Stop(_) | Blow::End(..) => {}
+                Blow::Stop(_) | Blow::End(..) | Blow::News(..) => {}
             }
         }
         None

@@ -55,7 +55,7 @@ fn explored(plan: &language::plan::Plan, sites: &Sites) -> Report {
 }
 
 /// The mistake, the code that says it, the activity with the mistake, and the activity without.
-const MISTAKES: [(&str, &str, &str, &str); 13] = [
+const MISTAKES: [(&str, &str, &str, &str); 16] = [
     (
         "nothing leads out of the pause",
         "E0811",
@@ -155,6 +155,28 @@ const MISTAKES: [(&str, &str, &str, &str); 13] = [
          suspended state paused { on message orders -> resume; }",
     ),
     (
+        "nothing lets it go on after it was suspended",
+        "E0811",
+        "initial state s { run look; on done -> done; } suspended state paused { } on suspend -> paused;",
+        "initial state s { run look; on done -> done; } suspended state paused { on resume -> resume; } on suspend -> paused;",
+    ),
+    (
+        "the end of the wrong instance opens the way",
+        "E0817",
+        "initial state s { run look, one; on one.done -> t; } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+        "initial state s { run look, one; on look.done -> t; } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+    ),
+    (
+        "a lost host leads past the check",
+        "E0817",
+        "initial state s { run look; on done -> t; on host \"c2\" lost -> t; } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+        "initial state s { run look; on done -> t; on host \"c2\" lost { log(\"alone\"); } } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+    ),
+    (
         "it waits for a priority that no message has",
         "E0904",
         "initial state s { run look; on done -> done; on message orders where priority > 256 -> done; }",
@@ -172,4 +194,43 @@ fn mistakes_of_activities_are_found_and_nothing_is_said_of_their_repairs() {
         }
     }
     assert_eq!(wrong, Vec::<String>::new());
+}
+
+/// An activity on `c1` that runs `walk` on `c2`, with these transitions of the state in which it walks.
+fn guard(transitions: &str, sentence: &str) -> String {
+    format!(
+        "{MODULES}
+activity A(h: Host, far: Host){{
+    host{{h}}
+    walk instof Go(far);
+    back instof Go(h);
+    initial state out {{ run walk; on done -> home; {transitions} }}
+    state home {{ run back; on done -> done; }}
+    verify {{ {sentence} }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\", \"c2\"); }}
+    internal_event_actions{{ a }}
+}}"
+    )
+}
+
+/// A host may be lost at any time, so the state that its loss leads to can be entered.
+#[test]
+fn the_loss_of_a_host_is_a_free_event() {
+    assert_eq!(codes(&guard("on host far lost -> home;", "can finish;")), Vec::<String>::new());
+    assert_eq!(codes(&guard("on link far lost -> home;", "can finish;")), Vec::<String>::new());
+}
+
+/// Where the loss is the fault of a sentence, its news come when the node notes the loss, before the failures of the members
+/// there. A run that the activity leaves by it counts as failed, and not as a run whose stop is not confirmed.
+#[test]
+fn a_sentence_about_a_lost_host_knows_its_news() {
+    let sentence = "on loss of host(c2): eventually back;";
+    let both = guard("on host far lost -> home; on aborted -> home;", sentence);
+    assert_eq!(codes(&both), Vec::<String>::new());
+    // If the host starts again, only its programs have died, and no host is lost.
+    assert_eq!(codes(&guard("on host far lost -> home;", sentence)), ["E0817"]);
+    assert_eq!(codes(&guard("on host far lost -> done; on aborted -> home;", sentence)), ["E0817"]);
 }

@@ -311,7 +311,8 @@ impl Carrying<'_> {
             false => old.chart.clone(),
         };
         let mut state = State { cells: draft.cells, seats: draft.seats, timers, queue, holders, chart };
-        let mut reaction = Reaction { program: next, state: &mut state, commands: &mut draft.begun, ended: None };
+        let mut reaction =
+            Reaction { program: next, state: &mut state, commands: &mut draft.begun, ended: None, notice: None };
         let outcome = reaction.begin_anew(&draft.starts, &draft.counted);
         Carried { state, timers: draft.timers, ended: draft.ended, begun: draft.begun, outcome }
     }

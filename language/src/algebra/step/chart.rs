@@ -18,7 +18,15 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// CHART: a run has ended.
     pub(super) fn chart(&mut self, node: usize, operand: usize, outcome: Outcome) -> Option<Outcome> {
         let ended = self.ended_run(operand, outcome)?;
-        self.react(node, ended)
+        // The end of a member comes before the end of the run that it causes.
+        let notice = self.notice.take().map(Event::Notice);
+        self.react_to(node, notice.into_iter().chain([ended]).collect())
+    }
+
+    /// The activity is told of the end of a member which its run has survived.
+    pub(super) fn e_notice(&mut self) -> Option<Outcome> {
+        let notice = self.notice.take()?;
+        self.e_chart(Event::Notice(notice))
     }
 
     /// A message or a notice. An activity that does not run drops it.
@@ -59,15 +67,27 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         Some(Event::Ended { state, activation, outcome })
     }
 
+    fn react(&mut self, node: usize, event: Event) -> Option<Outcome> {
+        self.react_to(node, VecDeque::from([event]))
+    }
+
     /// Lets the automaton react, and carries out its commands. Runs that start or stop may end at once, which is the next
     /// event.
-    fn react(&mut self, node: usize, event: Event) -> Option<Outcome> {
+    fn react_to(&mut self, node: usize, mut events: VecDeque<Event>) -> Option<Outcome> {
         let chart = self.program.chart.as_deref()?;
-        let (mut events, mut commands, mut instants) = (VecDeque::from([event]), Vec::new(), 0);
+        let (mut commands, mut instants) = (Vec::new(), 0);
         while let Some(event) = events.pop_front() {
             let configuration = self.state.chart.as_deref_mut()?;
             let outcome = automaton::step(&chart.automaton, configuration, event, &mut commands);
             for command in commands.drain(..) {
+                // A run whose end waits here has nothing to stop.
+                let is_over = |event: &Event| {
+                    matches!((event, &command),
+                    (Event::Ended { state, .. }, automaton::Command::Stop { state: other, .. }) if state == other)
+                };
+                if events.iter().any(is_over) {
+                    continue;
+                }
                 if let Some((operand, outcome)) = self.obey(command) {
                     instants += 1;
                     events.extend(self.ended_run(operand, outcome));

@@ -56,13 +56,13 @@ impl ActivityReader<'_, '_> {
 
     /// `raise found;`
     fn raised(&mut self, name: &Name) -> Option<Action> {
-        let Some(signal) = self.signals.iter().position(|(known, _)| known.text == name.text) else {
+        let Some(signal) = self.heard.signals.iter().position(|(known, _)| known.text == name.text) else {
             let message = format!("no transition waits for the signal `{}`", name.text);
             let help = format!("write `on signal {} -> STATE;`", name.text);
             self.report(Diagnostic::new(Code::E0903, name.span, message).help(help));
             return None;
         };
-        self.signals[signal].1 = true;
+        self.heard.signals[signal].1 = true;
         Some(Action::Raise(signal))
     }
 

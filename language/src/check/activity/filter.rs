@@ -14,10 +14,10 @@ impl ActivityReader<'_, '_> {
     /// The number of a filter.
     pub(super) fn filter(&mut self, node: &Node, kind: &str) -> Option<usize> {
         let filter = self.part(node, false, kind)?;
-        let known = self.filters.iter().position(|other| *other == filter);
+        let known = self.heard.filters.iter().position(|other| *other == filter);
         Some(known.unwrap_or_else(|| {
-            self.filters.push(filter);
-            self.filters.len() - 1
+            self.heard.filters.push(filter);
+            self.heard.filters.len() - 1
         }))
     }
 

@@ -13,7 +13,7 @@ impl ActivityReader<'_, '_> {
             return;
         }
         let mut found = self.hidden();
-        for (name, is_raised) in &self.signals {
+        for (name, is_raised) in &self.heard.signals {
             if !is_raised {
                 let message = format!("no action raises the signal `{}`", name.text);
                 found.push(Diagnostic::new(Code::W0905, name.span, message));

@@ -1,6 +1,6 @@
 //! Transitions: the trigger and the target of each.
 
-use super::ActivityReader;
+use super::{ActivityReader, notice};
 use crate::algebra::Value;
 use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
@@ -36,8 +36,8 @@ impl ActivityReader<'_, '_> {
         for child in node.children().collect::<Vec<_>>() {
             if child.kind() == SyntaxKind::Trigger && child.names().next().is_some_and(|word| word.text == "signal") {
                 let name = child.names().nth(1);
-                let is_new = |name: &Name| self.signals.iter().all(|(known, _)| known.text != name.text);
-                self.signals.extend(name.filter(is_new).map(|name| (name, false)));
+                let is_new = |name: &Name| self.heard.signals.iter().all(|(known, _)| known.text != name.text);
+                self.heard.signals.extend(name.filter(is_new).map(|name| (name, false)));
             }
             if [SyntaxKind::State, SyntaxKind::Transition].contains(&child.kind()) {
                 self.signal_names(&child);
@@ -100,6 +100,9 @@ impl ActivityReader<'_, '_> {
 
     fn awaited(&mut self, node: &Node, trigger: &Node, word: &str, state: usize) -> Option<Awaited> {
         let plain = |trigger: Trigger| Some(Awaited { trigger, value: None });
+        if notice::is_notice(trigger) {
+            return notice::read(self, trigger).and_then(plain);
+        }
         let (place, has_run) = (trigger.span(), self.chart.states[state].run.is_some());
         match word {
             "done" if !has_run => self.misfit(place, state, "runs nothing that could be done"),
@@ -137,7 +140,7 @@ impl ActivityReader<'_, '_> {
             }
             "signal" => {
                 let name = trigger.names().nth(1)?;
-                let signal = self.signals.iter().position(|(known, _)| known.text == name.text)?;
+                let signal = self.heard.signals.iter().position(|(known, _)| known.text == name.text)?;
                 plain(Trigger::Signal(signal))
             }
             "always" => plain(Trigger::Always),

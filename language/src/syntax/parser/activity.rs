@@ -10,7 +10,10 @@ use crate::syntax::SyntaxKind::{
 /// The words that a state begins with.
 const STATE_WORDS: [&str; 7] = ["state", "initial", "final", "suspended", "parallel", "history", "deep"];
 /// The triggers of transitions that are read and not carried out yet.
-const LATER: [&str; 5] = ["host", "link", "parameter", "confirm", "suspend"];
+const LATER: [&str; 1] = ["confirm"];
+/// The words that a trigger may begin with.
+const TRIGGERS: &str = "a trigger: `done`, `aborted`, `complete`, `message`, `after`, `every`, `always`, `signal`, `any`, `suspend`, \
+                        `resume`, `host`, `link`, `parameter`, `entry`, `exit` or `INSTANCE.done`";
 /// The loosest level of operators in a formula, and one past the tightest.
 const LEVELS: std::ops::Range<u8> = 0..5;
 
@@ -163,8 +166,11 @@ impl Parser<'_> {
 
     fn trigger(&mut self) {
         self.start(SyntaxKind::Trigger);
-        let is_child = self.at(Ident) && self.kind(1) == Dot && self.kind(2) == Ident;
-        if is_child || LATER.contains(&self.word(0)) && self.at(Ident) {
+        if self.at(Ident) && self.kind(1) == Dot {
+            self.child_trigger();
+            return self.finish();
+        }
+        if LATER.contains(&self.word(0)) && self.at(Ident) {
             self.report(Code::E0006, format!("`on {}` is not supported yet", self.word(0)));
             self.start(SyntaxKind::Error);
             while !self.at_any(&[Arrow, LeftBrace, Semicolon]) && !self.at_word("when") && !self.ends_block() {
@@ -195,17 +201,44 @@ impl Parser<'_> {
                 self.bump();
                 self.expect_name("the name of a signal");
             }
-            "always" | "entry" | "exit" | "any" | "complete" => self.bump(),
+            "host" | "link" => {
+                self.bump();
+                self.constant();
+                self.expect_word("lost");
+            }
+            "parameter" => {
+                self.bump();
+                self.expect_name("the name of an instance");
+                if self.expect(Dot) {
+                    self.expect_name("the name of a parameter");
+                }
+                self.expect_word("changed");
+            }
+            "always" | "entry" | "exit" | "any" | "complete" | "suspend" | "resume" => self.bump(),
             _ => {
-                self.expected(
-                    "`done`, `aborted`, `message`, `after`, `every`, `always`, `signal`, `any`, `complete`, `entry` or `exit`",
-                );
+                self.expected(TRIGGERS);
                 if self.at(Ident) && !self.ends_block() {
                     self.skip_as_error();
                 }
             }
         }
         self.finish();
+    }
+
+    /// `look.done`, `look.aborted`
+    fn child_trigger(&mut self) {
+        self.bump();
+        self.bump();
+        if !self.eat_word("done") && !self.eat_word("aborted") {
+            self.expected("`done` or `aborted`");
+            self.eat(Ident);
+        }
+    }
+
+    fn expect_word(&mut self, word: &str) {
+        if !self.eat_word(word) {
+            self.expected(&format!("`{word}`"));
+        }
     }
 
     /// `(found p)`, `("no way")`

@@ -20,7 +20,8 @@ impl Agent {
                 Change::Detour { host, boot, .. } => self.appeared(host, *boot, false, out),
                 Change::Missing { host, since, .. } => {
                     self.peers.absence.missing(host, self.peers.names.heard(host).unwrap_or(*since));
-                    self.participants.values_mut().for_each(|participant| participant.host_missing(host, *since));
+                    let participants = self.participants.values_mut();
+                    participants.for_each(|participant| participant.host_missing(host, *since, out));
                 }
                 Change::Lost { host } => self.host_lost(host, out),
                 Change::Namesake { .. } => self.greet(out),

@@ -1,41 +1,51 @@
-//! People who give a message to an activity: finds the activity that they mean, and passes the message on.
+//! Orders of people for an activity: finds the activity that they mean, and passes the order on.
 
 use super::{Coordinator, Phase};
 use crate::logic::effect::Out;
 use crate::logic::executer::group_host;
-use crate::logic::protocol::{TellRequest, ToParticipant};
-use language::plan::{Expression, Plan, StateChart};
+use crate::logic::protocol::{ActivityInput, TellRequest, ToParticipant};
+use language::plan::{Expression, Notice, Plan, StateChart};
 
 /// The longest text of a message, in bytes.
 const TEXT_MAX: usize = 4096;
 
 impl Coordinator {
-    /// Passes a message on to the supervisor of an activity; returns the path of the activity.
+    /// Passes an order on to the supervisor of an activity; returns the path of the activity.
     ///
     /// # Errors
-    /// The sentence says why no activity takes the message.
+    /// The sentence says why no activity takes the order.
     pub fn tell(&self, request: &TellRequest, out: &mut Out<'_>) -> Result<String, String> {
         let mission = &self.mission;
         if !matches!(self.phase, Phase::Running) {
             return Err(format!("`{}` does not run", mission.deployment.name));
         }
-        if request.text.len() > TEXT_MAX {
-            return Err(format!("a message has at most {TEXT_MAX} bytes"));
-        }
         let (group, path, chart) = activity(&mission.plan, &request.process)?;
-        if !chart.inputs.contains(&request.port) {
-            return Err(match chart.inputs.as_slice() {
-                [] => format!("`{path}` has no input ports"),
-                inputs => format!("`{path}` has no input port `{}`; it has `{}`", request.port, inputs.join("`, `")),
-            });
-        }
+        check(chart, &path, &request.order)?;
         let host = group_host(&mission.plan, group).unwrap_or_default();
         if mission.hosts.get(host).is_some_and(|part| part.has_failed()) {
             return Err(format!("host `{host}`, which runs `{path}`, is lost"));
         }
-        let TellRequest { port, text, priority, .. } = request.clone();
-        out.send(host, mission.deployment.to_participant(ToParticipant::Tell { group, port, text, priority }));
+        let told = request.order.clone();
+        out.send(host, mission.deployment.to_participant(ToParticipant::Tell { group, told }));
         Ok(path)
+    }
+}
+
+/// Whether an activity takes an order of a person.
+fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), String> {
+    match order {
+        ActivityInput::Message { text, .. } if text.len() > TEXT_MAX => {
+            Err(format!("a message has at most {TEXT_MAX} bytes"))
+        }
+        ActivityInput::Message { port, .. } if !chart.inputs.contains(port) => Err(match chart.inputs.as_slice() {
+            [] => format!("`{path}` has no input ports"),
+            inputs => format!("`{path}` has no input port `{port}`; it has `{}`", inputs.join("`, `")),
+        }),
+        ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) if chart.notice(notice).is_none() => {
+            Err(format!("`{path}` has no transition `on {notice}`"))
+        }
+        ActivityInput::Message { .. } | ActivityInput::Notice(Notice::Suspend | Notice::Resume) => Ok(()),
+        ActivityInput::Notice(notice) => Err(format!("people cannot tell an activity of `{notice}`")),
     }
 }
 

@@ -4,7 +4,7 @@
 use super::{ExecContext, Executer};
 use crate::logic::effect::Out;
 use crate::logic::printable::printable;
-use crate::logic::protocol::{Change, Ending, Target, ToCoordinator};
+use crate::logic::protocol::{ActivityInput, Change, Ending, Target, ToCoordinator};
 use language::algebra::Command;
 use language::plan::{Expression, Plan, StateChart};
 
@@ -13,17 +13,6 @@ const TEXT_MAX: usize = 512;
 /// The most states that are named in one line.
 const STATES_MAX: usize = 16;
 
-/// A message for an activity.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Message {
-    /// The input port.
-    pub port: String,
-    /// The content.
-    pub text: String,
-    /// The priority.
-    pub priority: u8,
-}
-
 impl Executer {
     /// Returns the states that an activity is in, for a person; none if the group is not an activity, or does not run.
     pub fn states(&self) -> Option<String> {
@@ -31,12 +20,15 @@ impl Executer {
         (!names.is_empty()).then(|| format!("in {}", names.join(", ")))
     }
 
-    /// An activity gets a message. Returns how it ended by that, if it did. An activity that does not run, or has
-    /// no such port, drops the message.
-    pub fn tell(&mut self, message: &Message, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        let Message { port, text, priority } = message;
-        let message = chart(context.plan, self.group)?.message(port, text, *priority).filter(|_| self.running)?;
-        self.react(message, context, out)
+    /// An activity gets a message or a notice. Returns how it ended by that, if it did. An activity that does not run, or
+    /// does not wait for such a thing, drops it.
+    pub fn tell(&mut self, told: &ActivityInput, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        let chart = chart(context.plan, self.group).filter(|_| self.running)?;
+        let event = match told {
+            ActivityInput::Message { port, text, priority } => chart.message(port, text, *priority),
+            ActivityInput::Notice(notice) => chart.notice(notice),
+        };
+        self.react(event?, context, out)
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.

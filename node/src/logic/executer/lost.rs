@@ -3,9 +3,9 @@
 use super::fence::{self, Against};
 use super::{ExecContext, Executer, leaf_host, member_host, member_path};
 use crate::logic::effect::Out;
-use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target, ToParticipant};
+use crate::logic::protocol::{ActivityInput, Change, Ending, Failure, FailureCause, Target, ToParticipant};
 use language::algebra::{Activation, Activity, State};
-use language::plan::{Group, MemberKind, Plan};
+use language::plan::{Group, MemberKind, Notice, Plan};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -51,6 +51,10 @@ impl Executer {
         let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
         let lost: Vec<(u32, u32, bool)> =
             self.active.iter().map(|(slot, number)| (*slot, *number, is_stopping(*slot))).collect();
+        // An activity hears of the loss before its members fail by it.
+        if let Some(ending) = self.tell(&ActivityInput::Notice(Notice::HostLost(host.to_owned())), context, out) {
+            return Some(ending);
+        }
         for (slot, number, stopping) in lost {
             if member_host(context.plan, group, slot) != Some(host) {
                 continue;

@@ -1,7 +1,7 @@
 //! The requests that need the signature of a user, the action that each needs, and its addressees.
 
 use crate::logic::database::question::{Commit, Question};
-use crate::logic::protocol::Request;
+use crate::logic::protocol::{ActivityInput, Request, TellRequest};
 use comms::logic::object::Access;
 use language::plan::Plan;
 use trust::name::{Name, NoName};
@@ -101,9 +101,17 @@ pub fn subject(request: &Request) -> String {
         Request::Estop(_) => "stop everything".to_owned(),
         Request::ReleaseEstop => "let programs begin again".to_owned(),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),
-        Request::Tell(tell) => format!("tell `{}` of `{}` at `{}`", tell.process, tell.name, tell.port),
+        Request::Tell(tell) => subject_of_order(tell),
         Request::Call(call) => format!("call `{}` of `{}` of `{}`", call.procedure, call.path, call.deployment),
         _ => "look".to_owned(),
+    }
+}
+
+fn subject_of_order(request: &TellRequest) -> String {
+    let TellRequest { name, process, order } = request;
+    match order {
+        ActivityInput::Message { port, .. } => format!("tell `{process}` of `{name}` at `{port}`"),
+        ActivityInput::Notice(notice) => format!("{notice} `{process}` of `{name}`"),
     }
 }
 

@@ -14,9 +14,9 @@ use super::{Participant, Phase};
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{group_host, leaf_host};
 use crate::logic::instance::Instance;
-use crate::logic::protocol::Target;
+use crate::logic::protocol::{ActivityInput, Target};
 use comms::logic::time::Time;
-use language::plan::{LinkLoss, Plan};
+use language::plan::{Expression, Group, LinkLoss, Notice, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -25,6 +25,8 @@ use std::time::Duration;
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Loss {
     lost: BTreeSet<String>,
+    /// The hosts that are missing or lost.
+    missing: BTreeSet<String>,
     /// When a program stops for the sake of a host that is missing.
     stops: BTreeSet<(Time, u32, String)>,
 }
@@ -55,7 +57,7 @@ impl Participant {
     }
 
     /// Takes note that a host is missing.
-    pub fn host_missing(&mut self, host: &str, now: Time) {
+    pub fn host_missing(&mut self, host: &str, now: Time, out: &mut Out<'_>) {
         let is_noted = |leaf| self.loss.stops.iter().any(|(_, other, missing)| *other == leaf && missing == host);
         let stop = |(leaf, instance): (u32, &Instance)| match instance.link_loss() {
             LinkLoss::SafeStopAfter(time) if self.is_below(Target::Leaf(leaf), host) && !is_noted(leaf) => {
@@ -65,12 +67,18 @@ impl Participant {
         };
         let stops: Vec<_> = self.instances.iter().filter_map(stop).collect();
         self.loss.stops.extend(stops);
+        if self.loss.missing.insert(host.to_owned()) {
+            let news = ActivityInput::Notice(Notice::LinkLost(host.to_owned()));
+            for group in self.executers.numbers() {
+                self.with_executer(group, out, |executer, at, out| executer.tell(&news, at, out));
+            }
+        }
     }
 
     /// Takes the loss of a host.
     pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
         // It may be lost without having been missing: as another boot, or because it takes nothing any more.
-        self.host_missing(host, out.now);
+        self.host_missing(host, out.now, out);
         self.loss.lost.insert(host.to_owned());
         if host == self.site.home {
             if self.phase != Phase::Running || !self.goes_on() {
@@ -92,6 +100,7 @@ impl Participant {
     /// Takes note that a host is there again.
     pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
         self.loss.stops.retain(|(_, _, missing)| missing != host);
+        self.loss.missing.remove(host);
         self.executers.each(|_, executer| executer.host_back(host));
         if self.loss.lost.remove(host) {
             if host == self.site.home {
@@ -239,5 +248,18 @@ pub(super) fn relevant(plan: &Plan, host: &str) -> BTreeSet<String> {
             }
         }
     }
+    relevant.extend(awaited(plan, host));
     relevant.into_iter().map(str::to_owned).collect()
+}
+
+/// The hosts whose loss the activities on a host wait for.
+fn awaited<'a>(plan: &'a Plan, host: &str) -> impl Iterator<Item = &'a str> {
+    let here = |group: &&'a Group| plan.hosts.get(group.host as usize).is_some_and(|own| own == host);
+    let here: Vec<&Group> = plan.groups.iter().filter(here).collect();
+    let notices = here.into_iter().flat_map(|group| {
+        if let Expression::Chart(chart) = &group.expression { chart.notices.as_slice() } else { &[] }
+    });
+    notices.filter_map(|notice| {
+        if let Notice::HostLost(lost) | Notice::LinkLost(lost) = notice { Some(lost.as_str()) } else { None }
+    })
 }

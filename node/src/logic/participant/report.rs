@@ -5,9 +5,11 @@ use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
 use crate::logic::executer::wants_restarts;
 use crate::logic::instance::Instance;
-use crate::logic::protocol::{Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
+use crate::logic::protocol::{
+    ActivityInput, Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant,
+};
 use crate::logic::table::counted;
-use language::plan::Plan;
+use language::plan::{Expression, Notice, Plan};
 use std::collections::BTreeSet;
 
 impl Participant {
@@ -38,8 +40,22 @@ impl Participant {
     pub fn configured(&self, leaf: u32, parameters: Vec<(String, Option<String>)>, out: &mut Out<'_>) {
         if self.phase == Phase::Running {
             for (parameter, value) in parameters {
+                self.tell_parameter(leaf, &parameter, out);
                 self.happened(Target::Leaf(leaf), Change::Configured { parameter, value }, out);
             }
+        }
+    }
+
+    /// Tells the activity that supervises a program of a parameter with another value, if it waits for that.
+    fn tell_parameter(&self, leaf: u32, parameter: &str, out: &mut Out<'_>) {
+        let Some(&(number, slot)) = self.site.supervisors.get(&Target::Leaf(leaf)) else { return };
+        let Some(group) = self.site.plan.groups.get(number as usize) else { return };
+        let (Expression::Chart(chart), Some(member)) = (&group.expression, group.members.get(slot as usize)) else {
+            return;
+        };
+        let notice = Notice::ParameterChanged { member: member.name.clone(), parameter: parameter.to_owned() };
+        if let Some(host) = self.site.plan.hosts.get(group.host as usize).filter(|_| chart.notice(&notice).is_some()) {
+            self.site.tell(host, ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice) }, out);
         }
     }
 

@@ -4,7 +4,7 @@ use super::{Change, ChangeOrder, ChangeReply, Ending, FailureCause, LeafFacts, O
 use comms::logic::switch::{Expect, Flip};
 use comms::logic::time::Time;
 use language::algebra::StepRecord;
-use language::plan::Plan;
+use language::plan::{Notice, Plan};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -292,10 +292,20 @@ pub enum ToParticipant {
         /// The moment, on the clock of the receiver.
         start: Time,
     },
-    /// A message for an activity that you supervise. An activity that does not run drops the message.
+    /// An activity that you supervise is told of something. An activity that does not run drops it.
     Tell {
         /// The group that is the activity.
         group: u32,
+        /// The message or the notice.
+        told: ActivityInput,
+    },
+}
+
+/// A message or a notice for an activity.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ActivityInput {
+    /// A message at an input port.
+    Message {
         /// The input port.
         port: String,
         /// The content.
@@ -303,4 +313,6 @@ pub enum ToParticipant {
         /// The priority.
         priority: u8,
     },
+    /// An order to suspend or to resume, or news of the surroundings.
+    Notice(Notice),
 }

@@ -1,7 +1,9 @@
 //! Activities: their states, messages from people, and nodes that are killed while one runs.
 
 use super::world::World;
-use node::logic::protocol::{Answer, Change, Ending, Report, Request, TellRequest};
+use language::plan::Notice;
+use node::logic::agent::Input;
+use node::logic::protocol::{ActivityInput, Answer, Change, Ending, Report, Request, TellRequest};
 use std::time::Duration;
 
 /// A robot that looks, waits for a word, and goes home. The activity runs on another host than the home of the deployment.
@@ -42,8 +44,12 @@ fn said(world: &World, call: u64) -> Vec<String> {
 }
 
 fn tell(world: &mut World, process: &str, port: &str, text: &str, priority: u8) -> Result<String, String> {
-    let (name, process, port, text) = ("test".into(), process.into(), port.into(), text.into());
-    let call = world.ask("c1", Request::Tell(Box::new(TellRequest { name, process, port, text, priority })));
+    order(world, process, ActivityInput::Message { port: port.into(), text: text.into(), priority })
+}
+
+fn order(world: &mut World, process: &str, order: ActivityInput) -> Result<String, String> {
+    let request = TellRequest { name: "test".into(), process: process.into(), order };
+    let call = world.ask("c1", Request::Tell(Box::new(request)));
     world.run_for(Duration::from_millis(100));
     match world.answers[&call].as_slice() {
         [Answer::Delivered(told)] => told.clone(),
@@ -120,4 +126,84 @@ fn a_node_that_is_started_again_goes_on_in_the_same_state() {
     tell(&mut world, "round", "orders", "go", 9).unwrap();
     world.run_for(Duration::from_secs(30));
     assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
+
+/// Its robot `c2` may be lost, and people may suspend it.
+const GUARD: &str = r#"
+activity Guard(here: Host, far: Host) {
+    host { here }
+    walk instof Walker(far);
+    look instof Long(here);
+    initial state out {
+        run walk;
+        on done -> done;
+        on link far lost { log("it is silent"); }
+        on host far lost -> back { log("it is lost"); }
+        on parameter walk.way changed { log("another way"); }
+    }
+    state back { run look; on done -> done; }
+    suspended state paused { on resume -> resume; }
+    on suspend -> paused;
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof Guard("c1", "c2"); }
+    internal_event_actions { round }
+}
+"#;
+
+#[test]
+fn people_suspend_an_activity_and_let_it_go_on() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", GUARD);
+    wait_for(&mut world, call, "is in out");
+    assert_eq!(order(&mut world, "round", ActivityInput::Notice(Notice::Suspend)), Ok("main/round".to_owned()));
+    wait_for(&mut world, call, "is in paused");
+    assert!(world.running.is_empty(), "{:?}", world.running);
+    assert_eq!(order(&mut world, "round", ActivityInput::Notice(Notice::Resume)), Ok("main/round".to_owned()));
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(said(&world, call), ["is in out", "is in paused", "is in out"]);
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
+
+#[test]
+fn an_activity_without_a_place_to_suspend_says_so() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", MISSION);
+    wait_for(&mut world, call, "is in looking");
+    let refused = order(&mut world, "round", ActivityInput::Notice(Notice::Suspend)).unwrap_err();
+    assert_eq!(refused, "`main/round` has no transition `on suspend`");
+    let refused = order(&mut world, "round", ActivityInput::Notice(Notice::HostLost("c2".into()))).unwrap_err();
+    assert_eq!(refused, "people cannot tell an activity of `host c2 lost`");
+}
+
+/// The transition of the lost host is taken, although the run that it leaves is on that host.
+#[test]
+fn an_activity_leaves_what_runs_on_a_lost_host() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", GUARD);
+    wait_for(&mut world, call, "is in out");
+    world.cut.insert("c2".to_owned());
+    wait_for(&mut world, call, "is in back");
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(said(&world, call), ["is in out", "says: it is silent", "says: it is lost", "is in back"]);
+    let Report::Finished { ending, unconfirmed, .. } = world.last_report(call) else {
+        panic!("{:?}", world.last_report(call))
+    };
+    assert_eq!((ending, unconfirmed.as_slice()), (&Ending::Done(Vec::new()), &["c2".to_owned()][..]));
+}
+
+#[test]
+fn an_activity_hears_of_a_parameter_of_its_instance() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", GUARD);
+    wait_for(&mut world, call, "is in out");
+    let running = world.running.keys().find(|(host, _)| host == "c2").map(|(_, process)| process.clone());
+    let process = running.expect("it walks");
+    for name in ["speed", "way"] {
+        let parameters = vec![(name.to_owned(), Some("left".to_owned()))];
+        world.give("c2", Input::Configured { process: process.clone(), parameters });
+    }
+    world.run_for(Duration::from_millis(100));
+    assert_eq!(said(&world, call), ["is in out", "says: another way"]);
 }

@@ -200,7 +200,7 @@ impl World {
         }
         let lasts = match module.as_str() {
             "Step" | "Script" | "Arm" | "Eye" | "Owner" => 50,
-            "Long" => 10_000,
+            "Long" | "Walker" => 10_000,
             _ => return,
         };
         self.at(lasts, host, Coming::Finish(process.clone(), self.lives[process], activation));

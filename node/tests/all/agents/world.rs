@@ -21,6 +21,7 @@ use std::time::Duration;
 const MODULES: &str = "
 module Step(host) { in In: Number; out Out: Number; done; }
 module Long(host) { in In: Number; out Out: Number; done; }
+module Walker(host, way: Text = good) { done; }
 module Sensor(host) { out Out: Number; service; }
 module Stubborn(host) { done; stop within 100 ms; }
 module Arm(host) { done; claims arm; }
@@ -405,7 +406,7 @@ impl World {
 /// The programs that every host offers.
 pub(super) fn offered() -> Programs {
     let mut programs = Programs::default();
-    let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned", "Server", "Client"];
+    let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned", "Server", "Client", "Walker"];
     programs.offer("controllers", types.map(str::to_owned));
     programs
 }

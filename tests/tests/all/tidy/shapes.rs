@@ -22,7 +22,7 @@ const WIDE: [(&str, usize); 27] = [
     ("controllers/src/robot/plant.rs: Plant", 31),
     ("controllers/src/robot/setup.rs: Machine", 13),
     ("controllers/src/sdk/process/cycle.rs: Cycle", 21),
-    ("language/src/check/activity.rs: ActivityReader", 14),
+    ("language/src/check/activity.rs: ActivityReader", 13),
     ("language/src/check/expression.rs: Group", 14),
     ("language/src/check/spec.rs: Module", 17),
     ("language/src/check/spec.rs: Process", 16),

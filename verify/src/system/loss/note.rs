@@ -108,7 +108,7 @@ impl System<'_> {
                     *flags = *flags & !ORPHAN | GONE;
                     blows.push_back(Blow::Tell(unit, member));
                 } else if own != host || !leaves {
-                    blows.push_back(Blow::End(unit, member));
+                    blows.push_back(Blow::End(unit, member, frame.states[unit].activity(member)));
                 }
             }
             if own == host && !leaves && (is_home_away || self.is_supervised_across(unit)) && !rift.endures[unit] {
@@ -120,7 +120,7 @@ impl System<'_> {
                 && rift.units[around] != host
                 && !self.is_severed(frame, MemberRef { unit: around, member })
             {
-                blows.push_back(Blow::End(around, member));
+                blows.push_back(Blow::End(around, member, frame.states[around].activity(member)));
             }
         }
         frame.rift[host as usize] = if leaves { LEFT } else { NOTED };
@@ -134,6 +134,8 @@ impl System<'_> {
     fn give_up(&self, frame: &mut Frame, host: u32, blows: &mut VecDeque<Blow>) {
         let Some(rift) = &self.rift else { return };
         for unit in (0..rift.units.len()).filter(|unit| rift.units[*unit] == host) {
+            // An activity hears of the loss before its members fail by it.
+            blows.extend(self.beyond(host).map(|lost| Blow::News(unit, lost)));
             let group = self.model.parts[self.units[unit].part].group;
             let severed: Vec<u32> = frame.states[unit]
                 .members_active()
@@ -147,7 +149,7 @@ impl System<'_> {
                 if *flags & UNREACHED == 0 {
                     *flags |= if is_there { ORPHAN } else { 0 } | if is_taken { FENCED } else { 0 };
                 }
-                blows.push_back(Blow::End(unit, member));
+                blows.push_back(Blow::End(unit, member, frame.states[unit].activity(member)));
             }
         }
     }

@@ -39,13 +39,26 @@ impl Walk<'_> {
         }
     }
 
+    /// `look.done`, `parameter look.speed changed`, `message orders`
+    fn trigger(&mut self, node: &Node, names: &[Name]) {
+        match names {
+            [child, _] if node.token(SyntaxKind::Dot).is_some() => {
+                self.instance_name(Some(child));
+            }
+            [_, child, _, _] if node.token(SyntaxKind::Dot).is_some() => {
+                self.instance_name(Some(child));
+            }
+            _ => self.variable(names.get(1)),
+        }
+    }
+
     /// The names of one part of an activity.
     pub(super) fn activity_names(&mut self, node: &Node, names: &[Name]) {
         match node.kind() {
             SyntaxKind::Target | SyntaxKind::Formula | SyntaxKind::Statement => {
                 names.iter().for_each(|name| self.variable(Some(name)));
             }
-            SyntaxKind::Trigger => self.variable(names.get(1)),
+            SyntaxKind::Trigger => self.trigger(node, names),
             SyntaxKind::Pattern => self.outcome(names.first()),
             _ => {}
         }
