@@ -1,15 +1,16 @@
-//! `dca ctl`: orders of people for an activity that runs.
+//! `dca ctl`: questions and states of an activity that runs, and orders of people for it.
 
 use crate::ConnectArgs;
 use crate::client::{Clients, unasked};
 use crate::complete;
+use crate::io::user;
 use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use clap_complete::ArgValueCompleter;
 use language::plan::Notice;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{ActivityInput, Answer, Request, TellRequest};
+use node::logic::protocol::{ActivityInput, ActivityStatus, Answer, OpenQuestion, ProcessStatus, Request, TellRequest};
 use std::time::Duration;
 
 /// How long the home of the deployment has to answer.
@@ -24,8 +25,11 @@ pub(crate) struct Arguments {
     /// The activity, as a path or the end of one
     #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
     activity: ProcessName,
+    /// Without one, shows its states, its questions and the orders that it waits for
     #[command(subcommand)]
-    order: Order,
+    order: Option<Order>,
+    #[command(flatten)]
+    connect: ConnectArgs,
 }
 
 /// An order for an activity.
@@ -37,30 +41,50 @@ enum Order {
     Suspend(ConnectArgs),
     /// Ask it to go on: its transition `on resume` is taken
     Resume(ConnectArgs),
+    /// Answer one of its questions
+    Answer(GivenAnswer),
+}
+
+/// An answer to a question.
+#[derive(Debug, clap::Args)]
+struct GivenAnswer {
+    /// The answer
+    option: String,
+    /// The number of the question; not needed if one question is open
+    #[arg(long, value_name = "NUMBER")]
+    question: Option<u64>,
+    #[command(flatten)]
+    connect: ConnectArgs,
 }
 
 impl Order {
     fn connect(&self) -> &ConnectArgs {
         match self {
             Self::Message(message) => &message.connect,
+            Self::Answer(answer) => &answer.connect,
             Self::Suspend(connect) | Self::Resume(connect) => connect,
         }
     }
 
-    fn told(&self) -> ActivityInput {
-        match self {
+    /// The order for an activity in this state.
+    fn told(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<ActivityInput> {
+        Ok(match self {
+            Self::Answer(answer) => {
+                ActivityInput::Answer { question: answer.question(activity)?, option: answer.option.clone() }
+            }
             Self::Message(Message { port, text, priority, .. }) => {
                 ActivityInput::Message { port: port.clone(), text: text.clone(), priority: *priority }
             }
             Self::Suspend(_) => ActivityInput::Notice(Notice::Suspend),
             Self::Resume(_) => ActivityInput::Notice(Notice::Resume),
-        }
+        })
     }
 
     /// The name of the order, for a person.
     fn name(&self) -> &'static str {
         match self {
             Self::Message(_) => "the message",
+            Self::Answer(_) => "the answer",
             Self::Suspend(_) => "the order to suspend",
             Self::Resume(_) => "the order to resume",
         }
@@ -81,10 +105,31 @@ struct Message {
     connect: ConnectArgs,
 }
 
+impl GivenAnswer {
+    /// The number of the question that is meant.
+    fn question(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<u64> {
+        let open = activity.map_or(&[][..], |activity| &activity.questions);
+        let is_meant = |question: &&OpenQuestion| self.question.is_none_or(|number| number == question.number);
+        let meant: Vec<&OpenQuestion> = open.iter().filter(is_meant).collect();
+        match (meant.as_slice(), self.question) {
+            ([question], _) if question.options.contains(&self.option) => Ok(question.number),
+            ([question], _) => {
+                let options = question.options.join("`, `");
+                bail!("`{}` is not an answer to question {}; the answers are `{options}`", self.option, question.number)
+            }
+            ([], Some(number)) => bail!("question {number} is not open"),
+            ([], None) => bail!("no question is open"),
+            ([..], _) => bail!("{} questions are open; choose one with `--question NUMBER`", meant.len()),
+        }
+    }
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
-        let clients = Clients::open(arguments.order.connect()).await?;
+        let order = arguments.order.as_ref();
+        let connect = order.map_or_else(|| arguments.connect.clone(), |order| order.connect().or(&arguments.connect));
+        let clients = Clients::open(&connect).await?;
         let told = tell(&clients, arguments).await;
         clients.close().await;
         told
@@ -92,18 +137,46 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
-    let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
+    let statuses = clients.statuses().await?;
+    let processes = statuses.iter().flat_map(|(_, all)| &all.nodes).flat_map(|node| &node.deployments);
+    let processes = processes.filter(|part| arguments.name.is(&part.deployment)).flat_map(|part| &part.processes);
+    let shown: Vec<ProcessStatus> = processes.filter(|process| process.activity.is_some()).cloned().collect();
+    let Located { client, deployment, home } = locate(statuses, &arguments.name).await?;
     let activity = &arguments.activity;
     if activity.deployment().is_some_and(|named| !named.is(&deployment)) {
         return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
     }
     let (name, process) = (deployment.name.clone(), activity.process().unwrap_or_default().to_owned());
-    let order = &arguments.order;
-    let request = TellRequest { name, process, order: order.told() };
+    let end = format!("/{process}");
+    let is_meant = |shown: &&ProcessStatus| shown.path == process || shown.path.ends_with(&end);
+    let meant: Vec<&ProcessStatus> = shown.iter().filter(is_meant).collect();
+    let Some(order) = &arguments.order else {
+        let [one] = meant.as_slice() else {
+            return Err(anyhow!("{} activities of `{deployment}` that run are called `{process}`", meant.len()).into());
+        };
+        console::say(&page(one));
+        return Ok(());
+    };
+    let activity = if let [one] = meant.as_slice() { one.activity.as_ref() } else { None };
+    let order_told = order.told(activity).map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
+    let request = TellRequest { name, process, order: order_told, by: user::name_and_host() };
     let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
     let path = told.map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
     console::say(&format!("`{path}` gets {}\n", order.name()));
     Ok(())
+}
+
+/// The states of an activity, its questions, and the orders that it waits for.
+fn page(process: &ProcessStatus) -> String {
+    let ActivityStatus { states, questions, orders } = process.activity.clone().unwrap_or_default();
+    let states = if states.is_empty() { "between two states".to_owned() } else { format!("in {}", states.join(", ")) };
+    let mut lines = vec![format!("{} is {states}", process.path)];
+    lines.extend(questions.iter().map(|question| format!("question {}: {}", question.number, question.text)));
+    lines.extend(questions.iter().take(1).map(|_| "  answer with `answer OPTION`".to_owned()));
+    if !orders.is_empty() {
+        lines.push(format!("it waits for: {}", orders.join(", ")));
+    }
+    lines.join("\n") + "\n"
 }

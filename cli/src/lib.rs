@@ -199,6 +199,17 @@ pub struct ConnectArgs {
 }
 
 impl ConnectArgs {
+    /// Returns these, and where something is not given the others.
+    fn or(&self, other: &Self) -> Self {
+        let Self { lan, run_dir, key_folder, key_passphrase } = self.clone();
+        Self {
+            lan: lan || other.lan,
+            run_dir: run_dir.or_else(|| other.run_dir.clone()),
+            key_folder: key_folder.or_else(|| other.key_folder.clone()),
+            key_passphrase: key_passphrase.or_else(|| other.key_passphrase.clone()),
+        }
+    }
+
     /// Returns where the user's key is.
     fn key_place(&self) -> KeyPlace {
         KeyPlace { folder: self.key_folder.clone(), passphrase: self.key_passphrase.clone() }

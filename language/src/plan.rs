@@ -36,7 +36,7 @@ pub use parameter::{Accepts, Parameter};
 pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
 };
-pub use state_chart::{Filter, FilterPart, Notice, StateChart, StateRun, text_value};
+pub use state_chart::{DefaultAnswer, Filter, FilterPart, Notice, Question, StateChart, StateRun, text_value};
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
 pub use timer::TimerKind;
 pub use validate::PlanError;

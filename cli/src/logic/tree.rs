@@ -83,6 +83,7 @@ pub(crate) mod tests {
             kind: "Any".into(),
             state: (*state).to_owned(),
             pid: *pid,
+            activity: None,
         };
         let part = DeploymentStatus {
             deployment: Deployment { name: "door".into(), epoch: 1 },

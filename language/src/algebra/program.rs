@@ -17,6 +17,7 @@
 //!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
+use super::event::Event;
 use super::phase::Phase;
 use crate::automaton::Automaton;
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Notice, StateChart};
@@ -210,6 +211,13 @@ impl Program {
             chart.runs.iter_mut().zip(nodes).for_each(|(run, node)| run.1 = node);
         }
         program
+    }
+
+    /// Returns the state whose timer has run out by this event; none if it is another event, or the group is not an activity.
+    pub fn timed_state(&self, event: &Event) -> Option<usize> {
+        let Event::Elapsed { timer, .. } = event else { return None };
+        let chart = self.chart.as_deref()?;
+        chart.timed.get(*timer as usize).map(|&transition| chart.automaton.chart().transitions[transition].source)
     }
 
     /// Returns the automaton of an activity; none if the group is not an activity.

@@ -6,6 +6,7 @@ mod endless;
 mod filter;
 mod formula;
 mod notice;
+mod question;
 mod remarks;
 mod state;
 mod transition;
@@ -15,7 +16,7 @@ use super::names::{listed, twice};
 use super::spec::{ChartModel, Expr, ExprKind};
 use crate::automaton::{Automaton, Chart, Variable};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Filter, Notice, StateChart};
+use crate::plan::{Filter, Notice, Question, StateChart};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Number, Port};
 use crate::syntax::ast::{Name, Node};
@@ -66,6 +67,7 @@ struct Heard {
     notices: Vec<(Notice, Span)>,
     /// The signals, with whether each is raised.
     signals: Vec<(Name, bool)>,
+    questions: Vec<Question>,
 }
 
 /// An activity while it is read.
@@ -129,6 +131,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             outputs: names(&self.outputs),
             filters: std::mem::take(&mut self.heard.filters),
             notices: self.heard.notices.iter().map(|(notice, _)| notice.clone()).collect(),
+            questions: std::mem::take(&mut self.heard.questions),
             signals: self.heard.signals.iter().map(|(name, _)| name.text.clone()).collect(),
         }
     }

@@ -2,9 +2,10 @@
 
 use super::{Expression, PlanError};
 use crate::algebra::{Event, Value};
-use crate::automaton::{Automaton, Chart, ChartState, Relation, StateKind, Target, Transition, Trigger};
+use crate::automaton::{Automaton, Chart, ChartState, Configuration, Relation, StateKind, Target, Transition, Trigger};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::time::Duration;
 
 /// The most ports, filters, signals and notices of an activity.
 const NAMES_MAX: usize = 1_000;
@@ -26,8 +27,43 @@ pub struct StateChart {
     pub filters: Vec<Filter>,
     /// The notices of the surroundings; the numbers of notices in the chart point here.
     pub notices: Vec<Notice>,
+    /// The questions to people; the numbers of questions in notices point here.
+    pub questions: Vec<Question>,
     /// The names of the signals.
     pub signals: Vec<String>,
+}
+
+/// A question to people: a state in which the activity waits for an answer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Question {
+    /// The number of the state.
+    pub state: u32,
+    /// The question.
+    pub text: String,
+    /// The answers.
+    pub options: Vec<String>,
+    /// The answer that counts after a time; none if the activity waits for ever.
+    pub default: Option<DefaultAnswer>,
+}
+
+/// The answer that counts if none was given in time.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DefaultAnswer {
+    /// The answer.
+    pub option: String,
+    /// How long people have.
+    pub after: Duration,
+}
+
+/// As a person reads it: the text, and the answers.
+impl std::fmt::Display for Question {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({}", self.text, self.options.join(", "))?;
+        match &self.default {
+            Some(DefaultAnswer { option, after }) => write!(f, "; {option} after {} s)", after.as_secs_f64()),
+            None => f.write_str(")"),
+        }
+    }
 }
 
 /// The run of one state.
@@ -57,6 +93,13 @@ pub enum Notice {
         /// The name of the parameter.
         parameter: String,
     },
+    /// A person answers a question.
+    Answer {
+        /// The number of the question.
+        question: u32,
+        /// The answer.
+        option: String,
+    },
     /// The member of this name is done.
     Done(String),
     /// The member of this name has aborted.
@@ -69,9 +112,12 @@ impl Notice {
         match self {
             Self::Done(member) => Some((member, true)),
             Self::Aborted(member) => Some((member, false)),
-            Self::Suspend | Self::Resume | Self::HostLost(_) | Self::LinkLost(_) | Self::ParameterChanged { .. } => {
-                None
-            }
+            Self::Suspend
+            | Self::Resume
+            | Self::HostLost(_)
+            | Self::LinkLost(_)
+            | Self::ParameterChanged { .. }
+            | Self::Answer { .. } => None,
         }
     }
 }
@@ -85,6 +131,7 @@ impl std::fmt::Display for Notice {
             Self::HostLost(host) => write!(f, "host {host} lost"),
             Self::LinkLost(host) => write!(f, "link {host} lost"),
             Self::ParameterChanged { member, parameter } => write!(f, "parameter {member}.{parameter} changed"),
+            Self::Answer { option, .. } => write!(f, "answer {option}"),
             Self::Done(member) => write!(f, "{member}.done"),
             Self::Aborted(member) => write!(f, "{member}.aborted"),
         }
@@ -176,6 +223,12 @@ impl StateChart {
         Some(Event::Notice(u32::try_from(number).ok()?))
     }
 
+    /// Returns the questions that are open in a configuration, each with its number.
+    pub fn open_questions<'c>(&'c self, place: &'c Configuration) -> impl Iterator<Item = (u32, &'c Question)> {
+        let is_open = |(_, question): &(u32, &Question)| place.is_active(question.state as usize);
+        (0_u32..).zip(&self.questions).filter(is_open)
+    }
+
     /// Returns the numbers of the notices that come from outside of the activity: all but the ends of its members.
     pub fn notices_from_outside(&self) -> Vec<u32> {
         let is_outside = |(_, notice): &(u32, &Notice)| notice.end_of().is_none();
@@ -248,7 +301,11 @@ impl StateChart {
             return Err(wrong("the input ports are not those of the chart".to_owned()));
         }
         let counts = [&self.inputs, &self.outputs, &self.signals].map(Vec::len);
-        if counts.into_iter().chain([self.filters.len(), self.notices.len()]).any(|count| count > NAMES_MAX) {
+        if counts
+            .into_iter()
+            .chain([self.filters.len(), self.notices.len(), self.questions.len()])
+            .any(|count| count > NAMES_MAX)
+        {
             return Err(wrong(format!("more than {NAMES_MAX} ports, filters, signals or notices")));
         }
         let is_known = |trigger: &Trigger| match trigger {
@@ -264,6 +321,9 @@ impl StateChart {
             | Trigger::Every(_) => true,
         };
         let transitions = &self.chart.transitions;
+        if self.questions.iter().any(|question| question.state as usize >= self.chart.states.len()) {
+            return Err(wrong("a question belongs to a state that does not exist".to_owned()));
+        }
         match transitions.iter().position(|transition| !is_known(&transition.trigger)) {
             Some(number) => Err(wrong(format!("transition {number} waits for something that does not exist"))),
             None => Ok(()),

@@ -44,7 +44,7 @@ pub enum SimulationError {
 
 impl Simulation<'_> {
     /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
-    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`,
+    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`, `answer yes`,
     /// `host c1 lost`, `link c1 lost` and `parameter arm.speed changed` tell activities of these, `5 s` lets time pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
@@ -65,6 +65,7 @@ impl Simulation<'_> {
             }
             ("suspend" | "resume", "", "") if self.notify(text) => Ok(()),
             ("host" | "link", host, "lost") => self.told_of(&format!("{first} {host} lost")),
+            ("answer", option, "") if !option.is_empty() => self.told_of(&format!("answer {option}")),
             ("parameter", parameter, "changed") => self.told_of(&format!("parameter {parameter} changed")),
             ("message", port, text) if !port.is_empty() => self.send(port, text),
             (name, "" | "done", "") => self.end(name, Ending::Done),

@@ -2,7 +2,7 @@
 
 use super::{Simulation, SimulationError, Transition};
 use crate::algebra::{Command, Event};
-use crate::plan::{Expression, StateChart};
+use crate::plan::{Expression, Notice, StateChart};
 
 impl Simulation<'_> {
     /// Sends a message to the activities that run and have this port: `stop`, or `5 stop` with a priority of 5.
@@ -28,20 +28,27 @@ impl Simulation<'_> {
 
     /// Tells the activities that run of something outside of them: `suspend`, `host c1 lost`. Returns whether one waits for it.
     pub(super) fn notify(&mut self, text: &str) -> bool {
-        let running = (0..self.plan.groups.len()).filter(|&group| !self.states[group].is_idle());
-        let notices = running.flat_map(|group| {
-            let chart = self.chart_of(group);
-            let outside = chart.into_iter().flat_map(|chart| {
-                let numbers = chart.notices_from_outside();
-                numbers.into_iter().filter(|&number| chart.notices[number as usize].to_string() == text)
-            });
-            outside.map(move |number| (group, Event::Notice(number))).collect::<Vec<_>>()
-        });
-        let notices: Vec<(usize, Event)> = notices.collect();
+        let mut notices: Vec<(usize, Event)> = Vec::new();
+        for group in (0..self.plan.groups.len()).filter(|&group| !self.states[group].is_idle()) {
+            let Some(chart) = self.chart_of(group) else { continue };
+            for number in chart.notices_from_outside() {
+                let notice = &chart.notices[number as usize];
+                if notice.to_string() == text && self.is_open(group, notice) {
+                    notices.push((group, Event::Notice(number)));
+                }
+            }
+        }
         let is_heard = !notices.is_empty();
         self.queue.extend(notices);
         self.react();
         is_heard
+    }
+
+    /// Whether an answer is one to a question that is open; other notices always may come.
+    fn is_open(&self, group: usize, notice: &Notice) -> bool {
+        let Notice::Answer { question, .. } = notice else { return true };
+        let open = self.chart_of(group).zip(self.states[group].chart());
+        open.is_some_and(|(chart, place)| chart.open_questions(place).any(|(number, _)| number == *question))
     }
 
     /// An activity gets a message of a story.
@@ -72,7 +79,13 @@ impl Simulation<'_> {
         }
         let names = names.join(", ");
         if self.states_seen.get(&group) != Some(&names) {
+            let asked =
+                self.chart_of(group).map(|chart| chart.open_questions(place).map(|(_, it)| format!("asks: {it}")));
+            let asked: Vec<String> = asked.into_iter().flatten().collect();
             self.note(self.plan.groups[group].path.clone(), Transition::Says(format!("is in `{names}`")));
+            for asks in asked {
+                self.note(self.plan.groups[group].path.clone(), Transition::Says(asks));
+            }
             self.states_seen.insert(group, names);
         }
     }

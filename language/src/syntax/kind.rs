@@ -151,6 +151,8 @@ kinds! {
         StateRun "the run of a state"
         Transition "a transition"
         Trigger "a trigger"
+        Asking "a question"
+        Choice "an answer"
         Pattern "a pattern"
         Guard "a condition"
         Target "a target"

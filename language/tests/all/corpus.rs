@@ -195,7 +195,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
 
 /// An activity as lines: its states with their runs, its transitions, and the rest.
 fn activity(chart: &StateChart, name: &dyn Fn(u32) -> String) -> String {
-    let StateChart { chart: states, runs, inputs, outputs, filters, notices, signals } = chart;
+    let StateChart { chart: states, runs, inputs, outputs, filters, notices, questions, signals } = chart;
     let mut text = format!("activity; in {inputs:?} out {outputs:?} signals {signals:?}\n");
     for (number, state) in (0_u32..).zip(&states.states) {
         text += &format!("        {number} {} in {:?}: {:?}", state.name, state.parent, state.kind);
@@ -215,6 +215,7 @@ fn activity(chart: &StateChart, name: &dyn Fn(u32) -> String) -> String {
         );
     }
     filters.iter().for_each(|filter| text += &format!("        filter {filter:?}\n"));
+    questions.iter().for_each(|question| text += &format!("        question {} {question}\n", question.state));
     notices.iter().for_each(|notice| text += &format!("        notice {notice}\n"));
     text
 }

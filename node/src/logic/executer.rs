@@ -20,6 +20,7 @@ mod wires;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
+use activity::News;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
@@ -116,8 +117,7 @@ pub struct Executer {
     values: BTreeMap<u32, Vec<u8>>,
     /// Members whose place others are about to take.
     succession: Option<Succession>,
-    /// Steps that are not recorded yet, and how many came before them.
-    steps: (u64, Vec<StepRecord>),
+    news: News,
     /// The fault that a test plants.
     #[cfg(test)]
     #[serde(skip)]
@@ -168,7 +168,7 @@ impl Executer {
             acting_next: BTreeMap::new(),
             values: BTreeMap::new(),
             succession: None,
-            steps: (0, Vec::new()),
+            news: News::default(),
             #[cfg(test)]
             planted: None,
         })
@@ -314,15 +314,16 @@ impl Executer {
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
         #[cfg(test)]
         let outcome = self.go_wrong(&event, &mut commands, outcome);
-        self.steps.1.push(StepRecord::new(event, commands.clone(), outcome.clone()));
-        if outcome.is_some() || self.steps.1.len() >= STEPS_MAX {
+        self.news.steps.push(StepRecord::new(event.clone(), commands.clone(), outcome.clone()));
+        if outcome.is_some() || self.news.steps.len() >= STEPS_MAX {
             self.record(context, out);
         }
         self.connect(&commands, context, out);
         for command in commands {
             self.carry_out(command, context, out);
         }
-        self.tell_states(before, context, out);
+        self.running &= outcome.is_none();
+        self.tell_states(before, &event, context, out);
         Some(self.conclude(outcome?, context, out))
     }
 
@@ -342,8 +343,8 @@ impl Executer {
 
     /// Has its steps recorded, for a later comparison with the spec: several at once, since nothing waits for them.
     fn record(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let (group, number, steps) = (self.group, self.steps.0, std::mem::take(&mut self.steps.1));
-        self.steps.0 += steps.len() as u64;
+        let (group, number, steps) = (self.group, self.news.recorded, std::mem::take(&mut self.news.steps));
+        self.news.recorded += steps.len() as u64;
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Stepped { group, number, steps }));
     }
 

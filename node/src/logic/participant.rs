@@ -243,8 +243,8 @@ impl Participant {
             | ToParticipant::Taken { .. }
             | ToParticipant::Succeeding { .. }
             | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
-            ToParticipant::Tell { group, told } => {
-                self.with_executer(group, out, |executer, at, out| executer.tell(&told, at, out));
+            ToParticipant::Tell { group, told, by } => {
+                self.with_executer(group, out, |executer, at, out| executer.tell_by(&told, by.as_deref(), at, out));
             }
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };

@@ -44,8 +44,8 @@ pub use report::{Change, Report, SetsSwitched, is_unreached, unreachable, unreac
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{
-    Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, PolicyInUse, ProcessStatus,
-    RefusedValues, WaitingDeployment, leaves,
+    ActivityStatus, Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, OpenQuestion,
+    PolicyInUse, ProcessStatus, RefusedValues, WaitingDeployment, leaves,
 };
 use std::fmt;
 use std::time::Duration;
@@ -249,6 +249,8 @@ pub struct TellRequest {
     pub process: String,
     /// The order.
     pub order: ActivityInput,
+    /// The user who gives it; in a team the signer.
+    pub by: String,
 }
 
 /// A call of a procedure.

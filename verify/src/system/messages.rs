@@ -84,6 +84,7 @@ fn notice_name(notice: &Notice) -> String {
         Notice::ParameterChanged { member, parameter } => {
             format!("the news that `{parameter}` of `{member}` has changed")
         }
+        Notice::Answer { option, .. } => format!("the answer `{option}`"),
         Notice::Done(member) => format!("the news that `{member}` is done"),
         Notice::Aborted(member) => format!("the news that `{member}` has failed"),
     }

@@ -55,7 +55,7 @@ fn explored(plan: &language::plan::Plan, sites: &Sites) -> Report {
 }
 
 /// The mistake, the code that says it, the activity with the mistake, and the activity without.
-const MISTAKES: [(&str, &str, &str, &str); 16] = [
+const MISTAKES: [(&str, &str, &str, &str); 17] = [
     (
         "nothing leads out of the pause",
         "E0811",
@@ -174,6 +174,16 @@ const MISTAKES: [(&str, &str, &str, &str); 16] = [
         "initial state s { run look; on done -> t; on host \"c2\" lost -> t; } state t { run walk; on done -> done; }
          verify { walk only after look.done; }",
         "initial state s { run look; on done -> t; on host \"c2\" lost { log(\"alone\"); } } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+    ),
+    (
+        "the default of a question leads past the check",
+        "E0817",
+        "initial state s { run one; on done confirm operator \"Look?\" options(yes -> t, no -> u) default no after 5 s; }
+         state t { run look; on done -> u; } state u { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+        "initial state s { run one; on done confirm operator \"Look?\" options(yes -> t, no -> done) default no after 5 s; }
+         state t { run look; on done -> u; } state u { run walk; on done -> done; }
          verify { walk only after look.done; }",
     ),
     (

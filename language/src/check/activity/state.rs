@@ -1,6 +1,6 @@
 //! States: the kind and the run of each.
 
-use super::ActivityReader;
+use super::{ActivityReader, question};
 use crate::algebra::Value;
 use crate::automaton::{ChartState, History, STATES_MAX, StateKind, ValueSource};
 use crate::check::expression;
@@ -36,6 +36,7 @@ impl ActivityReader<'_, '_> {
         let name = node.title().map_or_else(String::new, |name| name.text);
         self.add_state(node, ChartState::compound(&name, None, 0));
         self.inner_states(node, 0);
+        question::add_states(self, node, 0);
         if self.nodes.len() > STATES_MAX {
             let message = format!("more than {STATES_MAX} states");
             self.report(Diagnostic::new(Code::E0701, node.span(), message));
@@ -46,7 +47,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    fn add_state(&mut self, node: &Node, state: ChartState) -> usize {
+    pub(super) fn add_state(&mut self, node: &Node, state: ChartState) -> usize {
         self.nodes.push(node.clone());
         self.chart.states.push(state);
         self.nodes.len() - 1
@@ -63,6 +64,7 @@ impl ActivityReader<'_, '_> {
                 self.names.insert(head.name.text.clone(), (number, head.name));
             }
             self.inner_states(&inner, number);
+            question::add_states(self, &inner, number);
         }
     }
 
@@ -126,6 +128,9 @@ impl ActivityReader<'_, '_> {
     /// The kind of a state, and where it begins.
     fn kind_of(&mut self, state: usize) {
         let node = self.nodes[state].clone();
+        if node.kind() == SyntaxKind::Asking {
+            return;
+        }
         let inner: Vec<usize> = (0..self.nodes.len())
             .filter(|&other| self.chart.states[other].parent == Some(state) && other != state)
             .collect();

@@ -1,6 +1,6 @@
 //! Transitions: the trigger and the target of each.
 
-use super::{ActivityReader, notice};
+use super::{ActivityReader, notice, question};
 use crate::algebra::Value;
 use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
@@ -76,20 +76,26 @@ impl ActivityReader<'_, '_> {
             Some(None) => return,
             guard => guard.flatten(),
         };
-        let target = match node.child(SyntaxKind::Target) {
-            Some(target) => self.target(&target, state, value),
-            None => Some(Target::Stay),
+        let asking = node.child(SyntaxKind::Asking);
+        let target = match (&asking, node.child(SyntaxKind::Target)) {
+            (Some(asking), _) => question::target(self, asking),
+            (None, Some(target)) => self.target(&target, state, value),
+            (None, None) => Some(Target::Stay),
         };
         let actions = self.actions(node, value);
         let Some(target) = target else { return };
         self.places.push(node.span());
         let transition = Transition { guard, actions, ..Transition::new(state, awaited.trigger, target) };
         self.chart.transitions.push(transition);
+        if let Some(asking) = &asking {
+            question::read(self, asking);
+        }
     }
 
     /// `on entry { ... }`, `on exit { ... }`
     fn at_the_border(&mut self, node: &Node, state: usize, is_entry: bool) {
-        if let Some(extra) = node.child(SyntaxKind::Target).or_else(|| node.child(SyntaxKind::Guard)) {
+        let parts = [SyntaxKind::Target, SyntaxKind::Guard, SyntaxKind::Asking];
+        if let Some(extra) = parts.into_iter().find_map(|part| node.child(part)) {
             let message = "on entry and exit there are actions alone";
             return self.report(Diagnostic::new(Code::E0902, extra.span(), message));
         }
@@ -206,7 +212,7 @@ impl ActivityReader<'_, '_> {
         found.map(|(_, failure)| failure)
     }
 
-    fn target(&mut self, node: &Node, state: usize, value: Option<&str>) -> Option<Target> {
+    pub(super) fn target(&mut self, node: &Node, state: usize, value: Option<&str>) -> Option<Target> {
         let names: Vec<Name> = node.names().collect();
         let first = names.first()?;
         match first.text.as_str() {

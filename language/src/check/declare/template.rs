@@ -115,8 +115,14 @@ fn spread(all: &mut BTreeMap<String, Template>) {
 /// The names in places that decide the shape of a group.
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
-    let durations =
-        [SyntaxKind::Suffixed, SyntaxKind::Wait, SyntaxKind::Shield, SyntaxKind::Retry, SyntaxKind::Trigger];
+    let durations = [
+        SyntaxKind::Suffixed,
+        SyntaxKind::Wait,
+        SyntaxKind::Shield,
+        SyntaxKind::Retry,
+        SyntaxKind::Trigger,
+        SyntaxKind::Asking,
+    ];
     if durations.contains(&kind) {
         used.extend(node.children_of(SyntaxKind::Constant).filter_map(|node| bare_name(&node)));
     } else if kind == SyntaxKind::AllOf {

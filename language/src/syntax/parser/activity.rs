@@ -1,7 +1,7 @@
 //! Parses activities: states, what they run, and their transitions.
 
 use super::Parser;
-use crate::diagnostic::{Code, Fix};
+use crate::diagnostic::Fix;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Arrow, Bang, Bar, Colon, Comma, Constant, Dot, DotDot, Equals, Greater, Ident, LeftBrace,
     LeftParen, Less, Minus, Number, Plus, RightBrace, RightParen, Semicolon, Star, Text,
@@ -9,8 +9,6 @@ use crate::syntax::SyntaxKind::{
 
 /// The words that a state begins with.
 const STATE_WORDS: [&str; 7] = ["state", "initial", "final", "suspended", "parallel", "history", "deep"];
-/// The triggers of transitions that are read and not carried out yet.
-const LATER: [&str; 1] = ["confirm"];
 /// The words that a trigger may begin with.
 const TRIGGERS: &str = "a trigger: `done`, `aborted`, `complete`, `message`, `after`, `every`, `always`, `signal`, `any`, `suspend`, \
                         `resume`, `host`, `link`, `parameter`, `entry`, `exit` or `INSTANCE.done`";
@@ -150,7 +148,9 @@ impl Parser<'_> {
         if self.at_word("when") {
             self.guard();
         }
-        if self.eat(Arrow) {
+        if self.at_word("confirm") {
+            self.asking();
+        } else if self.eat(Arrow) {
             self.target();
         }
         if self.at(LeftBrace) {
@@ -168,15 +168,6 @@ impl Parser<'_> {
         self.start(SyntaxKind::Trigger);
         if self.at(Ident) && self.kind(1) == Dot {
             self.child_trigger();
-            return self.finish();
-        }
-        if LATER.contains(&self.word(0)) && self.at(Ident) {
-            self.report(Code::E0006, format!("`on {}` is not supported yet", self.word(0)));
-            self.start(SyntaxKind::Error);
-            while !self.at_any(&[Arrow, LeftBrace, Semicolon]) && !self.at_word("when") && !self.ends_block() {
-                self.skip_tree();
-            }
-            self.finish();
             return self.finish();
         }
         match self.word(0) {
@@ -277,9 +268,41 @@ impl Parser<'_> {
             }
             self.expect(RightParen);
         } else {
-            while self.eat(Comma) {
+            // Behind `yes -> left` a comma may begin the next answer.
+            while self.at(Comma) && self.kind(2) != Arrow {
+                self.bump();
                 self.expect_name("a state");
             }
+        }
+        self.finish();
+    }
+
+    /// `confirm operator "Take it?" options(yes -> take, no -> search) default no after 30 s`
+    fn asking(&mut self) {
+        self.start(SyntaxKind::Asking);
+        self.bump();
+        self.expect_word("operator");
+        if !self.eat(Text) {
+            self.expected("a string with the question");
+        }
+        self.expect_word("options");
+        if self.expect(LeftParen) {
+            loop {
+                self.start(SyntaxKind::Choice);
+                if self.expect_name("an answer") && self.expect(Arrow) {
+                    self.target();
+                }
+                self.finish();
+                if !self.eat(Comma) {
+                    break;
+                }
+            }
+            self.expect(RightParen);
+        }
+        if self.eat_word("default") {
+            self.expect_name("an answer");
+            self.expect_word("after");
+            self.constant();
         }
         self.finish();
     }

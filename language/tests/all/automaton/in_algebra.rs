@@ -33,6 +33,7 @@ fn group(chart: &Chart) -> Group {
             outputs: names(9),
             filters: vec![Filter::All(vec![]); FILTERS],
             notices: vec![Notice::Suspend; charts::NOTICES],
+            questions: vec![],
             signals: names(9),
         })),
         supervision: Supervision::default(),

@@ -7,7 +7,7 @@ module Work(host, speed: Number = 1) { done(found | missing); }
 module Go(host) { done; }
 ";
 
-/// What an activity with this body tells people, after each of these lines.
+/// The reports of an activity with this body to people, after these lines.
 fn told(body: &str, lines: &[&str]) -> Vec<String> {
     let text = format!(
         "{MODULES}
@@ -127,4 +127,41 @@ fn losses_and_parameters_are_told_of() {
         "a Done",
     ];
     assert_eq!(found, expected);
+}
+
+#[test]
+fn a_question_waits_for_an_answer() {
+    let body = "initial state s { run look; on done confirm operator \"Go on?\" options(yes -> t, no -> s) default no after 5 s; }
+                state t { run one; on done -> done; }";
+    let expected = [
+        "a/look Started",
+        "a is in s",
+        "a/look Done",
+        "a Waits(5s)",
+        "a is in s?",
+        "a asks: Go on? (yes, no; no after 5 s)",
+        "a/look Started",
+        "a is in s",
+        "a/look Done",
+        "a Waits(5s)",
+        "a is in s?",
+        "a asks: Go on? (yes, no; no after 5 s)",
+        "a/one Started",
+        "a is in t",
+        "a/one Done",
+        "a Done",
+    ];
+    assert_eq!(told(body, &["look done found", "5 s", "look done found", "answer yes", "one"]), expected);
+}
+
+/// A question is withdrawn when its state is left, and cannot be answered any more.
+#[test]
+fn a_question_that_is_not_open_has_no_answer() {
+    let body = "initial state s { run look; on done confirm operator \"Go on?\" options(yes -> done); }
+                suspended state paused { on resume -> resume; } on suspend -> paused;";
+    let result = std::panic::catch_unwind(|| told(body, &["look done found", "suspend", "answer yes"]));
+    let text = result.unwrap_err().downcast::<String>().unwrap();
+    assert_eq!(*text, "answer yes: no running activity waits for `answer yes`");
+    let found = told(body, &["look done found", "suspend", "resume", "answer yes"]);
+    assert_eq!(found.last().map(String::as_str), Some("a Done"));
 }

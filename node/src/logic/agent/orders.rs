@@ -46,6 +46,10 @@ impl Agent {
                     (&mut request, request::Request::peek(&signed.head))
                 {
                     change.by = name.to_string();
+                } else if let (Request::Tell(tell), Ok((_, name))) =
+                    (&mut request, request::Request::peek(&signed.head))
+                {
+                    tell.by = name.to_string();
                 }
                 self.call(call, request, Some(Arc::new(*signed)), out);
             }

@@ -25,8 +25,8 @@ impl Coordinator {
         if mission.hosts.get(host).is_some_and(|part| part.has_failed()) {
             return Err(format!("host `{host}`, which runs `{path}`, is lost"));
         }
-        let told = request.order.clone();
-        out.send(host, mission.deployment.to_participant(ToParticipant::Tell { group, told }));
+        let (told, by) = (request.order.clone(), Some(request.by.clone()));
+        out.send(host, mission.deployment.to_participant(ToParticipant::Tell { group, told, by }));
         Ok(path)
     }
 }
@@ -44,7 +44,14 @@ fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), St
         ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) if chart.notice(notice).is_none() => {
             Err(format!("`{path}` has no transition `on {notice}`"))
         }
-        ActivityInput::Message { .. } | ActivityInput::Notice(Notice::Suspend | Notice::Resume) => Ok(()),
+        ActivityInput::Answer { option, .. }
+            if chart.questions.iter().all(|question| !question.options.contains(option)) =>
+        {
+            Err(format!("no question of `{path}` has the answer `{option}`"))
+        }
+        ActivityInput::Message { .. }
+        | ActivityInput::Answer { .. }
+        | ActivityInput::Notice(Notice::Suspend | Notice::Resume) => Ok(()),
         ActivityInput::Notice(notice) => Err(format!("people cannot tell an activity of `{notice}`")),
     }
 }

@@ -1,23 +1,84 @@
-//! The reports of an activity to people: its states, its lines, the values that it sends, the messages that it loses. And the
-//! messages that it gets.
+//! The reports of an activity to people: its states, its questions, its lines, the values that it sends, the messages that it
+//! loses. And the messages and orders that it gets.
 
 use super::{ExecContext, Executer};
 use crate::logic::effect::Out;
 use crate::logic::printable::printable;
-use crate::logic::protocol::{ActivityInput, Change, Ending, Target, ToCoordinator};
-use language::algebra::Command;
-use language::plan::{Expression, Plan, StateChart};
+use crate::logic::protocol::{ActivityInput, ActivityStatus, Change, Ending, OpenQuestion, Target, ToCoordinator};
+use language::algebra::{Command, Event, StepRecord};
+use language::automaton::{Configuration, Trigger};
+use language::plan::{DefaultAnswer, Expression, Notice, Plan, Question, StateChart};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The longest text of an activity that people are told of, in bytes.
 const TEXT_MAX: usize = 512;
 /// The most states that are named in one line.
 const STATES_MAX: usize = 16;
 
+/// The news of a supervisor for its home: steps that are not recorded yet, and questions of an activity.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct News {
+    /// How many steps were recorded.
+    pub(super) recorded: u64,
+    /// The steps since then.
+    pub(super) steps: Vec<StepRecord>,
+    /// How many questions were asked.
+    asked: u64,
+    /// The number of each open question, by its place in the chart.
+    open: BTreeMap<u32, u64>,
+}
+
+/// Where an activity was before an event.
+pub(super) type Seen = Option<Vec<String>>;
+
 impl Executer {
     /// Returns the states that an activity is in, for a person; none if the group is not an activity, or does not run.
     pub fn states(&self) -> Option<String> {
         let names = self.states_seen()?;
         (!names.is_empty()).then(|| format!("in {}", names.join(", ")))
+    }
+
+    /// Returns the states, the open questions and the possible orders of an activity; none if the group is not an activity, or
+    /// does not run.
+    pub fn activity(&self, plan: &Plan) -> Option<ActivityStatus> {
+        let (chart, place) = (chart(plan, self.group)?, self.state.chart().filter(|_| self.running)?);
+        let question = |(place, number): (&u32, &u64)| {
+            let question = chart.questions.get(*place as usize)?;
+            Some(OpenQuestion { number: *number, text: question.to_string(), options: question.options.clone() })
+        };
+        let questions = self.news.open.iter().filter_map(question).collect();
+        Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
+    }
+
+    /// An activity gets a message, a notice or an answer of a person, and people are told of the answer.
+    pub fn tell_by(
+        &mut self,
+        told: &ActivityInput,
+        by: Option<&str>,
+        context: ExecContext<'_>,
+        out: &mut Out<'_>,
+    ) -> Option<Ending> {
+        let by = by.map_or_else(|| "a node".to_owned(), printable);
+        match told {
+            ActivityInput::Answer { question, option } => {
+                let open = self.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
+                let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
+                let Some(event) = notice.and_then(|notice| chart(context.plan, self.group)?.notice(&notice)) else {
+                    let text =
+                        format!("does not take the answer `{option}` of {by} to question {question}: it is not open");
+                    self.tell_people(text, context, out);
+                    return None;
+                };
+                self.tell_people(format!("gets the answer `{option}` of {by} to question {question}"), context, out);
+                self.react(event, context, out)
+            }
+            ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) => {
+                self.tell_people(format!("gets the order of {by}: {notice}"), context, out);
+                self.tell(told, context, out)
+            }
+            ActivityInput::Notice(_) | ActivityInput::Message { .. } => self.tell(told, context, out),
+        }
     }
 
     /// An activity gets a message or a notice. Returns how it ended by that, if it did. An activity that does not run, or
@@ -27,12 +88,13 @@ impl Executer {
         let event = match told {
             ActivityInput::Message { port, text, priority } => chart.message(port, text, *priority),
             ActivityInput::Notice(notice) => chart.notice(notice),
+            ActivityInput::Answer { .. } => None,
         };
         self.react(event?, context, out)
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.
-    pub(super) fn states_seen(&self) -> Option<Vec<String>> {
+    pub(super) fn states_seen(&self) -> Seen {
         let (automaton, place) = (self.program.automaton()?, self.state.chart()?);
         if place.is_waiting() {
             return None;
@@ -41,15 +103,45 @@ impl Executer {
         Some(place.leaves(automaton).take(STATES_MAX).filter_map(name).collect())
     }
 
-    /// Tells the people who watch in which states the activity is, if these are not those of `before`.
-    pub(super) fn tell_states(&self, before: Option<Vec<String>>, context: ExecContext<'_>, out: &mut Out<'_>) {
+    /// Tells the people who watch in which states the activity is, if these are not those of `before`, and of questions
+    /// that it asks and withdraws.
+    pub(super) fn tell_states(&mut self, before: Seen, event: &Event, context: ExecContext<'_>, out: &mut Out<'_>) {
         let states = self.states_seen();
-        if states == before {
-            return;
-        }
-        if let Some(names) = states.filter(|names| !names.is_empty()) {
+        if states != before
+            && let Some(names) = states.filter(|names| !names.is_empty())
+        {
             self.tell_people(format!("is in {}", names.join(", ")), context, out);
         }
+        let Some(chart) = chart(context.plan, self.group).filter(|chart| !chart.questions.is_empty()) else { return };
+        let (closed, asked) = self.follow_questions(chart);
+        for (place, number) in closed {
+            if let Some(question) = chart.questions.get(place as usize)
+                && let Some(why) = closed_by(chart, question, event, self.program.timed_state(event))
+            {
+                self.tell_people(format!("closes question {number}: {why}"), context, out);
+            }
+        }
+        for (place, number) in asked {
+            if let Some(question) = chart.questions.get(place as usize) {
+                self.tell_people(format!("asks, as question {number}: {question}"), context, out);
+            }
+        }
+    }
+
+    /// Takes note of the questions that are open now. Returns those that are not open any more, and the new ones.
+    fn follow_questions(&mut self, chart: &StateChart) -> (BTreeMap<u32, u64>, BTreeMap<u32, u64>) {
+        let place = self.state.chart().filter(|_| self.running);
+        let open: BTreeSet<u32> =
+            place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect();
+        let news = &mut self.news;
+        let closed = news.open.extract_if(.., |question, _| !open.contains(question)).collect();
+        let mut asked = BTreeMap::new();
+        for question in open.into_iter().filter(|question| !news.open.contains_key(question)).collect::<Vec<_>>() {
+            news.asked += 1;
+            news.open.insert(question, news.asked);
+            asked.insert(question, news.asked);
+        }
+        (closed, asked)
     }
 
     /// Tells the people who watch of a command that is seen outside.
@@ -81,4 +173,40 @@ impl Executer {
 fn chart(plan: &Plan, group: u32) -> Option<&StateChart> {
     let expression = &plan.groups.get(group as usize)?.expression;
     if let Expression::Chart(chart) = expression { Some(chart) } else { None }
+}
+
+/// Why a question is closed, if no answer did it.
+fn closed_by(chart: &StateChart, question: &Question, event: &Event, timed: Option<usize>) -> Option<String> {
+    let answered = if let Event::Notice(number) = event { chart.notices.get(*number as usize) } else { None };
+    match (&question.default, answered) {
+        (_, Some(Notice::Answer { .. })) => None,
+        (Some(DefaultAnswer { option, .. }), _) if timed == Some(question.state as usize) => {
+            Some(format!("no answer came in time, so it is `{option}`"))
+        }
+        (_, _) => Some("it is withdrawn".to_owned()),
+    }
+}
+
+/// The orders that a person may give an activity now, as `dca ctl` takes them.
+fn orders(chart: &StateChart, place: &Configuration) -> Vec<String> {
+    let mut orders: Vec<String> = Vec::new();
+    for transition in chart.chart.transitions.iter().filter(|transition| place.is_active(transition.source)) {
+        let order = match &transition.trigger {
+            Trigger::Message { port, .. } => chart.inputs.get(*port).map(|port| format!("message {port} TEXT")),
+            Trigger::Notice(number) => {
+                let notice = chart.notices.get(*number);
+                notice.filter(|notice| matches!(notice, Notice::Suspend | Notice::Resume)).map(Notice::to_string)
+            }
+            Trigger::Always
+            | Trigger::Any
+            | Trigger::Signal(_)
+            | Trigger::Done(_)
+            | Trigger::Aborted(_)
+            | Trigger::Complete
+            | Trigger::After(_)
+            | Trigger::Every(_) => None,
+        };
+        orders.extend(order.filter(|order| !orders.contains(order)));
+    }
+    orders
 }

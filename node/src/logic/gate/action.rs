@@ -108,10 +108,13 @@ pub fn subject(request: &Request) -> String {
 }
 
 fn subject_of_order(request: &TellRequest) -> String {
-    let TellRequest { name, process, order } = request;
+    let TellRequest { name, process, order, .. } = request;
     match order {
         ActivityInput::Message { port, .. } => format!("tell `{process}` of `{name}` at `{port}`"),
         ActivityInput::Notice(notice) => format!("{notice} `{process}` of `{name}`"),
+        ActivityInput::Answer { question, option } => {
+            format!("answer `{option}` to question {question} of `{process}` of `{name}`")
+        }
     }
 }
 

@@ -214,7 +214,13 @@ impl Participant {
                 (Ok(_), None) => format!("idle: {external}"),
                 (Err(why), _) => format!("not there: {why}"),
             };
-            Some(ProcessStatus { path: found.path.clone(), kind: found.module.clone(), state, pid: None })
+            Some(ProcessStatus {
+                path: found.path.clone(),
+                kind: found.module.clone(),
+                state,
+                pid: None,
+                activity: None,
+            })
         })
     }
 

@@ -55,7 +55,11 @@ impl Participant {
         };
         let notice = Notice::ParameterChanged { member: member.name.clone(), parameter: parameter.to_owned() };
         if let Some(host) = self.site.plan.hosts.get(group.host as usize).filter(|_| chart.notice(&notice).is_some()) {
-            self.site.tell(host, ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice) }, out);
+            self.site.tell(
+                host,
+                ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice), by: None },
+                out,
+            );
         }
     }
 

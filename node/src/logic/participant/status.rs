@@ -26,7 +26,8 @@ impl Participant {
             let words = std::iter::once(executer.state().to_owned())
                 .chain(executer.states())
                 .chain(executer.waits(&self.site.plan));
-            Some(ProcessStatus { path, kind, state: words.collect::<Vec<_>>().join("; "), pid: None })
+            let state = words.collect::<Vec<_>>().join("; ");
+            Some(ProcessStatus { path, kind, state, pid: None, activity: executer.activity(&self.site.plan) })
         };
         let leaf = |(number, instance): (u32, &Instance)| {
             let leaf = self.site.plan.leaves.get(number as usize)?;
@@ -35,7 +36,7 @@ impl Participant {
                 true => format!("{}; the program before", instance.state()),
                 false => instance.state(),
             };
-            Some(ProcessStatus { path, kind, state, pid: instance.pid() })
+            Some(ProcessStatus { path, kind, state, pid: instance.pid(), activity: None })
         };
         let mut processes: Vec<ProcessStatus> =
             self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();

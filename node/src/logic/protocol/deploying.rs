@@ -298,6 +298,8 @@ pub enum ToParticipant {
         group: u32,
         /// The message or the notice.
         told: ActivityInput,
+        /// The user who gives it; none if a node noticed it.
+        by: Option<String>,
     },
 }
 
@@ -315,4 +317,11 @@ pub enum ActivityInput {
     },
     /// An order to suspend or to resume, or news of the surroundings.
     Notice(Notice),
+    /// An answer to a question.
+    Answer {
+        /// The number of the question, counted from 1 by the supervisor.
+        question: u64,
+        /// The answer.
+        option: String,
+    },
 }

@@ -193,6 +193,30 @@ pub struct ProcessStatus {
     pub state: String,
     /// Process id of a leaf's program.
     pub pid: Option<u32>,
+    /// The details of an activity that runs.
+    pub activity: Option<ActivityStatus>,
+}
+
+/// An activity that runs.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActivityStatus {
+    /// The names of its states.
+    pub states: Vec<String>,
+    /// The questions that wait for an answer.
+    pub questions: Vec<OpenQuestion>,
+    /// The orders that it waits for, as `dca ctl` takes them.
+    pub orders: Vec<String>,
+}
+
+/// A question of an activity that waits for an answer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OpenQuestion {
+    /// Its number, counted from 1 by the supervisor.
+    pub number: u64,
+    /// The question with its answers.
+    pub text: String,
+    /// The answers.
+    pub options: Vec<String>,
 }
 
 impl ProcessStatus {

@@ -48,7 +48,7 @@ fn tell(world: &mut World, process: &str, port: &str, text: &str, priority: u8) 
 }
 
 fn order(world: &mut World, process: &str, order: ActivityInput) -> Result<String, String> {
-    let request = TellRequest { name: "test".into(), process: process.into(), order };
+    let request = TellRequest { name: "test".into(), process: process.into(), order, by: "ann".into() };
     let call = world.ask("c1", Request::Tell(Box::new(request)));
     world.run_for(Duration::from_millis(100));
     match world.answers[&call].as_slice() {
@@ -162,7 +162,8 @@ fn people_suspend_an_activity_and_let_it_go_on() {
     assert!(world.running.is_empty(), "{:?}", world.running);
     assert_eq!(order(&mut world, "round", ActivityInput::Notice(Notice::Resume)), Ok("main/round".to_owned()));
     world.run_for(Duration::from_secs(30));
-    assert_eq!(said(&world, call), ["is in out", "is in paused", "is in out"]);
+    let ordered = ["gets the order of ann: suspend", "gets the order of ann: resume"];
+    assert_eq!(said(&world, call), ["is in out", ordered[0], "is in paused", ordered[1], "is in out"]);
     assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
 }
 
@@ -206,4 +207,113 @@ fn an_activity_hears_of_a_parameter_of_its_instance() {
     }
     world.run_for(Duration::from_millis(100));
     assert_eq!(said(&world, call), ["is in out", "says: another way"]);
+}
+
+/// It asks before it goes on. Without an answer it stays.
+const ASKING: &str = r#"
+activity Asker(here: Host) {
+    host { here }
+    look instof Step(here);
+    move instof Long(here);
+    initial state out {
+        run look;
+        on done confirm operator "Go on?" options(yes -> moving, no -> out, wait -> patient) default no after 20 s;
+    }
+    state patient { on after 1 s confirm operator "And now?" options(yes -> moving, no -> abort("no")); }
+    state moving { run move; on done -> done; }
+    suspended state paused { on resume -> resume; }
+    on suspend -> paused;
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof Asker("c2"); }
+    internal_event_actions { round }
+}
+"#;
+
+fn answer(world: &mut World, question: u64, option: &str) -> Result<String, String> {
+    order(world, "round", ActivityInput::Answer { question, option: option.into() })
+}
+
+/// The open questions of the activity, as `dca ctl` shows them, and the orders that it waits for.
+fn asked(world: &mut World) -> (Vec<(u64, String)>, Vec<String>) {
+    let call = world.ask("c2", Request::Status);
+    world.run_for(Duration::from_millis(10));
+    let [Answer::Status(status)] = world.answers[&call].as_slice() else { panic!("{:?}", world.answers[&call]) };
+    let mut processes = status.deployments.iter().flat_map(|deployment| &deployment.processes);
+    let activity = processes.find_map(|process| process.activity.clone()).expect("it runs");
+    let questions = activity.questions.into_iter().map(|question| (question.number, question.text)).collect();
+    (questions, activity.orders)
+}
+
+/// The first of two answers counts. The second one, which was under way at the same time, is recorded as well.
+#[test]
+fn one_of_two_answers_counts_and_both_are_recorded() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", ASKING);
+    wait_for(&mut world, call, "asks, as question 1: Go on? (yes, no, wait; no after 20 s)");
+    let (questions, orders) = asked(&mut world);
+    assert_eq!(questions, [(1, "Go on? (yes, no, wait; no after 20 s)".to_owned())]);
+    assert_eq!(orders, ["suspend"]);
+    let refused = answer(&mut world, 1, "maybe").unwrap_err();
+    assert_eq!(refused, "no question of `main/round` has the answer `maybe`");
+    for (by, option) in [("ann", "yes"), ("bob", "no")] {
+        let told = ActivityInput::Answer { question: 1, option: option.into() };
+        let request = TellRequest { name: "test".into(), process: "round".into(), order: told, by: by.into() };
+        world.ask("c1", Request::Tell(Box::new(request)));
+    }
+    world.run_for(Duration::from_secs(1));
+    let said = said(&world, call);
+    let expected = [
+        "is in out",
+        "is in out?",
+        "asks, as question 1: Go on? (yes, no, wait; no after 20 s)",
+        "gets the answer `yes` of ann to question 1",
+        "is in moving",
+        "does not take the answer `no` of bob to question 1: it is not open",
+    ];
+    assert_eq!(said, expected);
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
+
+#[test]
+fn a_question_without_an_answer_gets_its_default_or_waits() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", ASKING);
+    wait_for(&mut world, call, "asks, as question 1: Go on? (yes, no, wait; no after 20 s)");
+    world.run_for(Duration::from_secs(25));
+    assert!(said(&world, call).contains(&"closes question 1: no answer came in time, so it is `no`".to_owned()));
+    wait_for(&mut world, call, "asks, as question 2: Go on? (yes, no, wait; no after 20 s)");
+    // An answer to the first question is not one to the second.
+    answer(&mut world, 1, "yes").unwrap();
+    assert_eq!(status(&mut world), "running; in out?");
+    answer(&mut world, 2, "wait").unwrap();
+    wait_for(&mut world, call, "asks, as question 3: And now? (yes, no)");
+    world.run_for(Duration::from_secs(3600));
+    assert_eq!(status(&mut world), "running; in patient?");
+    order(&mut world, "round", ActivityInput::Notice(Notice::Suspend)).unwrap();
+    wait_for(&mut world, call, "closes question 3: it is withdrawn");
+    order(&mut world, "round", ActivityInput::Notice(Notice::Resume)).unwrap();
+    wait_for(&mut world, call, "asks, as question 4: And now? (yes, no)");
+    // A stop needs no answer.
+    world.stop("c1");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(call), &Ending::Stopped);
+    assert_eq!(said(&world, call).last().map(String::as_str), Some("closes question 4: it is withdrawn"));
+}
+
+/// The question is still open after the node of the activity was killed, and has the same number.
+#[test]
+fn a_node_that_is_started_again_still_waits_for_the_answer() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", ASKING);
+    wait_for(&mut world, call, "asks, as question 1: Go on? (yes, no, wait; no after 20 s)");
+    world.crash("c2");
+    world.run_for(Duration::from_secs(1));
+    world.adopt("c2");
+    world.run_for(Duration::from_secs(1));
+    answer(&mut world, 1, "yes").unwrap();
+    wait_for(&mut world, call, "is in moving");
+    assert_eq!(said(&world, call).iter().filter(|said| said.starts_with("asks")).count(), 1);
 }
