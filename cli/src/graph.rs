@@ -2,7 +2,7 @@
 
 use crate::io::{named_file, whole_file};
 use crate::{Controllers, Values, check};
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use language::{Severity, render};
 use node::console::{self, Failure};
 use std::path::PathBuf;
@@ -15,6 +15,9 @@ pub struct Arguments {
     /// Where the picture goes [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Draw the states of this activity: its type, or its path or the end of it
+    #[arg(long, value_name = "ACTIVITY")]
+    states: Option<String>,
     /// Print it for Graphviz instead of SVG
     #[arg(long)]
     dot: bool,
@@ -31,8 +34,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let spec = check::read_with(&arguments.file, &arguments.values)?;
     let interfaces = check::others(&spec, &arguments.controllers)?;
-    let (graph, mut diagnostics) = language::graph(&spec, &interfaces, &check::options(&arguments.file, false));
+    let options = check::options(&arguments.file, false);
+    let (graph, mut diagnostics) = match &arguments.states {
+        Some(activity) => language::graph_states(&spec, &interfaces, &options, activity),
+        None => language::graph(&spec, &interfaces, &options),
+    };
     let Some(graph) = graph else {
+        let is_wrong = diagnostics.iter().any(|found| found.severity == Severity::Error);
+        if let Some(activity) = arguments.states.as_ref().filter(|_| !is_wrong) {
+            return Err(Failure::Usage(anyhow!("the spec has no activity `{activity}`")));
+        }
         diagnostics.retain(|found| found.severity == Severity::Error);
         console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
         return Err(Failure::Reported);

@@ -16,9 +16,11 @@ mod layout;
 mod model;
 mod place;
 mod route;
+mod states;
 mod svg;
 
 use crate::check;
+use crate::check::spec::ExprKind;
 use crate::diagnostic::Diagnostic;
 use crate::source::Source;
 use crate::{Compiled, Options};
@@ -51,6 +53,29 @@ pub fn graph(spec: &Source, interfaces: &[Source], options: &Options) -> (Option
     let graph = plan.zip(root).map(|(plan, root)| {
         let root = model::unit(&model, root, &plan);
         Graph { root, hosts: plan.hosts }
+    });
+    (graph, diagnostics)
+}
+
+/// Returns the states of an activity as a picture, and all diagnostics. The activity is named by its type, or by its path or the
+/// end of it. The picture is absent when there is an error, or no such activity.
+pub fn graph_states(
+    spec: &Source,
+    interfaces: &[Source],
+    options: &Options,
+    activity: &str,
+) -> (Option<Graph>, Vec<Diagnostic>) {
+    let (Compiled { plan, diagnostics, .. }, model, _) = check::compile_with_model(spec, interfaces, options);
+    let end = format!("/{activity}");
+    let graph = plan.and_then(|plan| {
+        let is_meant = |path: &str, kind: &str| kind == activity || path == activity || path.ends_with(&end);
+        let mut groups = plan.groups.iter().filter(|group| is_meant(&group.path, &group.process));
+        groups.find_map(|group| {
+            let mut processes = model.processes.iter().filter(|process| process.name.text == group.process);
+            let actions = processes.find_map(|process| process.actions.as_ref())?;
+            let ExprKind::Chart(chart) = &actions.kind else { return None };
+            Some(Graph { root: states::unit(chart, group.host as usize), hosts: plan.hosts.clone() })
+        })
     });
     (graph, diagnostics)
 }

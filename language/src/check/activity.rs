@@ -48,6 +48,8 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     }
     reader.transitions(node);
     reader.remarks(node);
+    let labels = std::mem::take(&mut reader.places).into_iter().map(|written| written.label).collect();
+    let run_labels = runs.iter().map(|(state, _)| reader.run_label(*state)).collect();
     let (is_sound, chart) = (reader.is_sound, reader.chart());
     let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
     if let Some(diagnostic) = useless_labels(group) {
@@ -56,7 +58,7 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     if is_sound && let Err(error) = Automaton::new(chart.chart.clone()) {
         group.diagnostics().push(Diagnostic::new(Code::E0902, span, error.to_string()));
     }
-    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices })) })
+    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, labels, run_labels })) })
 }
 
 /// Everything that the transitions of an activity wait for by a number.
@@ -68,6 +70,13 @@ struct Heard {
     /// The signals, with whether each is raised.
     signals: Vec<(Name, bool)>,
     questions: Vec<Question>,
+}
+
+/// A transition in the text.
+struct TransitionText {
+    span: Span,
+    /// Its trigger and its condition.
+    label: String,
 }
 
 /// An activity while it is read.
@@ -85,8 +94,8 @@ struct ActivityReader<'r, 'g> {
     outputs: Vec<Name>,
     heard: Heard,
     runs: Vec<(usize, Expr)>,
-    /// The place of each transition.
-    places: Vec<Span>,
+    /// Each transition in the text.
+    places: Vec<TransitionText>,
     is_sound: bool,
 }
 
@@ -115,6 +124,12 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         if !self.group.damage.actions {
             self.group.diagnostics().push(diagnostic);
         }
+    }
+
+    /// The expression that a state runs, as the text writes it.
+    fn run_label(&self, state: usize) -> String {
+        let run = self.nodes[state].child(SyntaxKind::StateRun).and_then(|run| run.children().next());
+        run.map_or_else(String::new, |run| formula::text(&run))
     }
 
     fn take_runs(&mut self) -> Vec<(usize, Expr)> {

@@ -384,6 +384,10 @@ pub(crate) struct ChartModel {
     pub(crate) runs: Vec<(usize, Expr)>,
     /// Where each notice of the chart is first waited for.
     pub(crate) notices: Vec<Span>,
+    /// The trigger and the condition of each transition, as the text writes them.
+    pub(crate) labels: Vec<String>,
+    /// The expression of each run, as the text writes it.
+    pub(crate) run_labels: Vec<String>,
 }
 
 impl ChartModel {

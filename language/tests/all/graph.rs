@@ -31,3 +31,17 @@ fn the_door_looks_like_the_papers_figures() {
     // The layout depends on nothing but the spec.
     assert_eq!(draw(&path).svg(), graph.svg());
 }
+
+/// The states of the activity of the manual: nested and parallel states, questions, ends.
+#[test]
+fn the_states_of_an_activity_are_a_picture() {
+    let path = folder().join("states.dca");
+    let text = std::fs::read_to_string(&path).expect("a spec is text");
+    let spec = Source::new("states.dca", &text);
+    let draw = |activity: &str| language::graph_states(&spec, &[], &Options::named("states"), activity).0;
+    let graph = draw("Patrol").expect("there is such an activity");
+    expect_test::expect_file![path.with_extension("svg")].assert_eq(&graph.svg());
+    expect_test::expect_file![path.with_extension("dot")].assert_eq(&graph.dot());
+    assert_eq!(draw("main/patrol").map(|graph| graph.svg()), Some(graph.svg()));
+    assert!(draw("look").is_none() && draw("main").is_none());
+}

@@ -244,3 +244,14 @@ fn a_sentence_about_a_lost_host_knows_its_news() {
     assert_eq!(codes(&guard("on host far lost -> home;", sentence)), ["E0817"]);
     assert_eq!(codes(&guard("on host far lost -> done; on aborted -> home;", sentence)), ["E0817"]);
 }
+
+/// `dca fmea` has rows for the programs that the states of an activity run.
+#[test]
+fn faults_of_the_runs_of_an_activity_have_rows() {
+    let text = guard("on aborted -> home;", "can finish;");
+    let source = Source::new("a.dca", &text);
+    let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
+    let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+    let table = verify::fmea(&plan, &sites, &LIMITS, verify::Faults::One);
+    expect_test::expect![[""]].assert_eq(&table.markdown());
+}

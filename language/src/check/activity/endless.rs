@@ -24,7 +24,7 @@ impl ActivityReader<'_, '_> {
             let names: Vec<&str> = way.iter().take(NAMES_MAX).map(named).collect();
             let more = if way.len() > NAMES_MAX { " -> ..." } else { "" };
             let message = format!("failures are tried again for ever: {}{more}", names.join(" -> "));
-            let diagnostic = Diagnostic::new(Code::W0907, self.places[number], message);
+            let diagnostic = Diagnostic::new(Code::W0907, self.places[number].span, message);
             let diagnostic = diagnostic.label("no condition on this way looks at anything that changes on it");
             found.push(diagnostic.help("count the tries on this way, or wait on it: `on after 5 s -> STATE;`"));
         }

@@ -1,11 +1,10 @@
 //! Questions to people: each is a state of its own, in which the activity waits for an answer.
 
-use super::ActivityReader;
+use super::{ActivityReader, TransitionText};
 use crate::automaton::{ChartState, StateKind, Target, Transition, Trigger};
 use crate::check::names::twice;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{DefaultAnswer, Notice, Question};
-use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Text};
 use crate::syntax::ast::{Name, Node};
 
@@ -50,12 +49,14 @@ pub(super) fn read(reader: &mut ActivityReader<'_, '_>, asking: &Node) {
         let notice = Notice::Answer { question: small(number), option: name.text.clone() };
         reader.heard.notices.push((notice, name.span));
         let trigger = Trigger::Notice(reader.heard.notices.len() - 1);
-        add(reader, choice.span(), Transition::new(state, trigger, target.clone()));
+        let written = TransitionText { span: choice.span(), label: name.text.clone() };
+        add(reader, written, Transition::new(state, trigger, target.clone()));
         answers.push((name, target));
     }
     let default = default(reader, asking, &answers);
     if let Some((answer, target)) = &default {
-        add(reader, asking.span(), Transition::new(state, Trigger::After(answer.after), target.clone()));
+        let written = TransitionText { span: asking.span(), label: format!("after {} s", answer.after.as_secs_f64()) };
+        add(reader, written, Transition::new(state, Trigger::After(answer.after), target.clone()));
     }
     let options = answers.into_iter().map(|(name, _)| name.text).collect();
     let default = default.map(|(answer, _)| answer);
@@ -90,8 +91,8 @@ fn default(
     Some((DefaultAnswer { option: name.text.clone(), after }, target.clone()))
 }
 
-fn add(reader: &mut ActivityReader<'_, '_>, place: Span, transition: Transition) {
-    reader.places.push(place);
+fn add(reader: &mut ActivityReader<'_, '_>, written: TransitionText, transition: Transition) {
+    reader.places.push(written);
     reader.chart.transitions.push(transition);
 }
 

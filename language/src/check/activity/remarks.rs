@@ -40,8 +40,8 @@ impl ActivityReader<'_, '_> {
                 .position(|other| other.source == transition.source && other.guard.is_none() && covers(&other.trigger));
             if let Some(earlier) = earlier {
                 let message = "this transition is never taken: the one before it always is";
-                let diagnostic = Diagnostic::new(Code::W0905, self.places[number], message);
-                found.push(diagnostic.reason(self.places[earlier], "taken instead"));
+                let diagnostic = Diagnostic::new(Code::W0905, self.places[number].span, message);
+                found.push(diagnostic.reason(self.places[earlier].span, "taken instead"));
             }
         }
         found

@@ -1,6 +1,6 @@
 //! Transitions: the trigger and the target of each.
 
-use super::{ActivityReader, notice, question};
+use super::{ActivityReader, TransitionText, formula, notice, question};
 use crate::algebra::Value;
 use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
@@ -84,7 +84,9 @@ impl ActivityReader<'_, '_> {
         };
         let actions = self.actions(node, value);
         let Some(target) = target else { return };
-        self.places.push(node.span());
+        let parts = [Some(trigger.clone()), node.child(SyntaxKind::Guard)];
+        let label: Vec<String> = parts.into_iter().flatten().map(|part| formula::text(&part)).collect();
+        self.places.push(TransitionText { span: node.span(), label: label.join(" ") });
         let transition = Transition { guard, actions, ..Transition::new(state, awaited.trigger, target) };
         self.chart.transitions.push(transition);
         if let Some(asking) = &asking {
