@@ -28,6 +28,7 @@
 //! ```
 
 mod action;
+mod carry;
 mod chart;
 mod configuration;
 mod enter;
@@ -38,6 +39,7 @@ mod select;
 mod shape;
 mod step;
 
+pub(crate) use carry::carry;
 pub use chart::{
     Action, Chart, ChartState, Failure, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource,
     Variable,

@@ -86,6 +86,11 @@ impl ChartProgram {
         self.runs.iter().find(|(of, _)| *of == state).map(|(_, node)| *node)
     }
 
+    /// How long the timer of a transition runs.
+    pub(super) fn time_of(&self, transition: usize) -> Option<Duration> {
+        self.automaton.chart().transitions.get(transition)?.trigger.time()
+    }
+
     /// The state that runs a node.
     pub(super) fn state_of(&self, node: usize) -> Option<usize> {
         self.runs.iter().find(|(_, of)| *of == node).map(|(state, _)| *state)

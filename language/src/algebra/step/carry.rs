@@ -8,19 +8,23 @@
 //!   a , b , c    →  a , b         c is stopped, if every process that runs in it is `gone`: nobody waits for it
 //!   a # wait(d)  →  a # wait(e)   what only waits begins anew
 //! ```
+//! An activity keeps its states, where they still exist.
 //! An operand that has ended keeps its end. Nothing is added or taken away where something is being stopped.
 
 mod alike;
 mod chain;
+mod chart;
 mod operands;
 
 use super::{Cell, Phase, Reaction};
 use crate::algebra::event::{Activation, Command, Outcome, Value};
 use crate::algebra::program::{Kind, Program};
 use crate::algebra::state::{MemberState, State};
+use crate::automaton::Configuration;
 use alike::{Compared, count, is_alike, sets, tags, taken};
 use chain::Chain;
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 /// The most comparisons of two nodes: a hostile plan must not hang a node.
 const COMPARISONS_MAX: u32 = 500_000;
@@ -78,6 +82,10 @@ struct Draft {
     starts: Vec<(usize, usize)>,
     /// New operators whose operands have to be counted again.
     counted: BTreeSet<usize>,
+    /// Where an activity is in its changed states.
+    chart: Option<Box<Configuration>>,
+    /// The new timers that begin, each with its time.
+    armed: Vec<(u32, Duration)>,
 }
 
 impl Draft {
@@ -95,6 +103,8 @@ impl Draft {
             begun: Vec::new(),
             starts: Vec::new(),
             counted: BTreeSet::new(),
+            chart: None,
+            armed: Vec::new(),
         }
     }
 }
@@ -218,7 +228,7 @@ impl Carrying<'_> {
                 self.draft.timers.extend((0..old.timers()).map(|timer| (timer, timer)));
                 self.place_operands(o, n, is_calm)
             }
-            (Kind::Chart, Kind::Chart) => Err(self.misfit(o, "the states of the activity are not the same")),
+            (Kind::Chart, Kind::Chart) => chart::place(self, o, n, is_calm),
             (Kind::Recurrent, Kind::Recurrent) | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
             _ => Err(self.misfit(o, "something else stands in its place")),
         }
@@ -306,13 +316,17 @@ impl Carrying<'_> {
         for &node in &draft.counted {
             count(next, &mut draft.cells, node, &starting);
         }
-        let chart = match old.is_idle() || self.program.chart != next.chart {
-            true => State::new(next).chart,
-            false => old.chart.clone(),
+        let chart = match draft.chart.take() {
+            Some(moved) => Some(moved),
+            None if old.is_idle() || self.program.chart != next.chart => State::new(next).chart,
+            None => old.chart.clone(),
         };
         let mut state = State { cells: draft.cells, seats: draft.seats, timers, queue, holders, chart };
         let mut reaction =
             Reaction { program: next, state: &mut state, commands: &mut draft.begun, ended: None, notice: None };
+        for (timer, after) in std::mem::take(&mut draft.armed) {
+            reaction.arm(timer, after);
+        }
         let outcome = reaction.begin_anew(&draft.starts, &draft.counted);
         Carried { state, timers: draft.timers, ended: draft.ended, begun: draft.begun, outcome }
     }
