@@ -142,6 +142,7 @@ words! {
     Action "fail" "fail(\"${1:why}\")" "Aborts at once, for this reason."
     Action "any" "any ${1:2} of ($0)" "Done when so many of them are done; the others are stopped."
     Action "all" "all ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `,`."
+    Action "each" "each ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `;`."
     Action "race" "race ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `#`."
     Action "retry" "retry(${1:3}) $0" "Tries again after an abort, so many times at most."
     Action "match" "match { ${1:outcome} => $0 }" "Goes on by the outcome of what comes before: `P : match { found => Q, missing => R }`."

@@ -85,6 +85,7 @@ const WORDS: &[&str] = &[
     "of",
     "all",
     "race",
+    "each",
     "skip",
     "never",
     "true",

@@ -103,7 +103,7 @@ fn completion_knows_event_actions() {
     let instances = offers.iter().filter(|offer| offer.kind == CompletionKind::Instance);
     assert_eq!(instances.map(|offer| offer.label.as_str()).collect::<Vec<_>>(), ["eye", "arm"]);
     assert!(
-        ["skip", "never", "wait", "any", "all", "race", "retry"]
+        ["skip", "never", "wait", "any", "all", "each", "race", "retry"]
             .iter()
             .all(|word| offers.iter().any(|offer| offer.label == *word))
     );

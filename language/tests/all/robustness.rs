@@ -256,6 +256,7 @@ const WORDS: &[&str] = &[
     "use",
     "all i in 0..2 (",
     "race",
+    "each",
     "[i]",
     "[2]",
     "[l]",

@@ -1,4 +1,4 @@
-//! Writes `all i in 0..4 (p[i])` and pools out, and resolves `p[2]`.
+//! Writes `all i in 0..4 (p[i])`, `race`, `each` and pools out, and resolves `p[2]`.
 
 use super::Group;
 use crate::check::count::{self, CountValue, Expected, whole};
@@ -10,7 +10,7 @@ use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
 use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeMap;
 
-/// Writes a replication out: `all` with `,`, `race` with `#`.
+/// Writes a replication out: `all` with `,`, `race` with `#`, `each` with `;`.
 pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let words: Vec<Name> = node.names().collect();
     let (word, variable) = (words.first()?, words.get(1)?);
@@ -29,7 +29,9 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
         if group.is_full() {
             return None;
         }
-        if let Some(shared) = shared(&copy, &mut runs, value > start) {
+        if word.text != "each"
+            && let Some(shared) = shared(&copy, &mut runs, value > start)
+        {
             let message = format!("one instance is run for each `{}`, all at the same time", variable.text);
             let diagnostic = Diagnostic::new(Code::E0401, shared, message);
             group
@@ -42,7 +44,11 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     if copies.len() == 1 {
         return copies.pop().map(|only| only.kind);
     }
-    Some(if word.text == "race" { ExprKind::Disable(copies) } else { ExprKind::Concurrent(copies) })
+    Some(match word.text.as_str() {
+        "race" => ExprKind::Disable(copies),
+        "each" => ExprKind::Sequence(copies),
+        _ => ExprKind::Concurrent(copies),
+    })
 }
 
 /// Writes the second operand of `P ::[n] Q` out, once for each place of the pool.

@@ -205,7 +205,7 @@ impl Parser<'_> {
         } else if next == Number || next == Ident && self.word(2) == "of" {
             &["any"]
         } else if next == Ident && self.word(2) == "in" {
-            &["all", "race"]
+            &["all", "race", "each"]
         } else {
             return None;
         };
@@ -285,7 +285,7 @@ impl Parser<'_> {
         } else if let Some(word) = word {
             match word {
                 "any" => self.any_of(),
-                "all" | "race" => self.all_of(),
+                "all" | "race" | "each" => self.all_of(),
                 "match" => self.matching(),
                 _ => self.call(if word == "wait" { SyntaxKind::Wait } else { SyntaxKind::Fail }),
             }
@@ -354,7 +354,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `all i in 0..4 (p[i])`, `race i in 0..4 (p[i])`
+    /// `all i in 0..4 (p[i])`, `race i in 0..4 (p[i])`, `each i in 0..4 (p[i])`
     fn all_of(&mut self) {
         self.start(SyntaxKind::AllOf);
         self.bump();

@@ -116,14 +116,14 @@ impl Parser<'_> {
         let is_own = match *word {
             "match" => self.kind(1) == LeftBrace,
             "any" => self.kind(1) == Number || self.kind(1) == Ident && self.word(2) == "of",
-            "all" | "race" => self.kind(1) == Ident && self.word(2) == "in",
+            "all" | "race" | "each" => self.kind(1) == Ident && self.word(2) == "in",
             _ => false,
         };
         let follows = [LeftParen, LeftBrace, Number].contains(&self.kind(1)) || self.is_operand_name(1);
         if is_own || !counts && !follows {
             return false;
         }
-        let is_known = ["match", "any", "all", "race", "within"].contains(word);
+        let is_known = ["match", "any", "all", "race", "each", "within"].contains(word);
         let what = if is_known { "cannot stand like this" } else { "is not a word of this language" };
         if let Some(diagnostic) = self.report(Code::E0001, format!("`{word}` {what}")) {
             diagnostic.help.push((*help).to_owned());
