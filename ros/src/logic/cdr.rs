@@ -4,10 +4,12 @@
 //! its size from there. No bytes make the reader take more memory than their own length allows.
 //! Source: OMG DDS-XTypes 1.3, section 7.4.3.
 
+mod check;
 mod reader;
 mod value;
 mod writer;
 
+pub use check::check;
 pub use reader::Reader;
 pub use value::{Value, read, write};
 pub use writer::Writer;
