@@ -150,7 +150,7 @@ pub fn below(file: &str) -> Result<String, TextError> {
 /// # Errors
 /// If it is no such file, with the place; or if one of its keys would not be a key below `prefix`.
 pub fn moved(file: &str, prefix: &str) -> Result<String, TextError> {
-    let refuse = |what: String| text::at(file, 0, (what, "a prefix ends in `/`, such as `robot/r3/`"), String::new());
+    let refuse = |what: String| text::at(file, 0, Fault::new(what, "a prefix ends in `/`, such as `robot/r3/`"));
     let File { below, values } = read(file)?;
     if !prefix.ends_with('/') {
         return Err(refuse(format!("`{prefix}` is not a prefix")));
