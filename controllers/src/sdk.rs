@@ -117,7 +117,7 @@ pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Re
 pub use group::{GroupError, InProcessGroup, MemberPort};
 pub use interface::{Binding, Device, Direction, InnerOutput, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPorts, KeyPut, KeyResult};
-pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets};
+pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets, Waker};
 pub use port::{AnyIn, AnyOut, EVERY_MAX, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet, Unfit};
 pub use quantity::Quantity;
 pub use random::Random;

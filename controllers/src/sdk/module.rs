@@ -15,6 +15,7 @@ use comms::logic::decode::Source;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// A controller instance, its ports as bytes.
@@ -111,6 +112,11 @@ pub trait Module: Send {
         drop(ports);
     }
 
+    /// Takes what wakes its loop when something comes to it that is not from a port; before it is activated.
+    fn take_waker(&mut self, waker: Waker) {
+        drop(waker);
+    }
+
     /// Takes what the last call wants of the database, in order.
     fn drain_database(&mut self, _: &mut dyn FnMut(DatabaseOrder)) {}
 
@@ -122,10 +128,37 @@ pub trait Module: Send {
     }
 }
 
+/// Makes the loop of a controller calculate at once.
+#[derive(Clone)]
+pub struct Waker(Arc<dyn Fn() + Send + Sync>);
+
+impl Waker {
+    /// Returns what calls `wake`.
+    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
+        Self(Arc::new(wake))
+    }
+
+    /// Wakes the loop. While the controller does not run, nothing happens.
+    pub fn wake(&self) {
+        (self.0)();
+    }
+}
+
+impl std::fmt::Debug for Waker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Waker")
+    }
+}
+
 /// Where outputs lead.
 pub trait Outlets {
     /// Sends an encoded value.
     fn send(&mut self, port: &'static str, bytes: Vec<u8>);
+
+    /// Leaves out the numbers of so many values, which were lost before they came to the output. Its consumers count them as lost.
+    fn skip(&mut self, port: &'static str, count: u32) {
+        let _ = (port, count);
+    }
 
     /// Shows the values of outputs inside a group to people, and takes them out of `values`. `heard` has a place for
     /// each of [`Interface::inner`](super::interface::Interface::inner), in that order: whether the output is watched

@@ -50,6 +50,13 @@ impl Flow {
         passes
     }
 
+    /// Leaves out the numbers of so many values, which their sender has lost. The consumer counts them as lost.
+    pub fn skip(&mut self, count: u32) {
+        if self.open {
+            self.number = self.number.wrapping_add(count);
+        }
+    }
+
     /// Returns the sequence number of the value that has passed last.
     pub fn number(&self) -> u32 {
         self.number

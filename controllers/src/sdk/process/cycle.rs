@@ -11,7 +11,7 @@ use super::wire::fetch_all;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::export::Activity;
-use crate::sdk::module::{Delivery, DeliveryError, Module};
+use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
 use comms::logic::signals::{Peaks, Signal, Signals};
@@ -66,7 +66,9 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    pub(super) fn new(module: Box<dyn Module>, inbox: Arc<Inbox>, links: Arc<Links>, notices: NoticeLog) -> Self {
+    pub(super) fn new(mut module: Box<dyn Module>, inbox: Arc<Inbox>, links: Arc<Links>, notices: NoticeLog) -> Self {
+        let woken = Arc::clone(&inbox);
+        module.take_waker(Waker::new(move || woken.call_loop()));
         let about = module.interface().about.clone();
         Self {
             module,
@@ -238,7 +240,7 @@ impl Cycle {
     /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing; the last
     /// sample of each latched wire waits for its next activation.
     fn take_samples(&mut self) -> bool {
-        let mut triggered = false;
+        let mut triggered = self.inbox.take_call();
         for item in self.inbox.take_items() {
             match item {
                 Item::Sample(sample) if !matches!(self.phase, Phase::Idle) => triggered |= self.deliver(&sample),

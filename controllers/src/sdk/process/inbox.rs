@@ -171,6 +171,8 @@ pub(super) struct Inbox {
     inlets: OnceLock<Arc<Inlets>>,
     /// Whether that was done by the last wait, and nothing was taken since.
     has_read: AtomicBool,
+    /// Whether the controller wants a calculation for something that is not from a port.
+    is_called: AtomicBool,
 }
 
 impl Inbox {
@@ -185,6 +187,17 @@ impl Inbox {
             Some(inlets) => inlets.wake(),
             None => self.wakeup.wake(),
         }
+    }
+
+    /// Makes a calculation due at once.
+    pub(super) fn call_loop(&self) {
+        self.is_called.store(true, Ordering::Release);
+        self.wake();
+    }
+
+    /// Returns whether a calculation was made due, once.
+    pub(super) fn take_call(&self) -> bool {
+        self.is_called.swap(false, Ordering::AcqRel)
     }
 
     /// Waits until something is here, or until `until`; without a deadline for ever. Arrivals over direct paths are

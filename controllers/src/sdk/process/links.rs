@@ -395,6 +395,10 @@ impl Outlets for &Links {
         Links::send(self, port, bytes);
     }
 
+    fn skip(&mut self, port: &'static str, count: u32) {
+        self.lock().wires.values_mut().filter(|wire| wire.port == port).for_each(|wire| wire.flow.skip(count));
+    }
+
     fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
         self.lock().devices.taps.show_inner(values, heard);
     }
