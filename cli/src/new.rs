@@ -45,8 +45,9 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 36] = [
+const TAKEN: [&str; 38] = [
     "alloc",
+    "bridge",
     "build",
     "cli",
     "comms",
@@ -63,6 +64,7 @@ const TAKEN: [&str; 36] = [
     "dca-keys",
     "dca-node",
     "dca-python",
+    "dca-ros",
     "dca-shim",
     "dca-starter",
     "dca-tests",

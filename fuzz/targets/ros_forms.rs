@@ -8,6 +8,7 @@ use ros::logic::cdr;
 use ros::logic::key::Topic;
 use ros::logic::library;
 use ros::logic::qos::Qos;
+use ros::logic::route::Route;
 use ros::logic::token::Token;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -29,11 +30,15 @@ fuzz_target!(|bytes: &[u8]| {
         3 => {
             let read = Qos::parse(&text());
             assert_eq!(read.and_then(|read| Qos::parse(&read.to_string())), read);
+            let routes = Route::list(&text());
+            assert_eq!(routes.as_ref().and_then(|routes| Route::list(&Route::text(routes))), routes);
         }
         kind => {
             let Some(name) = library::messages().nth(usize::from(kind - 4)) else { return };
             let schema = library::schema(&name).expect("every standard type has a schema");
-            let Ok(value) = cdr::read(&schema, bytes) else { return };
+            let read = cdr::read(&schema, bytes);
+            assert_eq!(cdr::check(&schema, bytes), read.as_ref().map(drop).map_err(|why| *why));
+            let Ok(value) = read else { return };
             // Bytes and not values are compared: a number may be none.
             let once = cdr::write(&schema, &value).expect("what was read can be written");
             let again = cdr::read(&schema, &once).and_then(|value| cdr::write(&schema, &value));

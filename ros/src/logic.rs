@@ -8,5 +8,6 @@ pub mod key;
 pub mod library;
 pub mod name;
 pub mod qos;
+pub mod route;
 pub mod schema;
 pub mod token;

@@ -14,6 +14,15 @@ const NAMES: [&[u8]; 3] = [b"sequence_number", b"source_timestamp", b"source_gid
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Gid(pub [u8; 16]);
 
+impl Gid {
+    /// Returns the id of the publisher, client or server that the key of its token names. Source: `rmw_zenoh_cpp`,
+    /// `liveliness_utils.cpp`, `hash_gid`: the low half of the hash comes first.
+    pub fn of(token: &str) -> Self {
+        let hash = xxhash_rust::xxh3::xxh3_128(token.as_bytes());
+        Self(hash.to_le_bytes())
+    }
+}
+
 /// The attachment of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attachment {
@@ -79,6 +88,12 @@ mod tests {
         let plain = of.encode();
         let field = |name: &[u8], value: &[u8]| [&[u8::try_from(name.len()).unwrap()], name, value].concat();
         [field(NAMES[0], &plain[..8]), field(NAMES[1], &plain[8..16]), field(NAMES[2], &plain[16..])].concat()
+    }
+
+    #[test]
+    fn an_id_is_the_hash_of_a_token() {
+        let text = Gid::of("").0.map(|byte| format!("{byte:02x}")).concat();
+        assert_eq!(text, "7f498d4624c30160d8984701d306aa99");
     }
 
     #[test]

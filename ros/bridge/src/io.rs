@@ -1,0 +1,243 @@
+//! The session with the router of ROS 2: publishers, subscribers and the tokens by which others see them.
+
+use crate::logic::arrivals::Arrivals;
+use crate::logic::network::Network;
+use comms::io::clock::{Wakeup, now, unix_time};
+use controllers::sdk::Waker;
+use ros::logic::attachment::{Attachment, Gid};
+use ros::logic::key::Topic;
+use ros::logic::qos::{Durability, History, Qos, Reliability};
+use ros::logic::route::Route;
+use ros::logic::token::{Endpoint, Node, Role, Token};
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::qos::CongestionControl;
+use zenoh::sample::Sample;
+use zenoh::{Config, Session, Wait};
+use zenoh_ext::{
+    AdvancedPublisher, AdvancedPublisherBuilderExt, AdvancedSubscriber, AdvancedSubscriberBuilderExt, CacheConfig,
+    HistoryConfig, MissDetectionConfig, RecoveryConfig,
+};
+
+/// How long the router has to answer.
+const OPEN_WITHIN: Duration = Duration::from_secs(5);
+/// The pause before the router is tried again.
+const RETRY_AFTER: Duration = Duration::from_millis(100);
+/// How long the session may take to close. Zenoh alone takes up to 10 s if the router has vanished.
+const CLOSE_WITHIN: Duration = Duration::from_millis(500);
+/// How often a publisher tells late subscribers its last number, as in `rmw_zenoh`.
+const HEARTBEAT: Duration = Duration::from_millis(500);
+/// Settings of every session: one link to the router, and nothing is looked for.
+const SETTINGS: [(&str, &str); 7] = [
+    ("mode", "\"client\""),
+    ("scouting/multicast/enabled", "false"),
+    ("scouting/gossip/enabled", "false"),
+    ("timestamping/enabled", "true"),
+    ("connect/timeout_ms", "0"),
+    ("connect/exit_on_failure", "true"),
+    ("connect/retry", "{ period_init_ms: 100, period_max_ms: 1000, period_increase_factor: 2 }"),
+];
+/// The number of the node of the bridge within its session.
+const NODE: u64 = 0;
+
+/// The messages of a topic that wait for the loop.
+pub(crate) type Waiting = Arc<Mutex<Arrivals>>;
+
+/// A session in a network of ROS 2.
+#[derive(Debug)]
+pub(crate) struct RosSession {
+    session: Session,
+    domain: u32,
+    node: Node,
+    _token: LivelinessToken,
+}
+
+/// A publisher of a topic.
+#[derive(Debug)]
+pub(crate) struct Publisher {
+    publisher: AdvancedPublisher<'static>,
+    sender: Gid,
+    /// The number of the last message.
+    sequence: AtomicI64,
+    _token: LivelinessToken,
+}
+
+/// A subscriber of a topic. Dropping it ends it.
+#[derive(Debug)]
+pub(crate) struct Subscriber {
+    _subscriber: AdvancedSubscriber<()>,
+    _token: LivelinessToken,
+}
+
+impl RosSession {
+    /// Opens a session with the router, and shows a node of this name.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn open(network: &Network, name: String) -> Result<Self, String> {
+        let session = open(network)?;
+        let node = Node { id: NODE, namespace: None, name };
+        let token = Token { domain: network.domain, session: session.zid().to_string(), node, endpoint: None };
+        let shown = declare(&session, &token)?;
+        Ok(Self { session, domain: network.domain, node: token.node, _token: shown })
+    }
+
+    /// Returns whether the router is connected.
+    pub(crate) fn is_connected(&self) -> bool {
+        self.session.info().routers_zid().wait().next().is_some()
+    }
+
+    /// Publishes a topic; `id` is the number of the publisher within the session.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn publisher(&self, id: u64, topic: &Topic, qos: Qos) -> Result<Publisher, String> {
+        let token = self.token(id, Role::Publisher, topic, qos);
+        let keeps_all = qos.history == History::KeepAll && qos.reliability == Reliability::Reliable;
+        let congestion = if keeps_all { CongestionControl::Block } else { CongestionControl::Drop };
+        let publisher = self.session.declare_publisher(key(topic.key(self.domain))?).congestion_control(congestion);
+        let publisher = publisher.reliability(match qos.reliability {
+            Reliability::Reliable => zenoh::qos::Reliability::Reliable,
+            Reliability::BestEffort => zenoh::qos::Reliability::BestEffort,
+        });
+        let mut publisher = publisher.advanced();
+        if qos.durability == Durability::TransientLocal {
+            publisher = publisher.cache(CacheConfig::default().max_samples(depth(qos))).publisher_detection();
+            if qos.reliability == Reliability::Reliable {
+                let detection = MissDetectionConfig::default().sporadic_heartbeat(HEARTBEAT);
+                publisher = publisher.sample_miss_detection(detection);
+            }
+        }
+        let publisher = publisher.wait().map_err(|error| told(topic, error.as_ref()))?;
+        let shown = declare(&self.session, &token)?;
+        let sender = Gid::of(&token.key());
+        Ok(Publisher { publisher, sender, sequence: AtomicI64::new(0), _token: shown })
+    }
+
+    /// Subscribes to a topic. Its messages go to `waiting`, and `waker` is woken for each.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn subscriber(
+        &self,
+        id: u64,
+        (topic, qos): (&Topic, Qos),
+        waiting: Waiting,
+        waker: Waker,
+    ) -> Result<Subscriber, String> {
+        let token = self.token(id, Role::Subscriber, topic, qos);
+        let name = topic.name.clone();
+        let hear = move |sample: Sample| {
+            let attachment = sample.attachment().map(ZBytes::to_bytes);
+            let message = sample.payload().to_bytes();
+            let taken = lock(&waiting).take(attachment.as_deref(), &message);
+            match taken {
+                Ok(()) => waker.wake(),
+                Err(why) => tracing::warn!(topic = %name, %why, "a message of ROS 2 is refused"),
+            }
+        };
+        let mut subscriber = self.session.declare_subscriber(key(topic.key(self.domain))?).callback(hear).advanced();
+        if qos.durability == Durability::TransientLocal {
+            let history = HistoryConfig::default().detect_late_publishers().max_samples(depth(qos));
+            subscriber = subscriber.history(history).query_timeout(Duration::MAX);
+            if qos.reliability == Reliability::Reliable {
+                subscriber = subscriber.recovery(RecoveryConfig::default().heartbeat());
+            }
+        }
+        let subscriber = subscriber.wait().map_err(|error| told(topic, error.as_ref()))?;
+        Ok(Subscriber { _subscriber: subscriber, _token: declare(&self.session, &token)? })
+    }
+
+    fn token(&self, id: u64, role: Role, topic: &Topic, qos: Qos) -> Token {
+        let endpoint = Endpoint { id, role, topic: topic.clone(), qos, takes_buffers: false };
+        let session = self.session.zid().to_string();
+        Token { domain: self.domain, session, node: self.node.clone(), endpoint: Some(endpoint) }
+    }
+
+    /// Closes the session, and waits for a limited time until it is closed.
+    pub(crate) fn close(self) {
+        let (done, until) = (Arc::new(Wakeup::default()), now() + CLOSE_WITHIN);
+        let told = Arc::clone(&done);
+        let close = move || {
+            if let Err(error) = self.session.close().wait() {
+                tracing::debug!(%error, "a session with ROS 2 was not closed");
+            }
+            told.wake();
+        };
+        if std::thread::Builder::new().name("close".to_owned()).spawn(close).is_ok() {
+            done.wait(Some(until));
+        }
+    }
+}
+
+impl Publisher {
+    /// Publishes a message.
+    pub(crate) fn publish(&self, message: Vec<u8>) {
+        let sequence = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
+        let nanos = i64::try_from(unix_time().as_nanos()).unwrap_or(i64::MAX);
+        let attachment = Attachment { sequence, nanos, sender: self.sender };
+        let put = self.publisher.put(message).attachment(attachment.encode().to_vec()).wait();
+        if let Err(error) = put {
+            tracing::debug!(%error, "a message of ROS 2 was not sent");
+        }
+    }
+}
+
+/// Returns the topic of a route, with the hash of its type.
+pub(crate) fn topic(route: &Route, hash: String) -> Topic {
+    Topic { name: route.name.clone(), of: route.of.clone(), hash }
+}
+
+pub(crate) fn lock(waiting: &Waiting) -> std::sync::MutexGuard<'_, Arrivals> {
+    waiting.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn open(network: &Network) -> Result<Session, String> {
+    let mut config = Config::default();
+    let own = SETTINGS.iter().map(|(key, value)| (*key, *value));
+    let given = network.settings.iter().map(|(key, value)| (key.as_str(), value.as_str()));
+    for (key, value) in own.chain(given) {
+        let why = |error| format!("`ZENOH_CONFIG_OVERRIDE` cannot set `{key}` to `{value}`: {error}");
+        config.insert_json5(key, value).map_err(why)?;
+    }
+    let (until, pause) = (now() + OPEN_WITHIN, Wakeup::default());
+    loop {
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "this network is not DCA's: it has other settings and other peers"
+        )]
+        match zenoh::open(config.clone()).wait() {
+            Ok(session) => return Ok(session),
+            Err(error) if now() >= until => {
+                tracing::debug!(%error, "the router of ROS 2 does not answer");
+                return Err(format!(
+                    "no router of ROS 2 answers at {} within {} s; is `ros2 run rmw_zenoh_cpp rmw_zenohd` running?",
+                    network.router(),
+                    OPEN_WITHIN.as_secs()
+                ));
+            }
+            Err(_) => drop(pause.wait(Some(now() + RETRY_AFTER))),
+        }
+    }
+}
+
+fn declare(session: &Session, token: &Token) -> Result<LivelinessToken, String> {
+    let why = |error| format!("cannot show `{}` to ROS 2: {error}", token.node.name);
+    session.liveliness().declare_token(key(token.key())?).wait().map_err(why)
+}
+
+fn key(text: String) -> Result<KeyExpr<'static>, String> {
+    KeyExpr::try_from(text).map_err(|error| format!("a key of ROS 2 is refused: {error}"))
+}
+
+fn told(topic: &Topic, error: &dyn std::error::Error) -> String {
+    format!("cannot take part in topic `{}`: {error}", topic.name)
+}
+
+fn depth(qos: Qos) -> usize {
+    usize::try_from(qos.depth).unwrap_or(usize::MAX).max(1)
+}

@@ -1,0 +1,170 @@
+//! The messages of topics that wait for the loop, and what has become of the others.
+
+use super::senders::Senders;
+use super::value;
+use ros::logic::attachment::Attachment;
+use ros::logic::cdr::{self, CdrError};
+use ros::logic::schema::Schema;
+use std::collections::VecDeque;
+use thiserror::Error;
+
+/// The longest message, in bytes.
+pub(crate) const MESSAGE_MAX: usize = 64 << 20;
+
+/// Why a message of a topic is not passed on.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub(crate) enum Refused {
+    /// ROS 2 sends none without an attachment.
+    #[error("it has no attachment, or one of another form")]
+    Attachment,
+    /// It is longer than any message may be.
+    #[error("it has {0} bytes, and {MESSAGE_MAX} are the limit")]
+    Long(usize),
+    /// Its bytes are not a message of its type.
+    #[error("its bytes are not a message of the topic's type: {0}")]
+    Bytes(#[from] CdrError),
+}
+
+/// How many messages of a topic were received, lost and refused.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    pub(crate) received: u64,
+    pub(crate) lost: u64,
+    pub(crate) refused: u64,
+}
+
+/// A value for a wire.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Arrived {
+    /// How many values before it are lost.
+    pub(crate) lost: u64,
+    pub(crate) value: Vec<u8>,
+}
+
+/// The messages of one topic.
+#[derive(Debug)]
+pub(crate) struct Arrivals {
+    schema: Schema,
+    depth: usize,
+    waiting: VecDeque<Arrived>,
+    senders: Senders,
+    counts: Counts,
+}
+
+impl Arrivals {
+    /// Returns the messages of a topic of this type, of which `depth` wait at most.
+    pub(crate) fn new(schema: Schema, depth: usize) -> Self {
+        let (waiting, senders, counts) = (VecDeque::new(), Senders::default(), Counts::default());
+        Self { schema, depth: depth.max(1), waiting, senders, counts }
+    }
+
+    /// Takes a message. The oldest that waits gives way to it.
+    ///
+    /// # Errors
+    /// It is not passed on.
+    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Refused> {
+        let checked = self.check(attachment, message);
+        let Ok(attachment) = checked else {
+            self.counts.refused += 1;
+            return checked.map(drop);
+        };
+        self.counts.received += 1;
+        let mut lost = self.senders.hear(&attachment);
+        self.counts.lost += lost;
+        if self.waiting.len() >= self.depth
+            && let Some(oldest) = self.waiting.pop_front()
+        {
+            self.counts.lost += 1;
+            let before = self.waiting.front_mut().map_or(&mut lost, |next| &mut next.lost);
+            *before += oldest.lost + 1;
+        }
+        self.waiting.push_back(Arrived { lost, value: value::of_message(message) });
+        Ok(())
+    }
+
+    fn check(&self, attachment: Option<&[u8]>, message: &[u8]) -> Result<Attachment, Refused> {
+        if message.len() > MESSAGE_MAX {
+            return Err(Refused::Long(message.len()));
+        }
+        let attachment = attachment.and_then(Attachment::decode).ok_or(Refused::Attachment)?;
+        cdr::check(&self.schema, message)?;
+        Ok(attachment)
+    }
+
+    /// Returns the next message that waits.
+    pub(crate) fn next(&mut self) -> Option<Arrived> {
+        self.waiting.pop_front()
+    }
+
+    /// Returns what has become of all messages.
+    pub(crate) fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ros::logic::attachment::Gid;
+    use ros::logic::library;
+    use ros::logic::name::TypeName;
+
+    /// A message `std_msgs/msg/UInt8`.
+    fn arrivals(depth: usize) -> Arrivals {
+        let schema = library::schema(&TypeName::parse("std_msgs/UInt8").unwrap()).unwrap();
+        Arrivals::new(schema, depth)
+    }
+
+    fn attachment(sequence: i64) -> [u8; 33] {
+        Attachment { sequence, nanos: 0, sender: Gid([1; 16]) }.encode()
+    }
+
+    fn take(arrivals: &mut Arrivals, sequence: i64) {
+        arrivals.take(Some(&attachment(sequence)), &[0, 1, 0, 0, 7]).unwrap();
+    }
+
+    #[test]
+    fn every_loss_is_told_before_the_next_value() {
+        let mut arrivals = arrivals(2);
+        for sequence in [1, 2, 5, 6, 8] {
+            take(&mut arrivals, sequence);
+        }
+        // 1 and 2 gave way; 3 and 4 did not come; 5 gave way; 7 did not come.
+        let told: Vec<u64> = std::iter::from_fn(|| arrivals.next()).map(|one| one.lost).collect();
+        assert_eq!(told, [5, 1]);
+        assert_eq!(arrivals.counts(), Counts { received: 5, lost: 6, refused: 0 });
+        take(&mut arrivals, 9);
+        assert_eq!(arrivals.next(), Some(Arrived { lost: 0, value: vec![5, 0, 1, 0, 0, 7] }));
+    }
+
+    #[test]
+    fn one_message_at_a_time_is_the_newest() {
+        let mut arrivals = arrivals(1);
+        for sequence in 1..=3 {
+            take(&mut arrivals, sequence);
+        }
+        assert_eq!(arrivals.next().map(|one| one.lost), Some(2));
+        assert_eq!(arrivals.next(), None);
+    }
+
+    #[test]
+    fn what_is_no_message_is_refused() {
+        let mut arrivals = arrivals(8);
+        let whole = attachment(1);
+        let message = [0, 1, 0, 0, 7];
+        let long = vec![0; MESSAGE_MAX + 1];
+        for (attachment, message, why) in [
+            (None, &message[..], Refused::Attachment),
+            (Some(&whole[..32]), &message, Refused::Attachment),
+            (Some(&[&whole[..], &[0]].concat()[..]), &message, Refused::Attachment),
+            (Some(&whole), &[], Refused::Bytes(CdrError::Header)),
+            (Some(&whole), &[0, 1, 0, 0], Refused::Bytes(CdrError::End)),
+            (Some(&whole), &[0, 0, 0, 0, 7], Refused::Bytes(CdrError::Header)),
+            (Some(&whole), &[0, 1, 0, 0, 7, 0, 0, 0, 0], Refused::Bytes(CdrError::Rest(4))),
+            (Some(&whole), &long, Refused::Long(long.len())),
+        ] {
+            assert_eq!(arrivals.take(attachment, message), Err(why));
+        }
+        assert_eq!((arrivals.next(), arrivals.counts()), (None, Counts { refused: 8, ..Counts::default() }));
+    }
+}

@@ -1,0 +1,71 @@
+//! The network of ROS 2 that a bridge takes part in, from the variables that ROS 2 itself reads.
+
+/// The router that ROS 2 looks for when nothing else is said.
+const ROUTER: &str = r#"["tcp/localhost:7447"]"#;
+/// The setting that names the router.
+const ENDPOINTS: &str = "connect/endpoints";
+/// The setting that a bridge decides itself: routers pass on nothing between peers.
+const MODE: &str = "mode";
+/// The most domains, as the ports of other middlewares limit them.
+const DOMAIN_MAX: u32 = 232;
+
+/// The network, and the settings of a session in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Network {
+    /// The first part of the keys of all topics.
+    pub(crate) domain: u32,
+    /// Settings of Zenoh: key and value in JSON5.
+    pub(crate) settings: Vec<(String, String)>,
+}
+
+impl Network {
+    /// Reads `ROS_DOMAIN_ID` and `ZENOH_CONFIG_OVERRIDE`. Source: `rmw_zenoh`, `docs/design.md` and `zenoh_config.cpp`.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn read(domain: &str, overrides: &str) -> Result<Self, String> {
+        let number = if domain.is_empty() { Some(0) } else { domain.parse().ok() };
+        let domain = number
+            .filter(|domain| *domain <= DOMAIN_MAX)
+            .ok_or_else(|| format!("`ROS_DOMAIN_ID` is `{domain}`, and not a number up to {DOMAIN_MAX}"))?;
+        let mut settings = vec![(ENDPOINTS.to_owned(), ROUTER.to_owned())];
+        for one in overrides.split(';').map(str::trim).filter(|one| !one.is_empty()) {
+            let (key, value) = one
+                .split_once('=')
+                .ok_or_else(|| format!("`ZENOH_CONFIG_OVERRIDE` has `{one}`, and not `KEY=VALUE`"))?;
+            let (key, value) = (key.trim(), value.trim());
+            if key != MODE {
+                settings.push((key.to_owned(), value.to_owned()));
+            }
+        }
+        Ok(Self { domain, settings })
+    }
+
+    /// Returns the addresses of the router, for people.
+    pub(crate) fn router(&self) -> &str {
+        let last = self.settings.iter().rev().find(|(key, _)| key == ENDPOINTS);
+        last.map_or(ROUTER, |(_, value)| value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_variables_of_ros_are_read() {
+        let plain = Network::read("", "").unwrap();
+        assert_eq!((plain.domain, plain.router()), (0, r#"["tcp/localhost:7447"]"#));
+        let text = r#"mode="peer"; connect/endpoints=["tcp/10.0.0.3:7448"] ;"#;
+        let other = Network::read("42", text).unwrap();
+        assert_eq!((other.domain, other.router()), (42, r#"["tcp/10.0.0.3:7448"]"#));
+        assert!(other.settings.iter().all(|(key, _)| key != "mode"));
+    }
+
+    #[test]
+    fn mistakes_in_them_are_told() {
+        for (domain, overrides) in [("x", ""), ("-1", ""), ("233", ""), ("0", "connect")] {
+            assert!(Network::read(domain, overrides).is_err(), "{domain} {overrides}");
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! `dca-ros`: the bridge between the wires of a mission and the topics of ROS 2. A node starts it.
+
+fn main() -> std::process::ExitCode {
+    controllers::sdk::process::run(&bridge::registry())
+}

@@ -1,0 +1,7 @@
+//! Tests of the bridge against a peer that speaks plain Zenoh by the rules of `rmw_zenoh`.
+
+mod hostile;
+mod peer;
+mod publishing;
+mod sdk;
+mod subscribing;

@@ -1,0 +1,185 @@
+//! A router of ROS 2, a node on it, and a bridge without a mission around it.
+//!
+//! The node has keys, tokens and attachments of its own, written down from the rules and not made by the code under test.
+
+use comms::logic::time::Time;
+use controllers::sdk::{Module, Outlets, Waker};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Duration;
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Config, Session, Wait};
+
+/// How long anything may take on a busy machine.
+pub(crate) const SOON: Duration = Duration::from_secs(30);
+/// The key of a topic of strings behind its name.
+pub(crate) const STRING: &str =
+    "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
+
+/// A router on a port of its own.
+pub(crate) struct Router {
+    session: Session,
+}
+
+impl Router {
+    pub(crate) fn new() -> Self {
+        Self::at("tcp/127.0.0.1:0")
+    }
+
+    pub(crate) fn at(locator: &str) -> Self {
+        let listen = format!("[\"{locator}\"]");
+        Self { session: open(&[("mode", "\"router\""), ("listen/endpoints", &listen), ("connect/endpoints", "[]")]) }
+    }
+
+    pub(crate) fn locator(&self) -> String {
+        let all = self.session.info().locators().wait();
+        all.iter().map(ToString::to_string).find(|one| one.starts_with("tcp/127.0.0.1:")).expect("the router listens")
+    }
+
+    /// Returns the setting that leads to it.
+    pub(crate) fn setting(&self) -> String {
+        format!("connect/endpoints=[\"{}\"]", self.locator())
+    }
+
+    /// Returns the session of a node on it.
+    pub(crate) fn node(&self) -> Session {
+        let connect = format!("[\"{}\"]", self.locator());
+        open(&[("mode", "\"client\""), ("connect/endpoints", &connect), ("timestamping/enabled", "true")])
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "the other side of the bridge is not DCA's")]
+fn open(settings: &[(&str, &str)]) -> Session {
+    let mut config = Config::default();
+    let quiet = [("scouting/multicast/enabled", "false"), ("scouting/gossip/enabled", "false")];
+    for (key, value) in quiet.iter().chain(settings) {
+        config.insert_json5(key, value).expect("a peer of a test");
+    }
+    zenoh::open(config).wait().expect("a peer of a test")
+}
+
+/// Returns the attachment of a message.
+pub(crate) fn attachment(sequence: i64, sender: u8) -> Vec<u8> {
+    let mut bytes = sequence.to_le_bytes().to_vec();
+    bytes.extend(1_700_000_000_000_000_000_i64.to_le_bytes());
+    bytes.push(16);
+    bytes.extend([sender; 16]);
+    bytes
+}
+
+/// Returns the CDR of a string.
+pub(crate) fn string(text: &str) -> Vec<u8> {
+    let mut bytes = vec![0, 1, 0, 0];
+    bytes.extend((u32::try_from(text.len()).expect("a peer of a test") + 1).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.push(0);
+    bytes
+}
+
+/// Returns the value of a wire for CDR shorter than 128 bytes.
+pub(crate) fn value(message: &[u8]) -> Vec<u8> {
+    [&[u8::try_from(message.len()).expect("a peer of a test")], message].concat()
+}
+
+/// Returns the value of a wire for any CDR.
+pub(crate) fn value_of(message: &[u8]) -> Vec<u8> {
+    [&postcard::to_stdvec(&message.len()).expect("a peer of a test")[..], message].concat()
+}
+
+/// Hears samples on a key.
+pub(crate) fn hear(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber<()>, Receiver<Sample>) {
+    let (tx, rx) = sync_channel(4096);
+    let subscriber = session.declare_subscriber(key.to_owned()).callback(move |sample| drop(tx.try_send(sample)));
+    (subscriber.wait().expect("a peer of a test"), rx)
+}
+
+/// Hears tokens that come and go, also those that are there.
+pub(crate) fn tokens(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber<()>, Receiver<(SampleKind, String)>) {
+    let (tx, rx) = sync_channel(4096);
+    let told = move |sample: Sample| drop(tx.try_send((sample.kind(), sample.key_expr().to_string())));
+    let subscriber = session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(told);
+    (subscriber.wait().expect("a peer of a test"), rx)
+}
+
+/// A bridge, and what it sends to wires.
+pub(crate) struct Bridge {
+    module: Box<dyn Module>,
+    woken: Receiver<()>,
+}
+
+/// What wires get: values, and how many numbers are left out.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Sent {
+    pub(crate) values: Vec<(&'static str, Vec<u8>)>,
+    pub(crate) skipped: u32,
+}
+
+impl Outlets for Sent {
+    fn send(&mut self, port: &'static str, bytes: Vec<u8>) {
+        self.values.push((port, bytes));
+    }
+
+    fn skip(&mut self, _: &'static str, count: u32) {
+        self.skipped += count;
+    }
+
+    fn send_filled(&mut self, _: &'static str, _: &mut dyn FnMut(&mut comms::io::direct::Filler<'_>) -> bool) -> bool {
+        false
+    }
+}
+
+impl Bridge {
+    /// Returns a bridge that does not run.
+    pub(crate) fn idle(routes: &str, settings: &str) -> Self {
+        let arguments = [format!("routes={routes}"), format!("settings={settings}"), "domain=7".to_owned()];
+        let mut module =
+            bridge::registry().create_at(("door", "main/ros"), "RosBridge", &arguments).expect("a peer of a test");
+        let (tx, woken) = sync_channel(1);
+        module.take_waker(Waker::new(move || tx.try_send(()).unwrap_or_default()));
+        Self { module, woken }
+    }
+
+    /// Returns a bridge that runs.
+    pub(crate) fn new(routes: &str, router: &Router) -> Self {
+        let mut bridge = Self::idle(routes, &router.setting());
+        bridge.start().expect("a peer of a test");
+        bridge
+    }
+
+    pub(crate) fn start(&mut self) -> Result<(), String> {
+        self.module.init(&[], Time::ZERO)
+    }
+
+    pub(crate) fn stop(&mut self) {
+        self.module.stop(Time::ZERO);
+    }
+
+    /// Hands a value over as a wire does.
+    pub(crate) fn deliver(&mut self, port: &str, bytes: &[u8]) -> bool {
+        self.module.deliver_from(port, &mut &*bytes, Time::ZERO).is_ok()
+    }
+
+    /// Waits until so many values have gone to wires.
+    pub(crate) fn sent(&mut self, count: usize) -> Sent {
+        let mut sent = Sent::default();
+        self.module.drain_to(&mut sent);
+        while sent.values.len() < count {
+            self.woken.recv_timeout(SOON).expect("values come");
+            self.module.drain_to(&mut sent);
+        }
+        sent
+    }
+
+    /// Waits until a signal has a value.
+    pub(crate) fn expect_signal(&mut self, name: &str, value: f64) {
+        let (until, pause) = (comms::io::clock::now() + SOON, comms::io::clock::Wakeup::default());
+        loop {
+            let signals = self.module.signals();
+            let found = signals.iter().find(|signal| signal.name == name).expect("there is such a signal").value;
+            if (found - value).abs() < 0.5 {
+                return;
+            }
+            assert!(comms::io::clock::now() < until, "`{name}` is {found}");
+            pause.wait(Some(comms::io::clock::now() + Duration::from_millis(5)));
+        }
+    }
+}

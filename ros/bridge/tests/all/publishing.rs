@@ -1,0 +1,88 @@
+//! Wires to topics: what a node of ROS 2 hears and sees.
+
+use super::peer::{Bridge, Router, SOON, STRING, attachment, hear, string, tokens, value};
+use ros::logic::attachment::Gid;
+use zenoh::Wait;
+use zenoh::sample::SampleKind;
+use zenoh_ext::{AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
+
+const ROUTE: &str = ">/robot1/chatter std_msgs/msg/String ::,10:,:,:,,";
+
+#[test]
+fn a_message_has_its_key_its_attachment_and_its_token() {
+    let router = Router::new();
+    let node = router.node();
+    let (_tokens, shown) = tokens(&node, "@ros2_lv/7/**");
+    let (_heard, messages) = hear(&node, &format!("7/robot1/chatter/{STRING}"));
+    let mut bridge = Bridge::new(ROUTE, &router);
+    let mut keys = [0; 2].map(|_| shown.recv_timeout(SOON).unwrap());
+    keys.sort_by_key(|(_, key)| key.len());
+    let zid = keys[0].1.split('/').nth(2).unwrap().to_owned();
+    let publisher = format!("@ros2_lv/7/{zid}/0/1/MP/%/%/dca_door_main_ros/%robot1%chatter/{STRING}/::,10:,:,:,,");
+    let expected = [format!("@ros2_lv/7/{zid}/0/0/NN/%/%/dca_door_main_ros"), publisher.clone()];
+    assert_eq!(keys, expected.map(|key| (SampleKind::Put, key)));
+
+    for (sequence, text) in (1..).zip(["hello", "world"]) {
+        // The tokens came over the router, which has the subscription of this node since before.
+        assert!(bridge.deliver("robot1.chatter", &value(&string(text))));
+        let sample = messages.recv_timeout(SOON).unwrap();
+        assert_eq!(sample.payload().to_bytes(), string(text));
+        let told = sample.attachment().unwrap().to_bytes().into_owned();
+        let mut rule = attachment(sequence, 0);
+        rule[8..16].copy_from_slice(&told[8..16]);
+        rule[17..].copy_from_slice(&Gid::of(&publisher).0);
+        assert_eq!(told, rule);
+        let nanos = i64::from_le_bytes(told[8..16].try_into().unwrap());
+        assert!(nanos > 1_700_000_000_000_000_000, "{nanos}");
+    }
+
+    bridge.stop();
+    let mut gone = [0; 2].map(|_| shown.recv_timeout(SOON).unwrap());
+    gone.sort_by_key(|(_, key)| key.len());
+    assert_eq!(gone.map(|(kind, _)| kind), [SampleKind::Delete; 2]);
+}
+
+#[test]
+fn a_late_subscriber_gets_what_was_published() {
+    let router = Router::new();
+    let route = ">/map std_msgs/msg/String :1:,2:,:,:,,";
+    let mut bridge = Bridge::new(route, &router);
+    for text in ["one", "two", "three"] {
+        assert!(bridge.deliver("map", &value(&string(text))));
+    }
+    let (tx, heard) = std::sync::mpsc::sync_channel(8);
+    let node = router.node();
+    let subscriber =
+        node.declare_subscriber(format!("7/map/{STRING}")).callback(move |sample| drop(tx.try_send(sample)));
+    let history = HistoryConfig::default().detect_late_publishers().max_samples(2);
+    let late = subscriber.advanced().history(history).recovery(RecoveryConfig::default().heartbeat()).wait().unwrap();
+    let texts = [0; 2].map(|_| heard.recv_timeout(SOON).unwrap().payload().to_bytes().into_owned());
+    assert_eq!(texts, [string("two"), string("three")]);
+    drop(late);
+}
+
+#[test]
+fn a_value_that_is_no_message_does_not_reach_ros() {
+    let router = Router::new();
+    let node = router.node();
+    let (_heard, messages) = hear(&node, "7/robot1/chatter/**");
+    let mut bridge = Bridge::new(ROUTE, &router);
+    let whole = value(&string("hello"));
+    for nonsense in [&[][..], &whole[..5], &whole[1..], &[5, 0, 1, 0, 0, 9], &[200; 20]] {
+        assert!(!bridge.deliver("robot1.chatter", nonsense), "{nonsense:?}");
+    }
+    assert!(!bridge.deliver("other", &whole));
+    bridge.expect_signal("/robot1/chatter refused", 5.0);
+    assert!(bridge.deliver("robot1.chatter", &whole));
+    assert_eq!(messages.recv_timeout(SOON).unwrap().payload().to_bytes(), string("hello"));
+}
+
+#[test]
+fn a_router_that_is_not_there_is_named() {
+    let locator = Router::new().locator();
+    let mut bridge = Bridge::idle(ROUTE, &format!("connect/endpoints=[\"{locator}\"]"));
+    let why = bridge.start().unwrap_err();
+    assert!(why.contains(&locator) && why.contains("rmw_zenohd"), "{why}");
+    let mut bridge = Bridge::idle(ROUTE, "no/such/setting=1");
+    assert!(bridge.start().unwrap_err().contains("no/such/setting"));
+}

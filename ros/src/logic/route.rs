@@ -1,0 +1,152 @@
+//! What a bridge carries: a topic, its type, its direction and its quality of service.
+//!
+//! A bridge gets its routes as one text, `>/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,`.
+
+use super::key::GraphName;
+use super::name::TypeName;
+use super::qos::{Durability, Qos, Reliability};
+use std::fmt;
+
+/// The most routes of one bridge.
+pub const ROUTES_MAX: usize = 500;
+/// The greatest depth that a route may have: so many messages of the largest size fill the memory of no robot.
+pub const DEPTH_MAX: u64 = 1000;
+/// Stands between two routes.
+const END: char = ';';
+
+/// A topic that a bridge carries.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Route {
+    /// The name of the topic.
+    pub name: GraphName,
+    /// The type of its messages.
+    pub of: TypeName,
+    /// The direction in which they go.
+    pub way: Way,
+    /// The quality of service of the bridge's publisher or subscriber.
+    pub qos: Qos,
+}
+
+/// The direction of messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Way {
+    /// The bridge publishes them.
+    ToRos,
+    /// The bridge subscribes to them.
+    FromRos,
+}
+
+impl Route {
+    /// Returns the name of the port of the bridge that stands for the topic: `robot1.cmd_vel`.
+    pub fn port(&self) -> String {
+        self.name.words().replace('/', ".")
+    }
+
+    /// Reads the routes of a bridge. None if one of them cannot be read, if two have the same name, or if there are too many.
+    pub fn list(text: &str) -> Option<Vec<Self>> {
+        let routes: Vec<Self> = text.split(END).map(Self::parse).collect::<Option<_>>()?;
+        let is_again = |(at, route): (usize, &Self)| routes.iter().take(at).any(|other| other.name == route.name);
+        let is_fit = routes.len() <= ROUTES_MAX && !routes.iter().enumerate().any(is_again);
+        is_fit.then_some(routes)
+    }
+
+    /// Returns the text of the routes of a bridge.
+    pub fn text(routes: &[Self]) -> String {
+        let texts: Vec<String> = routes.iter().map(Self::to_string).collect();
+        texts.join(&END.to_string())
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        let mut words = text.split(' ');
+        let (name, of, qos) = (words.next()?, words.next()?, words.next()?);
+        let (way, name) = match name.strip_prefix('>') {
+            Some(name) => (Way::ToRos, name),
+            None => (Way::FromRos, name.strip_prefix('<')?),
+        };
+        let qos = Qos::parse(qos).filter(|qos| (1..=DEPTH_MAX).contains(&qos.depth))?;
+        let route = Self { name: GraphName::parse(name)?, of: TypeName::parse(of)?, way, qos };
+        words.next().is_none().then_some(route)
+    }
+}
+
+impl fmt::Display for Route {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, of, way, qos } = self;
+        let way = if *way == Way::ToRos { '>' } else { '<' };
+        write!(f, "{way}{name} {of} {qos}")
+    }
+}
+
+/// Returns the quality of service that a spec means by a word and a depth: `reliable(10)`, `best_effort(1)`, `transient_local(1)`,
+/// `sensor`.
+///
+/// # Errors
+/// A sentence for a person.
+pub fn quality(word: &str, depth: Option<u64>) -> Result<Qos, String> {
+    let default = Qos::default();
+    let best_effort = Qos { reliability: Reliability::BestEffort, ..default };
+    let qos = match word {
+        "sensor" if depth.is_some() => return Err("`sensor` has no depth: it is `best_effort(5)`".to_owned()),
+        "sensor" => return Ok(Qos { depth: 5, ..best_effort }),
+        "reliable" => default,
+        "best_effort" => best_effort,
+        "transient_local" => Qos { durability: Durability::TransientLocal, ..default },
+        _ => {
+            let known = "`reliable(10)`, `best_effort(10)`, `transient_local(1)` and `sensor`";
+            return Err(format!("`{word}` is not a quality of service; there are {known}"));
+        }
+    };
+    match depth {
+        Some(depth @ 1..=DEPTH_MAX) => Ok(Qos { depth, ..qos }),
+        Some(_) => Err(format!("the depth is a number from 1 to {DEPTH_MAX}")),
+        None => Err(format!("`{word}` needs a depth, such as `{word}(10)`")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = ">/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</a/scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,";
+
+    #[test]
+    fn routes_are_one_text() {
+        let routes = Route::list(TEXT).unwrap();
+        assert_eq!(Route::text(&routes), TEXT);
+        let ports: Vec<(String, Way)> = routes.iter().map(|route| (route.port(), route.way)).collect();
+        assert_eq!(ports, [("cmd_vel".to_owned(), Way::ToRos), ("a.scan".to_owned(), Way::FromRos)]);
+    }
+
+    #[test]
+    fn other_texts_are_refused() {
+        let one = "</a std_msgs/msg/Bool ::,1:,:,:,,";
+        assert!(Route::list(one).is_some());
+        let deep = one.replace(",1:", ",1001:");
+        let many: Vec<String> = (0..=ROUTES_MAX).map(|number| one.replace("/a", &format!("/a{number}"))).collect();
+        let twice = format!("{one};{}", one.replace('<', ">"));
+        for text in
+            ["", ";", &one[1..], &one.replace("/a", "/1"), &one.replace("std_msgs/msg/", ""), &format!("{one} x")]
+        {
+            assert_eq!(Route::list(text), None, "{text}");
+        }
+        for text in [&deep, &twice, &many.join(";")] {
+            assert_eq!(Route::list(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn words_mean_qualities() {
+        let texts = [("reliable", Some(10)), ("best_effort", Some(1)), ("transient_local", Some(1)), ("sensor", None)];
+        let texts = texts.map(|(word, depth)| quality(word, depth).unwrap().to_string());
+        assert_eq!(texts, ["::,10:,:,:,,", "2::,1:,:,:,,", ":1:,1:,:,:,,", "2::,5:,:,:,,"]);
+        for (word, depth) in [
+            ("sensor", Some(5)),
+            ("reliable", None),
+            ("reliable", Some(0)),
+            ("best_effort", Some(1001)),
+            ("fast", None),
+        ] {
+            assert!(quality(word, depth).is_err(), "{word} {depth:?}");
+        }
+    }
+}
