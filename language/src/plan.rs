@@ -46,6 +46,11 @@ pub const DEPTH_MAX: usize = 64;
 /// The largest number of leaves in one plan.
 pub const LEAVES_MAX: usize = 10_000;
 
+/// The controller type of the bridge to ROS 2, which is added to a plan with topics.
+pub const BRIDGE: &str = "RosBridge";
+/// The program of the bridge, beside that of the node.
+pub const BRIDGE_PROGRAM: &str = "dca-ros";
+
 /// How the reason of a deadline that has passed begins: `the deadline `a within 5 s` in line 3 has passed`.
 pub const DEADLINE: &str = "the deadline `";
 

@@ -9,6 +9,7 @@ mod overlap;
 mod places;
 pub(crate) mod quote;
 mod ranges;
+pub(super) mod topics;
 mod tree;
 mod wires;
 
@@ -38,10 +39,12 @@ pub(super) fn lower(
     }
     let mut tree = tree::Tree::new(spec, root, diagnostics);
     let mut wires = wires::Wires::default();
+    let mut topics = topics::Topics::new(&tree);
     for group in 0..tree.groups.len() {
         let process = &spec.processes[tree.process_of[group]];
         let sets = wires.sets(&tree, spec, group);
         wires::connect_keys(&mut tree, spec, group);
+        topics.connect(&tree, spec, group, &mut wires);
         let always = (0_u32..).zip(&process.sets).filter(|(_, set)| set.owner.is_none()).map(|(index, _)| index);
         tree.groups[group].sets_always = always.collect();
         tree.groups[group].sets = sets;
@@ -60,7 +63,8 @@ pub(super) fn lower(
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();
     diagnostics.extend(on_boot::check(spec, root, &claims));
-    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims, on_boot };
+    let mut plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims, on_boot };
+    diagnostics.extend(topics.bridge(&mut plan));
     match plan.validate() {
         Ok(()) => Some(plan),
         Err(error) => {

@@ -2,11 +2,13 @@
 
 mod calls;
 mod keys;
+mod topics;
 
 use super::diagnostics::Diagnostics;
 use super::names::listed;
 use super::spec::{
-    Connection, Direction, Endpoint, KeyConnection, Kind, Module, Port, Process, Set, Spec, Target, TypeMatch,
+    Connection, Direction, Endpoint, KeyConnection, Kind, Module, Port, Process, Set, Spec, Target, TopicConnection,
+    TypeMatch,
 };
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Transfer;
@@ -14,6 +16,8 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
+
+pub(super) use topics::message;
 
 /// The result of the search for a port.
 enum Found<'a> {
@@ -48,6 +52,9 @@ fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
         }
         for connection in &process.keys {
             ports.check_keys(connection);
+        }
+        for connection in &process.topics {
+            ports.check_topic(connection);
         }
         calls.extend(ports.calls);
     }
@@ -111,6 +118,11 @@ impl<'a> Ports<'a> {
         } else {
             self.look_up(&connection.endpoint).and_then(|port| keys::check(connection, port))
         };
+        self.diagnostics.extend(found);
+    }
+
+    fn check_topic(&mut self, connection: &'a TopicConnection) {
+        let found = self.look_up(&connection.endpoint).and_then(|port| topics::check(connection, port));
         self.diagnostics.extend(found);
     }
 

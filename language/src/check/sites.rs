@@ -1,8 +1,8 @@
 //! Finds the place in the text for each part of a plan.
 
-use super::lower::places;
+use super::lower::{places, topics};
 use super::spec::{Direction, Port, Spec, Target};
-use crate::plan::{MemberKind, Plan};
+use crate::plan::{Expression, MemberKind, Plan};
 use crate::sites::{GroupSites, LeafFacts, Property, Sites};
 
 /// Returns the places of a plan that was made of this spec and root, with its properties.
@@ -33,5 +33,20 @@ pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Prope
             }
         }
     }
+    add_bridges(spec, plan, &mut sites.groups[0]);
     sites
+}
+
+/// Adds the places of the bridges to ROS 2, which are the last members of `main` and have no instance in the text.
+fn add_bridges(spec: &Spec, plan: &Plan, main: &mut GroupSites) {
+    let (Some(span), Some(group)) = (topics::place(spec), plan.groups.first()) else { return };
+    let count = group.members.len().saturating_sub(main.members.len());
+    if let (Expression::Concurrent(of), Some(root)) = (&group.expression, main.nodes.first())
+        && of.len() == count + 1
+    {
+        main.nodes.insert(0, *root);
+    }
+    main.members.extend(std::iter::repeat_n(span, count));
+    main.nodes.extend(std::iter::repeat_n(span, count));
+    main.sets.push(span);
 }

@@ -10,6 +10,9 @@ use crate::plan::{
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
+use ros::logic::key::GraphName;
+use ros::logic::qos::Qos;
+use ros::logic::route::Way;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -78,6 +81,8 @@ pub(crate) struct Process {
     pub(crate) sets: Vec<Set>,
     /// Its connections with keys of the database.
     pub(crate) keys: Vec<KeyConnection>,
+    /// Its connections with topics of ROS 2.
+    pub(crate) topics: Vec<TopicConnection>,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
     /// The strategy for its programs when one of them dies; none if it is not given.
@@ -232,6 +237,16 @@ pub(crate) struct KeyConnection {
     pub(crate) keys: String,
     /// Whether the process writes them.
     pub(crate) is_write: bool,
+    pub(crate) span: Span,
+}
+
+/// A connection of a port with a topic of ROS 2.
+#[derive(Clone, Debug)]
+pub(crate) struct TopicConnection {
+    pub(crate) endpoint: Endpoint,
+    pub(crate) name: GraphName,
+    pub(crate) qos: Qos,
+    pub(crate) way: Way,
     pub(crate) span: Span,
 }
 

@@ -186,6 +186,8 @@ codes! {
         "A call goes from `calls Grip(Force) -> Width;` to `proc Grip(Force) -> Width;` or to a `state`, and data from an output to an input. One cannot be connected to the other, and a call has no `pull`, `latch`, `queue` or `rate`."
     E0308 Error "keys of the database"
         "A process is connected with keys of the robot's database: `db(\"team/flat/claim/**\") -> robot, Claims;` sends an input of type `KeyNews` the present values below a prefix and then each change, and `robot, Claim -> db(\"team/flat/claim/**\");` puts the values of an output of type `KeyPut`. An input of type `KeyAnswer` receives the result of each put. `robot, database -> db(...)` lets the program itself write there. A prefix ends in `/**`; without it, one key is meant. Such a connection holds while the process runs: it has no owner, no label and no quality."
+    E0309 Error "topics of ROS 2"
+        "A port is connected with a topic of ROS 2: `avoid, Cmd -> topic(\"/cmd_vel\", qos = reliable(10));` publishes what an output sends, and `topic(\"/scan\", qos = sensor) -> avoid, Scan;` sends an input what others publish. The name begins at the root, and the type of the port is a message of ROS 2 such as `ros.sensor.LaserScan`. In one deployment a topic has one type and one quality of service, is published on one host, and is not published and subscribed to at the same time. Such a connection holds while the mission runs: it has no owner, no label and no other quality."
     W0306 Warning "two writers at once"
         "Two processes send to one input, and may do so at the same time: the values arrive mixed. Only operators that run their operands one after the other separate connections: `; : ;; else`."
     W0307 Warning "connected twice"

@@ -2,6 +2,7 @@
 
 use crate::check::spec::{Direction, Endpoint, Expr, ExprKind, Process, Spec, Target};
 use crate::plan::{Plan, Transfer};
+use ros::logic::route::Way;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A process: a group with everything inside, or a leaf.
@@ -192,12 +193,43 @@ fn connect(unit: &mut Unit, process: &Process) {
             });
         }
     }
+    links.extend(topics(unit, process));
     for end in links.iter().flat_map(|link| [link.from, link.to]) {
         if let Some(inner) = end.unit.map(|slot| &mut unit.units[slot]).filter(|inner| inner.is_group) {
             inner.ports[end.port].is_used = true;
         }
     }
     unit.links = links;
+}
+
+/// Adds the topics of ROS 2 of a group, which stand beside its members; returns the arrows to and from them.
+fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
+    let (mut links, count) = (Vec::new(), unit.units.len());
+    for topic in &process.topics {
+        let Some(inner) = end(unit, &topic.endpoint) else { continue };
+        let direction = if topic.way == Way::ToRos { Direction::In } else { Direction::Out };
+        let name = topic.name.as_str();
+        let known = unit.units.iter().skip(count).position(|unit| unit.name == name).map(|at| count + at);
+        let slot = known.unwrap_or_else(|| {
+            unit.units.push(Unit {
+                name: name.to_owned(),
+                kind: "topic".to_owned(),
+                doc: String::new(),
+                host: unit.host,
+                is_service: true,
+                is_group: false,
+                ports: vec![Port { name: topic.endpoint.port.text.clone(), direction, is_used: true }],
+                resources: Vec::new(),
+                units: Vec::new(),
+                links: Vec::new(),
+            });
+            unit.units.len() - 1
+        });
+        let outer = End { unit: Some(slot), port: 0 };
+        let (from, to) = if topic.way == Way::ToRos { (inner, outer) } else { (outer, inner) };
+        links.push(Link { from, to, set: None, label: String::new(), is_pull: false, is_cut: false });
+    }
+    links
 }
 
 /// Notes the resources that each member holds while it runs; `held` has those of the `using`s around it.

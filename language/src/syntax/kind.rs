@@ -122,6 +122,8 @@ kinds! {
         Connection "a connection"
         Endpoint "an end of a connection"
         Keys "keys of the database"
+        Topic "a topic of ROS 2"
+        TopicQuality "the quality of service of a topic"
         Quality "a connection quality"
         Actions "an event-action section"
         Resources "resources"

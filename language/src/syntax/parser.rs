@@ -5,6 +5,7 @@
 //! token costs one diagnostic in most places.
 
 mod activity;
+mod connection;
 mod expression;
 mod habit;
 mod module;

@@ -5,6 +5,7 @@ mod keys;
 mod policy;
 mod quality;
 mod supervision;
+mod topics;
 
 use crate::check::activity;
 use crate::check::count::Expected;
@@ -46,7 +47,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let exports = exports(node, &mut names);
     let Sets { all: sets, are_whole, .. } = Sets::read(node, &mut names);
     damage.connections |= !are_whole;
-    let keys = keys::read(node, &mut names);
+    let (keys, topics) = (keys::read(node, &mut names), topics::read(node, &mut names));
     let resources = resources(node, &params, names.diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
@@ -79,16 +80,16 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     for slot in run {
         instances[slot].is_run = true;
     }
-    let doc = node.doc();
     Some(Process {
         name,
-        doc,
+        doc: node.doc(),
         params,
         host,
         instances,
         exports,
         sets,
         keys,
+        topics,
         resources,
         supervision,
         backoff: backoff.flatten(),
@@ -379,7 +380,8 @@ impl Sets {
 
 fn connections(section: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Vec<Connection> {
     let mut connections = Vec::new();
-    for node in section.children_of(SyntaxKind::Connection).filter(|node| node.child(SyntaxKind::Keys).is_none()) {
+    let is_outside = |node: &Node| [SyntaxKind::Keys, SyntaxKind::Topic].iter().any(|kind| node.child(*kind).is_some());
+    for node in section.children_of(SyntaxKind::Connection).filter(|node| !is_outside(node)) {
         let ends: Vec<Node> = node.children_of(SyntaxKind::Endpoint).collect();
         let quality = quality::quality(&node, names.diagnostics);
         let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");

@@ -33,7 +33,8 @@ impl Wires {
         sets.collect()
     }
 
-    fn add(&mut self, wire: Wire) -> u32 {
+    /// Adds a wire; returns its number, which is the one of an equal wire if there is such.
+    pub(super) fn add(&mut self, wire: Wire) -> u32 {
         let (from, to) = (wire.from.clone(), wire.to.clone());
         let key = (from.leaf, from.port, to.leaf, to.port, wire.transfer, wire.quality);
         let next = number(self.all.len());

@@ -1,9 +1,8 @@
 //! Reads connections with keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
 
-use super::endpoint;
-use crate::check::index;
+use super::topics::ends;
 use crate::check::names::Names;
-use crate::check::spec::{Binding, KeyConnection};
+use crate::check::spec::KeyConnection;
 use crate::check::value::is_key;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{self, BackArrow, Text};
@@ -90,18 +89,7 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
     Ok(format!("{key}{end}"))
 }
 
-/// `robot[i], Claims` means one connection of each robot.
 fn connections(node: &Node, end: &Node, keys: &str, is_write: bool, names: &mut Names<'_>) -> Vec<KeyConnection> {
-    let mut all = Vec::new();
-    let variable = index::unbound(std::slice::from_ref(end), names, &[]);
-    let count = variable.as_ref().map_or(1, |(_, count)| *count);
-    let mut rounds = names.diagnostics.rounds();
-    for round in 0..count {
-        let bound: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
-        let endpoint = endpoint(end, names, &bound);
-        names.diagnostics.end_round(&mut rounds);
-        let keys = keys.to_owned();
-        all.extend(endpoint.map(|endpoint| KeyConnection { endpoint, keys, is_write, span: node.span() }));
-    }
-    all
+    let of = |endpoint| KeyConnection { endpoint, keys: keys.to_owned(), is_write, span: node.span() };
+    ends(end, names).into_iter().map(of).collect()
 }
