@@ -2,7 +2,7 @@
 
 use crate::logic::effect::{ProcessId, SecretArgument, SpawnOrder};
 use language::Source;
-use language::plan::{Argument, Constant, Leaf, Parameter, Plan, words};
+use language::plan::{Argument, BRIDGE, BRIDGE_PROGRAM, Constant, Leaf, Parameter, Plan, words};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -82,6 +82,9 @@ impl Programs {
     }
 
     fn unknown(&self, module: &str) -> String {
+        if module == BRIDGE {
+            return format!("topics of ROS 2 need `{BRIDGE_PROGRAM}` of the same build beside `dca-node`");
+        }
         let lower = module.to_lowercase();
         let near = self.types.keys().find(|name| {
             let name = name.to_lowercase();

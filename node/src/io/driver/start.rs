@@ -27,6 +27,7 @@ use anyhow::Context;
 use comms::io::session::{NodeOptions, Reach};
 use comms::io::{clock, file};
 use comms::logic::key::HostName;
+use language::plan::{BRIDGE, BRIDGE_PROGRAM};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -149,6 +150,10 @@ pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
         let asked = program.clone();
         let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
         offered.declare(&program.display().to_string(), interface);
+    }
+    let bridge = programs::beside(BRIDGE_PROGRAM);
+    if bridge.is_file() {
+        offered.offer(&bridge.display().to_string(), [BRIDGE.to_owned()]);
     }
     Ok(offered)
 }
