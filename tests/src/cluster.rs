@@ -161,6 +161,7 @@ impl Cluster {
             log: None,
             unmounted: Vec::new(),
             ahead: None,
+            variables: Vec::new(),
         }
     }
 
@@ -183,6 +184,7 @@ impl Cluster {
             log: None,
             unmounted: Vec::new(),
             ahead: None,
+            variables: Vec::new(),
         }
     }
 
@@ -262,9 +264,18 @@ pub struct Host {
     unmounted: Vec<String>,
     /// By how many seconds its boot-time clock is ahead.
     ahead: Option<u64>,
+    /// Variables of its programs.
+    variables: Vec<(String, String)>,
 }
 
 impl Host {
+    /// Returns the same machine with a variable in the environment of its programs.
+    #[must_use]
+    pub fn with_variable(mut self, name: &str, value: &str) -> Self {
+        self.variables.push((name.to_owned(), value.to_owned()));
+        self
+    }
+
     /// Returns the same machine with another folder for the sockets of its nodes.
     #[must_use]
     pub fn with_run_dir(self, run_dir: impl Into<PathBuf>) -> Self {
@@ -471,6 +482,7 @@ impl Host {
         };
         // Relative paths and temporary files are the test's own, and every descendant is known by its folder.
         command.current_dir(&self.folder).env("TMPDIR", &self.folder).env_remove("RUST_LOG");
+        command.envs(self.variables.iter().map(|(name, value)| (name, value)));
         command
     }
 }

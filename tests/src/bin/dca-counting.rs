@@ -3,6 +3,7 @@
 //! own beats or the beats they hear.
 
 use comms::logic::time::Time;
+use controllers::ros::std_msgs::String as Text;
 use controllers::sdk::{
     About, Arguments, Controller, Every, In, InProcessGroup, Inputs, Kind, MemberPort, Message, Out, Outputs,
     Parameter, Progress, Registry, Stopping, Tick, process,
@@ -358,6 +359,43 @@ impl Controller for Eye {
     }
 }
 
+#[derive(Debug, Inputs)]
+struct EchoInputs {
+    #[port("In")]
+    heard: In<Text>,
+}
+
+#[derive(Debug, Outputs)]
+struct EchoOutputs {
+    #[port("Out")]
+    said: Out<Text>,
+}
+
+/// Sends each message of ROS 2 back.
+#[derive(Debug)]
+struct Echo;
+
+impl Controller for Echo {
+    type Inputs = EchoInputs;
+    type Outputs = EchoOutputs;
+    const TYPE: &'static str = "Echo";
+
+    fn about() -> About {
+        About::service("Sends each text back.").triggered_by("In").every(PERIOD * 100)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &EchoInputs, outputs: &mut EchoOutputs) -> Progress {
+        if let Some(heard) = inputs.heard.fresh() {
+            outputs.said.send(heard.clone());
+        }
+        Progress::Continue
+    }
+}
+
 /// A source, eight that pass on, one behind the other, and a sink at each, all in one process.
 fn caterpillar() -> InProcessGroup {
     const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
@@ -394,6 +432,7 @@ fn main() -> ExitCode {
     registry.add::<Heart<LONG_PADDING>>();
     registry.add::<Ear>();
     registry.add::<Eye>();
+    registry.add::<Echo>();
     for group in [caterpillar(), twice()] {
         registry.add_group(group).expect("its wires fit");
     }

@@ -1,0 +1,215 @@
+//! A mission with topics of ROS 2: the node starts a bridge, and a peer on plain Zenoh speaks with a controller through it.
+
+use comms::io::clock::{Wakeup, now};
+use dca_tests::cluster::{Cluster, Program, SOON, Stream, executable, wait_until};
+use rustix::process::Signal;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Duration;
+use zenoh::sample::Sample;
+use zenoh::{Config, Session, Wait};
+
+const ECHO: &str = "
+process main() {
+    host { c1 }
+    instantiated_processes { echo instof Echo(c1); }
+    internal_connections {
+        topic(\"/there\", qos = transient_local(1)) -> echo.In;
+        echo.Out -> topic(\"/back\", qos = transient_local(1));
+    }
+    internal_event_actions { echo }
+}
+";
+/// The key of a topic of strings behind its name.
+const STRING: &str =
+    "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
+
+/// A router and a node of ROS 2 in one session.
+struct Ros {
+    session: Session,
+}
+
+impl Ros {
+    fn new() -> Self {
+        Self { session: open("router", &["tcp/127.0.0.1:0"], &[]) }
+    }
+
+    /// Returns another session on the router.
+    fn client(&self) -> Session {
+        open("client", &[], &[&self.locator()])
+    }
+
+    fn locator(&self) -> String {
+        let all = self.session.info().locators().wait();
+        all.iter().map(ToString::to_string).find(|one| one.starts_with("tcp/127.0.0.1:")).expect("a peer of a test")
+    }
+
+    fn setting(&self) -> String {
+        format!("connect/endpoints=[\"{}\"]", self.locator())
+    }
+
+    fn hear(&self) -> (zenoh::pubsub::Subscriber<()>, Receiver<Sample>) {
+        let (tx, rx) = sync_channel(64);
+        let heard = move |sample| drop(tx.try_send(sample));
+        (
+            self.session
+                .declare_subscriber(format!("7/back/{STRING}"))
+                .callback(heard)
+                .wait()
+                .expect("a peer of a test"),
+            rx,
+        )
+    }
+
+    fn say(&self, sequence: i64, text: &str) {
+        let put = self.session.put(format!("7/there/{STRING}"), message(text));
+        put.attachment(attachment(sequence)).wait().expect("a peer of a test");
+    }
+
+    /// Returns whether the bridge has subscribed to the topic.
+    fn is_subscribed(&self) -> bool {
+        let tokens = self.session.liveliness().get("@ros2_lv/7/*/*/*/MS/**").wait().expect("a peer of a test");
+        tokens.into_iter().next().is_some()
+    }
+}
+
+fn open(mode: &str, listen: &[&str], connect: &[&str]) -> Session {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", format!("{mode:?}")),
+        ("listen/endpoints", format!("{listen:?}")),
+        ("connect/endpoints", format!("{connect:?}")),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("scouting/gossip/enabled", "false".to_owned()),
+        ("timestamping/enabled", "true".to_owned()),
+    ] {
+        config.insert_json5(key, &value).expect("a peer of a test");
+    }
+    #[expect(clippy::disallowed_methods, reason = "the other side of the bridge is not DCA's")]
+    let opened = zenoh::open(config).wait();
+    opened.expect("a peer of a test")
+}
+
+fn attachment(sequence: i64) -> Vec<u8> {
+    let mut bytes = sequence.to_le_bytes().to_vec();
+    bytes.extend([0; 8]);
+    bytes.push(16);
+    bytes.extend([9; 16]);
+    bytes
+}
+
+fn message(text: &str) -> Vec<u8> {
+    let mut bytes = vec![0, 1, 0, 0];
+    bytes.extend((u32::try_from(text.len()).expect("a peer of a test") + 1).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.push(0);
+    bytes
+}
+
+fn run(cluster: &Cluster, ros: &Ros, spec: &str) -> Program {
+    let here =
+        cluster.here().with_variable("ROS_DOMAIN_ID", "7").with_variable("ZENOH_CONFIG_OVERRIDE", &ros.setting());
+    let file = cluster.file("echo.dca", spec);
+    here.dca(&["run", "--controllers", &executable("dca-counting").display().to_string(), &file])
+}
+
+/// Says a text until the controller has sent it back. The wires of a mission open one after the other.
+#[track_caller]
+fn expect_echo(ros: &Ros, heard: &Receiver<Sample>, first: i64, text: &str) {
+    let mut sequence = first;
+    let answered = wait_until(SOON, || {
+        ros.say(sequence, text);
+        sequence += 1;
+        let answer = heard.recv_timeout(Duration::from_millis(100));
+        answer.is_ok_and(|sample| sample.payload().to_bytes() == message(text))
+    });
+    assert!(answered.is_some(), "no echo of {text:?}");
+}
+
+#[test]
+fn a_killed_bridge_is_back_and_the_mission_goes_on() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let (_subscriber, heard) = ros.hear();
+    let mission = run(&cluster, &ros, ECHO);
+    assert!(wait_until(SOON, || ros.is_subscribed()).is_some(), "{}", mission.text(Stream::Err));
+    expect_echo(&ros, &heard, 1, "one");
+    let bridge = cluster.expect_leaf("main/ros");
+    bridge.signal(Signal::KILL);
+    assert!(wait_until(SOON, || !ros.is_subscribed()).is_some(), "its tokens go with it");
+    assert!(wait_until(SOON, || ros.is_subscribed()).is_some(), "it is started again");
+    expect_echo(&ros, &heard, 1000, "two");
+    assert!(mission.is_running());
+    mission.signal(Signal::INT);
+    let ended = mission.ended(SOON);
+    assert!(ended.err.contains("ros"), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(5));
+}
+
+/// How long messages take there and back, and how many do not come back.
+#[derive(Debug)]
+struct Figures {
+    median: Duration,
+    late: Duration,
+    lost: usize,
+}
+
+/// Sends so many messages of this size, one a period, on a topic that somebody sends back.
+fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Duration) -> Figures {
+    let (tx, rx) = sync_channel(count);
+    let heard = move |sample: Sample| {
+        let bytes = sample.payload().to_bytes();
+        let number =
+            std::str::from_utf8(&bytes[8..16]).expect("a peer of a test").parse::<usize>().expect("a peer of a test");
+        drop(tx.try_send((number, now())));
+    };
+    let back = format!("7/back{name}/{STRING}");
+    let subscriber = ros.session.declare_subscriber(back).callback(heard).wait().expect("a peer of a test");
+    let publisher = ros.session.declare_publisher(format!("7/there{name}/{STRING}")).wait().expect("a peer of a test");
+    let (began, pause) = (now() + Duration::from_millis(200), Wakeup::default());
+    let mut sent = Vec::new();
+    for number in 0..count {
+        pause.wait(Some(began + period * u32::try_from(number).expect("a peer of a test")));
+        let payload = message(&format!("{number:08}{}", "x".repeat(size)));
+        sent.push(now());
+        publisher
+            .put(payload)
+            .attachment(attachment(i64::try_from(number).expect("a peer of a test") + 1))
+            .wait()
+            .expect("a peer of a test");
+    }
+    let mut took = Vec::new();
+    while let Ok((number, at)) = rx.recv_timeout(Duration::from_secs(2)) {
+        took.push(at - sent[number]);
+    }
+    took.sort();
+    drop(subscriber);
+    Figures { median: took[took.len() / 2], late: took[took.len() * 99 / 100], lost: count - took.len() }
+}
+
+/// Prints how long 1 kHz of small and 30 Hz of long messages take through a mission, and with plain Zenoh in its place.
+#[test]
+#[ignore = "long: 40 s of messages"]
+fn the_way_through_a_mission_costs_little_more_than_plain_zenoh() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let spec = ECHO.replace("transient_local(1)", "reliable(100)");
+    let mission = run(&cluster, &ros, &spec);
+    assert!(wait_until(SOON, || ros.is_subscribed()).is_some());
+    let (subscriber, heard) = ros.hear();
+    expect_echo(&ros, &heard, 1, "begin");
+    drop(subscriber);
+    let plain = ros.client();
+    let answer = plain.declare_publisher(format!("7/back_plain/{STRING}")).wait().unwrap();
+    let echo = move |sample: Sample| {
+        let attachment = sample.attachment().unwrap().clone();
+        answer.put(sample.payload().clone()).attachment(attachment).wait().unwrap();
+    };
+    let echo = plain.declare_subscriber(format!("7/there_plain/{STRING}")).callback(echo).wait().unwrap();
+    for (count, size, period) in [(10_000, 16, Duration::from_millis(1)), (300, 4 << 20, Duration::from_millis(33))] {
+        let through = there_and_back(&ros, "", count, size, period);
+        let direct = there_and_back(&ros, "_plain", count, size, period);
+        println!("{size} B every {period:?}: through a mission {through:?}, plain Zenoh {direct:?}");
+        assert_eq!(through.lost, 0);
+    }
+    drop(echo);
+    mission.signal(Signal::INT);
+    mission.ended(SOON);
+}
