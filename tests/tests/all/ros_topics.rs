@@ -159,7 +159,7 @@ fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Dura
         let bytes = sample.payload().to_bytes();
         let number =
             std::str::from_utf8(&bytes[8..16]).expect("a peer of a test").parse::<usize>().expect("a peer of a test");
-        drop(tx.try_send((number, now())));
+        tx.try_send((number, now())).unwrap_or_default();
     };
     let back = format!("7/back{name}/{STRING}");
     let subscriber = ros.session.declare_subscriber(back).callback(heard).wait().expect("a peer of a test");
@@ -206,7 +206,9 @@ fn the_way_through_a_mission_costs_little_more_than_plain_zenoh() {
     for (count, size, period) in [(10_000, 16, Duration::from_millis(1)), (300, 4 << 20, Duration::from_millis(33))] {
         let through = there_and_back(&ros, "", count, size, period);
         let direct = there_and_back(&ros, "_plain", count, size, period);
-        println!("{size} B every {period:?}: through a mission {through:?}, plain Zenoh {direct:?}");
+        for (way, Figures { median, late, lost }) in [("through a mission", &through), ("plain Zenoh", &direct)] {
+            println!("{size} B every {period:?}, {way}: {median:?}, 99 of 100 in {late:?}, {lost} lost");
+        }
         assert_eq!(through.lost, 0);
     }
     drop(echo);

@@ -132,7 +132,7 @@ impl Bridge {
     pub(crate) fn idle(routes: &str, settings: &str) -> Self {
         let arguments = [format!("routes={routes}"), format!("settings={settings}"), "domain=7".to_owned()];
         let mut module =
-            bridge::registry().create_at(("door", "main/ros"), "RosBridge", &arguments).expect("a peer of a test");
+            bridge::registry().create_at("door", "main/ros", "RosBridge", &arguments).expect("a peer of a test");
         let (tx, woken) = sync_channel(1);
         module.take_waker(Waker::new(move || tx.try_send(()).unwrap_or_default()));
         Self { module, woken }
