@@ -174,7 +174,7 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollo
         )
     })?;
     if found.changes.is_empty() {
-        console::say(&format!("`{name}` runs, and is what this spec says: nothing changes"));
+        console::say(&format!("`{name}` runs already as in this spec: nothing changes"));
         return Ok(true);
     }
     stored::check(client, spec).await?;

@@ -82,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(hanging) = named(&hosts, |outcome| matches!(outcome, Outcome::Unknown(_))) {
         let what = if arguments.release { "may begin" } else { "runs" };
         return Err(Failure::Unreachable(anyhow!(
-            "nobody knows what {what} on {hanging}; ask again with the same command"
+            "it is not known what {what} on {hanging}; ask again with the same command"
         )));
     }
     if let Some(refused) = named(&hosts, |outcome| matches!(outcome, Outcome::Refused(_))) {
@@ -196,7 +196,7 @@ fn in_words(outcome: &Outcome) -> String {
             words.to_owned() + &but_unwritten(unwritten.as_deref())
         }
         Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),
-        Outcome::Revoked => "its keys are revoked: it is not asked, and what runs there is not known".to_owned(),
+        Outcome::Revoked => "its keys are revoked: it is not asked, and its programs are not known".to_owned(),
     }
 }
 

@@ -284,7 +284,7 @@ impl Watch {
             Ok(other) => unasked(&self.home, &other),
             Err(why) => why,
         };
-        self.output.note(&format!("warning: nobody stops it: {}; once more to leave", words(&why)));
+        self.output.note(&format!("warning: it cannot be stopped: {}; press Ctrl-C again to leave", words(&why)));
     }
 
     fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {
@@ -371,8 +371,9 @@ impl Watch {
 
     fn wrote(&mut self, path: String, text: String) {
         if text.contains(GAP) && self.lacking.insert(path.clone()) {
-            self.output
-                .note(&format!("warning: not all that `{path}` writes is recorded: it writes faster than it is read"));
+            self.output.note(&format!(
+                "warning: some output of `{path}` is not recorded: it writes faster than its output is read"
+            ));
         }
         let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
         self.mission.wrote(&path, &text);

@@ -224,7 +224,7 @@ impl ConnectArgs {
 
 /// Reads seconds within a range.
 fn seconds(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
-    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
+    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is not a number of seconds".to_owned())?;
     let within = || format!("it is from {} to {} seconds", range.start(), range.end());
     range.contains(&seconds).then_some(seconds).ok_or_else(within)
 }

@@ -233,7 +233,7 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
             }
         };
         let why = if arguments.recorded { "" } else { "no node runs it; " };
-        console::note(&format!("note: {why}this is what `{path}` wrote by the record in `{}`", folder.display()));
+        console::note(&format!("note: {why}this is the output of `{path}` by the record in `{}`", folder.display()));
         let wrote = run.outputs().remove(path).unwrap_or_default();
         let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
         let mut printable = Printable::default();

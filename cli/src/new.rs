@@ -147,7 +147,7 @@ fn python(name: &str) -> Vec<File> {
 }
 
 fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
-    let path = sdk.path.to_str().with_context(|| format!("the path of `{}` is no text", sdk.path.display()))?;
+    let path = sdk.path.to_str().with_context(|| format!("the path of `{}` is not text", sdk.path.display()))?;
     // A JSON string is also a TOML string.
     let manifest = MANIFEST.replace("NAME", &format!("\"{name}\"")).replace("SDK", &serde_json::to_string(path)?);
     let mut files = vec![
@@ -198,7 +198,7 @@ impl Sdk {
         if let Some(given) = given {
             let looking = || format!("looking for DCA at `{}`", given.display());
             let found = fs::canonicalize(given).with_context(looking)?;
-            let none = || anyhow!("`{}` is no clone of DCA: it has no crate `controllers`", given.display());
+            let none = || anyhow!("`{}` is not a clone of DCA: it has no crate `controllers`", given.display());
             let around = || Self::at(found.parent()?).filter(|sdk| sdk.path == found);
             return Ok(Self::at(&found).or_else(around).ok_or_else(none)?);
         }

@@ -138,7 +138,7 @@ impl List {
             console::note("no program that runs has parameters");
         }
         if !silent.is_empty() {
-            console::note(&format!("note: nobody says what parameters these have: {}", silent.join(", ")));
+            console::note(&format!("note: the parameters of these are not known: {}", silent.join(", ")));
         }
         Ok(())
     }
@@ -169,7 +169,7 @@ impl Set {
         if parameter.accepts == Accepts::Secret {
             let (name, of) = (&parameter.name, program.name());
             return Err(anyhow!(
-                "`{name}` of `{of}` is a secret, which is no parameter of the database: `dca db put --secret KEY --for ROBOT` changes it"
+                "`{name}` of `{of}` is a secret, which is not a parameter of the database: `dca db put --secret KEY --for ROBOT` changes it"
             )
             .into());
         }
@@ -229,7 +229,11 @@ impl Program {
 
     fn parameter(&self, name: &str) -> Result<&Parameter, Failure> {
         let Some(all) = &self.told.parameters else {
-            return Err(anyhow!("nobody says what parameters `{}` has: its interface is not known", self.name()).into());
+            return Err(anyhow!(
+                "the parameters of `{}` are not known: its program has not shown its interface",
+                self.name()
+            )
+            .into());
         };
         let found = all.iter().find(|status| status.parameter.name == name);
         let found = found.with_context(|| no_parameter(&self.told, all, name))?;
@@ -411,9 +415,10 @@ fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
         Accepts::Any => Datum::from_toml(text).is_err(),
         Accepts::Truth => false,
         Accepts::Secret => {
-            return Err(
-                anyhow!("a secret is no parameter of the database: the spec names it with `secret(\"KEY\")`").into()
-            );
+            return Err(anyhow!(
+                "a secret is not a parameter of the database: the spec names it with `secret(\"KEY\")`"
+            )
+            .into());
         }
     };
     if is_text { Ok(Datum::Text(text.to_owned())) } else { Ok(Datum::from_toml(text).context("reading the value")?) }

@@ -87,7 +87,7 @@ fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     } else {
         StoryTest::read(&text).map(|test| test.script)
     };
-    let script = script.map_err(|why| anyhow!("`{}` is no story: {why}", file.display()))?;
+    let script = script.map_err(|why| anyhow!("`{}` is not a story: {why}", file.display()))?;
     let script = script.ok_or_else(|| anyhow!("`{}` tells no story that could be played", file.display()))?;
     let played = script.play(plan);
     console::say(&played.lines.iter().map(|line| format!("{line}\n")).collect::<String>());

@@ -166,7 +166,7 @@ fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let judge = Judge { team: bundle.team(), revoked: bundle.revocations(), now, grace: OFFLINE_GRACE };
     let row = |holder: &Holder<'_>| row(holder, newest(renewed, holder, &judge), &judge);
     let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.holders(now).iter().map(row)).collect();
-    if rows.len() == 1 { text + "nobody has a certificate\n" } else { text + "\n" + &table::table(&rows) + "\n" }
+    if rows.len() == 1 { text + "the team has no certificates\n" } else { text + "\n" + &table::table(&rows) + "\n" }
 }
 
 /// Returns until when a member is valid, and what is wrong with it.

@@ -108,7 +108,7 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     let name = file.display().to_string();
     let text =
         named_file::text(file, named_file::TEXT_MAX).with_context(|| format!("cannot read the test `{name}`"))?;
-    let test = StoryTest::read(&text).map_err(|why| anyhow!("`{name}` is no test: {why}"))?;
+    let test = StoryTest::read(&text).map_err(|why| anyhow!("`{name}` is not a test: {why}"))?;
     let path = file.parent().unwrap_or_else(|| Path::new("")).join(&test.spec);
     let loaded = load(&test, &path, &arguments.controllers)?;
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));

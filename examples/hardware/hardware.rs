@@ -123,7 +123,7 @@ impl Controller for Base {
             })
             .state("motion", "How it moves.", |base| base.motion)
             .state("commands", "The commands that wait.", |base| base.commands.status())
-            .state("lock", "Who holds the wheels.", |base| base.wheels.status());
+            .state("lock", "The holder of the wheels.", |base| base.wheels.status());
     }
 
     fn main_calc(&mut self, tick: Tick, (): &(), (): &mut ()) -> Progress {

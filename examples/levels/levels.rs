@@ -58,7 +58,7 @@ struct Wheels {
 impl Wheels {
     fn drive(&mut self, go: Go) -> Result<Place, String> {
         if !go.speed.is_finite() || go.speed.abs() > 10.0 {
-            return Err(format!("{} m/s is no speed of these wheels: from -10 to 10", go.speed));
+            return Err(format!("{} m/s is not a speed of these wheels: from -10 to 10", go.speed));
         }
         (self.place.speed, self.idle) = (go.speed, 0.0);
         Ok(self.place)
@@ -71,7 +71,7 @@ impl Controller for Wheels {
     const TYPE: &'static str = "Wheels";
 
     fn about() -> About {
-        About::service("Wheels, simulated; they stop when nobody drives them.").every(Duration::from_millis(5))
+        About::service("Wheels, simulated; they stop when no program drives them.").every(Duration::from_millis(5))
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {

@@ -75,7 +75,7 @@ impl Controller for Clerk {
             .procedure_later("Ready", "Tells of orders that are ready.", |clerk: &mut Self, subscription, reply| {
                 clerk.ready.ask(subscription, reply);
             })
-            .state("ready", "Who is told of orders that are ready.", |clerk| clerk.ready.status());
+            .state("ready", "The customers that are told of orders that are ready.", |clerk| clerk.ready.status());
     }
 
     fn main_calc(&mut self, tick: Tick, (): &(), (): &mut ()) -> Progress {

@@ -169,7 +169,7 @@ impl Controller for Asker {
         self.planner.work(tick.now, &mut outputs.questions);
         while let Some((marker, end)) = self.planner.end_of() {
             if self.open != Some(marker) {
-                return Progress::Aborted(format!("an answer to a question that nobody has asked: {marker}"));
+                return Progress::Aborted(format!("an answer to a question that was not asked: {marker}"));
             }
             self.open = None;
             match end {
@@ -177,7 +177,7 @@ impl Controller for Asker {
                     let expected = Self::question(self.answered);
                     let length = expected.ahead.hypot(expected.left);
                     if (way.data.length - length).abs() > 1e-9 || (way.data.time - length / SPEED).abs() > 1e-9 {
-                        return Progress::Aborted(format!("{:?} is no answer to {expected:?}", way.data));
+                        return Progress::Aborted(format!("{:?} is not an answer to {expected:?}", way.data));
                     }
                     self.answered += 1;
                 }

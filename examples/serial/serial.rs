@@ -46,7 +46,7 @@ impl Line {
         let failed = |why: Errno| format!("cannot open the serial port `{path}`: {why}");
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let port = open(path, flags, Mode::empty()).map_err(failed)?;
-        let mut settings = tcgetattr(&port).map_err(|_no_terminal| format!("`{path}` is no serial port"))?;
+        let mut settings = tcgetattr(&port).map_err(|_no_terminal| format!("`{path}` is not a serial port"))?;
         settings.make_raw();
         settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
         tcsetattr(&port, OptionalActions::Now, &settings).map_err(failed)?;
@@ -233,7 +233,7 @@ impl FakeDevice {
         grantpt(&device).and_then(|()| unlockpt(&device)).map_err(failed)?;
         rustix::fs::fcntl_setfl(&device, OFlags::NONBLOCK).map_err(failed)?;
         let name = ptsname(&device, Vec::new()).map_err(failed)?;
-        let port = Line::open(name.to_str().map_err(|_no_text| "the name of a terminal is no text")?)?.port;
+        let port = Line::open(name.to_str().map_err(|_no_text| "the name of a terminal is not text")?)?.port;
         // A link left by an earlier run is replaced; a file that is not a link is kept.
         if std::fs::symlink_metadata(&self.path).is_ok_and(|link| link.is_symlink()) {
             std::fs::remove_file(&self.path).map_err(|why| format!("cannot replace `{}`: {why}", self.path))?;

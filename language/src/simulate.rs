@@ -397,7 +397,7 @@ impl<'a> Simulation<'a> {
         let cause = match &reason.cause {
             Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
             Cause::Busy => "it was running already".to_owned(),
-            Cause::StopUnconfirmed => "nobody could confirm that it stopped".to_owned(),
+            Cause::StopUnconfirmed => "its stop could not be confirmed".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),
             Cause::NoMatch => "no arm of `match` has this outcome".to_owned(),
             // A picture has room for a word.

@@ -80,7 +80,7 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
     );
     ensure!(
         !arguments.insecure_lan,
-        "this node is in the team `{team}`, and opens to nobody else: leave out `--insecure-lan`"
+        "this node is in the team `{team}`, and accepts connections from its team only: leave out `--insecure-lan`"
     );
     if let Err(error) = member.check() {
         console::note(&format!("the others of the team `{team}` will refuse this node: {error:#}"));

@@ -103,7 +103,7 @@ fn read_with(path: &Path, bytes_max: usize, closed: u32) -> anyhow::Result<Optio
         opened => opened.with_context(reading)?,
     };
     let there = file.metadata().with_context(reading)?;
-    ensure!(there.is_file(), "`{}` is no file", path.display());
+    ensure!(there.is_file(), "`{}` is not a file", path.display());
     ensure!(there.len() <= bytes_max as u64, "`{}` is too long", path.display());
     let own = rustix::process::getuid().as_raw();
     let is_private = there.mode() & closed == 0 && (there.uid() == own || there.uid() == 0);

@@ -50,7 +50,7 @@ async fn connect(addresses: &[SocketAddr]) -> anyhow::Result<TcpStream> {
         match tokio::time::timeout(CONNECT_WITHIN, TcpStream::connect(address)).await {
             Ok(Ok(stream)) => return Ok(stream),
             Ok(Err(error)) => tried.push(format!("{address}: {}", comms::logic::human::cause(&error))),
-            Err(_elapsed) => tried.push(format!("{address}: nobody answers")),
+            Err(_elapsed) => tried.push(format!("{address}: no node answers")),
         }
     }
     bail!("the inviter cannot be reached; `dca team invite` has to wait there meanwhile: {}", tried.join("; "))
@@ -178,7 +178,7 @@ async fn send(stream: &mut TcpStream, message: &Message) -> anyhow::Result<()> {
 
 async fn receive(stream: &mut TcpStream) -> anyhow::Result<Message> {
     let bytes = stream::receive(stream, MESSAGE_MAX).await?;
-    Message::from_bytes(&bytes).context("what the other side says is no message of joining")
+    Message::from_bytes(&bytes).context("the answer of the other side is not a message of joining")
 }
 
 #[cfg(test)]

@@ -239,7 +239,7 @@ impl Member {
         let credential = Credential::from_bytes(credential).map_err(|error| format!("a credential: {error}"))?;
         let claims = credential.certificate().claims();
         if credential.certificate().kind() != Kind::Node {
-            return Err(format!("`{}` is no node", claims.name));
+            return Err(format!("`{}` is not a node", claims.name));
         }
         let nobody = Revocations::default();
         let then = Judge { team: &self.team, revoked: &nobody, now: claims.not_before, grace: 0 };
@@ -302,7 +302,7 @@ impl Identity for Member {
         let newer = self.cards.newer(&credential, &by);
         newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.judged(&error))?;
         if credential.certificate().kind() != Kind::Node {
-            return Err(format!("`{}` is no node", claims.name));
+            return Err(format!("`{}` is not a node", claims.name));
         }
         if newer.is_none() {
             self.cards.note(&credential);

@@ -41,7 +41,7 @@ pub(crate) struct Circle {
 impl Circle {
     /// Returns the content of the file that programs are told of.
     pub(crate) fn bytes(team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<Vec<u8>> {
-        let revoked = revoked.to_str().context("a folder has a name that is no text")?;
+        let revoked = revoked.to_str().context("a folder has a name that is not text")?;
         Ok(postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
     }
 
@@ -213,7 +213,7 @@ impl Identity for ProgramIdentity {
     }
 
     fn refused(&self, from: SocketAddr, why: &str) {
-        tracing::warn!(%from, why, "somebody was refused");
+        tracing::warn!(%from, why, "a peer was refused");
         if let Some(who) = why.strip_prefix(NO_WIRE) {
             (self.on_stranger)(format!("{} at {}", who.trim_start_matches(": "), from.ip()));
         }

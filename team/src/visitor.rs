@@ -45,7 +45,7 @@ impl VisitorIdentity {
         revoked: &Path,
     ) -> anyhow::Result<()> {
         let secret = keys.to_bytes();
-        let revoked = revoked.to_str().context("a folder has a name that is no text")?;
+        let revoked = revoked.to_str().context("a folder has a name that is not text")?;
         let fields = (&secret[..], team.to_bytes(), delegation.to_bytes(), revoked);
         folder::write(path, &Zeroizing::new(postcard::to_stdvec(&fields)?))
     }
@@ -104,7 +104,10 @@ impl Identity for VisitorIdentity {
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
         let delegation = self.circle.delegation(key, credential)?;
         let node = &delegation.node().certificate().claims().name;
-        delegation.program().map(|program| format!("{program} on {node}")).ok_or_else(|| "it is no program".to_owned())
+        delegation
+            .program()
+            .map(|program| format!("{program} on {node}"))
+            .ok_or_else(|| "it is not a program".to_owned())
     }
 
     fn revocations(&self) -> Vec<u8> {
@@ -116,7 +119,7 @@ impl Identity for VisitorIdentity {
     }
 
     fn refused(&self, from: SocketAddr, why: &str) {
-        tracing::warn!(%from, why, "somebody was refused");
+        tracing::warn!(%from, why, "a peer was refused");
     }
 }
 

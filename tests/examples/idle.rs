@@ -135,7 +135,7 @@ fn sent_bytes(namespace: &str) -> Result<f64> {
         .args(["netns", "exec", namespace, "cat", "/sys/class/net/eth0/statistics/tx_bytes"])
         .output()?;
     let text = String::from_utf8(asked.stdout)?;
-    text.trim().parse().with_context(|| format!("`{text}` is no number of bytes"))
+    text.trim().parse().with_context(|| format!("`{text}` is not a number of bytes"))
 }
 
 /// Returns the processor time that a process has used, in seconds. Source: proc_pid_stat(5), `utime` and `stime`.

@@ -351,7 +351,7 @@ impl Simulation {
         match &reason.cause {
             Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
             Cause::Busy => format!("{path}: it was already running"),
-            Cause::StopUnconfirmed => format!("{path}: nobody confirms that it stopped"),
+            Cause::StopUnconfirmed => format!("{path}: its stop is not confirmed"),
             Cause::ServiceEnded => format!("{path}: a service ended"),
             Cause::Failed(text) => format!("{path}: {text}"),
             Cause::NoMatch => format!("{path}: no arm of `match` has this outcome"),

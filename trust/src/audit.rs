@@ -91,7 +91,7 @@ pub enum AuditError {
     #[error("line 1 is not the beginning of an audit log")]
     Begin,
     /// A line is not a record.
-    #[error("line {line} is no record of an audit log")]
+    #[error("line {line} is not a record of an audit log")]
     Record {
         /// The line, from 1.
         line: u64,
@@ -107,7 +107,7 @@ pub enum AuditError {
         expected: u64,
     },
     /// A record does not match the previous ones: one of them, or this one, was changed.
-    #[error("line {line}, record {number}, does not fit to what is before it")]
+    #[error("line {line}, record {number}, does not fit the line before it")]
     Hash {
         /// The line, from 1.
         line: u64,

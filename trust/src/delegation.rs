@@ -36,7 +36,7 @@ pub struct Delegation {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DelegationError {
     /// Only nodes may vouch for programs.
-    #[error("who vouches for it is no node")]
+    #[error("the certificate that vouches for it is not that of a node")]
     Kind,
     /// The node has not signed this.
     #[error("its node has not signed for it")]

@@ -42,7 +42,7 @@ pub enum HeadError {
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]
     Full,
     /// A line of the text is not a head.
-    #[error("line {line} is no signed head of an audit log")]
+    #[error("line {line} is not a signed head of an audit log")]
     Line {
         /// The line, from 1.
         line: usize,

@@ -34,13 +34,13 @@ pub enum RenewalError {
     #[error("it is of another time: is a clock wrong?")]
     Time,
     /// A node may not renew itself.
-    #[error("nobody renews its own certificate")]
+    #[error("a member may not renew its own certificate")]
     Own,
     /// More than half of its life is left.
     #[error("it is valid for long enough")]
     Early,
     /// It ends for good, or the right to renew it does.
-    #[error("it can be renewed no longer than it is valid; only the operator makes another one")]
+    #[error("it can be renewed only while it is valid; after that the operator has to make another one")]
     Last,
     /// The offered renewal does not last longer, or is for another certificate.
     #[error("the renewal is not for this certificate, or ends no later than that")]

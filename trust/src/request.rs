@@ -102,7 +102,7 @@ pub enum Refusal {
     #[error("the request is for another team")]
     OtherTeam,
     /// It is for another receiver.
-    #[error("the request is for somebody else")]
+    #[error("the request is for another host")]
     Audience,
     /// It is valid for longer than such a request may be.
     #[error("the request is valid for longer than {0} s")]

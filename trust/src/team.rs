@@ -132,7 +132,7 @@ pub enum TrustError {
     #[error("`{0}` belongs to another team")]
     OtherTeam(Name),
     /// Its issuer is not the team, and no admin of it.
-    #[error("the certificate of `{0}` was issued by somebody who may not")]
+    #[error("the certificate of `{0}` was issued by a member that may not")]
     Issuer(Name),
     /// The signature does not fit.
     #[error("the certificate of `{0}` is not signed by its issuer")]

@@ -19,7 +19,7 @@ pub enum FormError {
     #[error("something follows its end")]
     Trailing,
     /// The bytes begin with another name or version than this one.
-    #[error("it is no `{0}`")]
+    #[error("it is not a `{0}`")]
     Kind(&'static str),
     /// A field has a value that is not allowed, or an order that is not the canonical one.
     #[error("its field `{0}` has a value that is not allowed")]

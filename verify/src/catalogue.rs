@@ -400,7 +400,7 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
             false => "nothing gets stuck: whatever happens, `main` can still end",
         },
     );
-    proved(asked.waits, "nobody waits for a resource for ever");
+    proved(asked.waits, "no process waits for a resource for ever");
     let unused = unused(model);
     let but =
         if unused.is_empty() { String::new() } else { format!(", but for {}, which nothing runs", unused.join(", ")) };

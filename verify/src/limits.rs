@@ -45,7 +45,7 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
     }
     if findings.is_empty() && count > 0 {
         let limits = if count == 1 { "the limit is".to_owned() } else { format!("all {count} limits are") };
-        findings.push(Finding::proved(format!("{limits} longer than what is known of their bodies")));
+        findings.push(Finding::proved(format!("{limits} longer than the known times of their bodies")));
     }
     findings
 }

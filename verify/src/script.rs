@@ -46,7 +46,7 @@ pub enum PlayResult {
 
 /// A line of a script that is not understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {number} is no line of a script: {why}")]
+#[error("line {number} is not a line of a script: {why}")]
 pub struct ScriptError {
     /// Its number, from 1.
     pub number: usize,

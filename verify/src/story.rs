@@ -270,7 +270,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
         Label::Noted(host) => {
             let host = system.model.plan.hosts.get(usize::from(host)).map_or("", String::as_str);
             match lost_host(system) {
-                lost if lost == host => format!("`{host}` notes that it reaches nobody"),
+                lost if lost == host => format!("`{host}` notes that it reaches no other host"),
                 lost => format!("`{host}` notes that `{lost}` is lost"),
             }
         }
@@ -344,7 +344,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
             Changed::Done(_) => ends.push(format!("`{name}` is done")),
             Changed::Aborted => ends.push(format!("`{name}` fails")),
             Changed::Stopped => ends.push(format!("`{name}` has stopped")),
-            Changed::Away => ends.push(format!("`{name}` is started anew with it")),
+            Changed::Away => ends.push(format!("`{name}` is started again with it")),
         }
     }
     let mut all = ends;

@@ -143,7 +143,7 @@ impl Feed {
         let found = match clients.look().await {
             Ok(found) => found,
             Err(failure) => {
-                let why = format!("nobody says whom else to ask: {}", words(&failure));
+                let why = format!("no host could say which others to ask: {}", words(&failure));
                 let here = self.clients.iter().filter_map(|client| client.local()).next().unwrap_or("this machine");
                 self.ready.push_back(FeedItem::Lost(here.to_owned(), why));
                 return;

@@ -73,7 +73,7 @@ impl DatabaseArgs {
         if let Some(robot) = self.robot.as_deref().or_else(|| client.local()) {
             // It may have to be discovered first. Whether it answers shows when it is asked.
             if client.local() != Some(robot) && !client.finds(robot).await? {
-                tracing::debug!(robot, "nobody has announced it");
+                tracing::debug!(robot, "no host has announced it");
             }
             return Ok(robot.to_owned());
         }

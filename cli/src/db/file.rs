@@ -125,7 +125,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
         ("require", "absent") => requires.push(Require { key, condition: Condition::Absent }),
         ("require", "exists") => requires.push(Require { key, condition: Condition::Exists }),
         ("require", name) => {
-            let dot = token::dot(name).ok_or_else(|| anyhow!("`{name}` is no transaction, `absent` or `exists`"))?;
+            let dot = token::dot(name).ok_or_else(|| anyhow!("`{name}` is not a transaction, `absent` or `exists`"))?;
             requires.push(Require { key, condition: Condition::Is(dot) });
         }
         _ => bail!(LINES),
@@ -149,7 +149,7 @@ fn key_and_rest(text: &str) -> anyhow::Result<(String, &str)> {
     let (key, rest) = text.split_at(end.map(|end| end + 2).context("the key has no second quote")?);
     let read = Datum::from_toml(key).with_context(|| format!("reading the key {key}"))?;
     let (Datum::Text(name), true) = (read, rest.is_empty() || rest.starts_with(' ')) else {
-        bail!("a blank separates the key {key} from what follows it");
+        bail!("a blank separates the key {key} from the next word");
     };
     Ok((name, rest.trim()))
 }
@@ -175,10 +175,10 @@ mod tests {
         check("put team/a 1\nset team/b 2", "line 2, `set team/b 2`: a line is `put KEY VALUE`");
         check("garbage", "line 1, `garbage`: a line is `put KEY VALUE`");
         check("put team/a 1\ndelete team/a", "line 2, `delete team/a`: `team/a` is written by an earlier line");
-        check("require team/a 7", "`7` is no transaction");
+        check("require team/a 7", "`7` is not a transaction");
         check("put a//b 1", "empty segment");
         check("put \"team/a b 1", "the key has no second quote");
-        check("put \"team/a b\"1", "a blank separates the key \"team/a b\" from what follows it");
+        check("put \"team/a b\"1", "a blank separates the key \"team/a b\" from the next word");
         check("put \"team/a b\"", "the value is missing");
     }
 

@@ -44,7 +44,7 @@ impl SecretArgs {
     pub(crate) fn put(self, key: Key, commit: &CommitArgs) -> Result<(), Failure> {
         if parameters::robot_of(key.as_str()).is_some() {
             return Err(anyhow!(
-                "a parameter is no secret: put it at a key such as `team/NAME`, and name it in the spec: `secret(\"team/NAME\")`"
+                "a parameter cannot be a secret: put it at a key such as `team/NAME`, and name it in the spec: `secret(\"team/NAME\")`"
             )
             .into());
         }

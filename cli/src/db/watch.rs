@@ -129,5 +129,5 @@ impl Watch {
 }
 
 fn a_version(text: &str) -> Result<VersionVector, String> {
-    token::vector(text).ok_or_else(|| anyhow!("a version is what `dca db version` prints").to_string())
+    token::vector(text).ok_or_else(|| anyhow!("write a version as `dca db version` prints it").to_string())
 }

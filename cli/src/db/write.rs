@@ -286,7 +286,7 @@ fn ack_level(text: &str) -> Result<AckLevel, String> {
         None if text == "everywhere" => Ok(AckLevel::Everywhere),
         Some(("replicated", count)) => match count.parse() {
             Ok(count) if count > 0 => Ok(AckLevel::Replicated(count)),
-            _ => Err(format!("`{count}` is no number of robots")),
+            _ => Err(format!("`{count}` is not a number of robots")),
         },
         Some(("on", robots)) if !robots.split(',').any(str::is_empty) => Ok(AckLevel::On(names(robots))),
         _ => Err("a level is `local`, `replicated:2`, `on:r2,r3` or `everywhere`".to_owned()),

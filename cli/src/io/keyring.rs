@@ -78,7 +78,7 @@ impl Keyring {
         let mut teams = self.teams()?;
         match (teams.pop(), teams.len()) {
             (Some(name), 0) => Ok(name),
-            (None, _) => bail!("there is no team in `{}`; `dca team init NAME` begins one", self.0.display()),
+            (None, _) => bail!("`{}` has no team; `dca team init NAME` begins one", self.0.display()),
             (Some(_), _) => bail!("there are several teams in `{}`; choose one with `--team`", self.0.display()),
         }
     }
@@ -94,7 +94,7 @@ impl Keyring {
             ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
             ensure!(
                 is_empty(&folder),
-                "`{}` is what an interrupted `dca team init` has left: remove that folder, then begin the team",
+                "`{}` was left by an interrupted `dca team init`: remove that folder, then begin the team",
                 folder.display()
             );
         }
@@ -135,7 +135,7 @@ impl Keyring {
         let path = self.0.join(name.as_str()).join(TEAM);
         ensure!(path.exists(), "there is no team `{name}` in `{}`", self.0.display());
         let text = String::from_utf8(read_private(&path, BUNDLE_MAX)?.to_vec());
-        let text = text.map_err(|_no_text| anyhow!("`{}` is no text", path.display()))?;
+        let text = text.map_err(|_no_text| anyhow!("`{}` is not text", path.display()))?;
         let bundle = Bundle::from_text(&text).with_context(|| format!("reading `{}`", path.display()))?;
         ensure!(bundle.team().name() == name, "`{}` is of the team `{}`", path.display(), bundle.team().name());
         Ok(bundle)
@@ -174,7 +174,7 @@ impl Keyring {
         };
         if next.is_err() {
             console::note(&format!(
-                "`{}` said nothing that can be the number of a request; it is written anew, from the time",
+                "`{}` held no valid number of a request; it is written again, from the time",
                 path.display()
             ));
         }
@@ -271,7 +271,7 @@ fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u
         "others may read or write `{0}`: it is not used; see who did, then `chmod 600 {0}`",
         path.display()
     );
-    ensure!(there.uid() == own || there.uid() == 0, "`{}` belongs to somebody else", path.display());
+    ensure!(there.uid() == own || there.uid() == 0, "`{}` belongs to another user", path.display());
     let bytes = named_file::bytes(path, bytes_max).with_context(|| format!("reading `{}`", path.display()))?;
     Ok(Zeroizing::new(bytes))
 }
@@ -337,7 +337,7 @@ pub(crate) fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<Str
     while bytes.last().is_some_and(|last| *last == b'\n' || *last == b'\r') {
         bytes.pop();
     }
-    let text = std::str::from_utf8(&bytes).map_err(|_no_text| anyhow!("the passphrase is no UTF-8 text"))?;
+    let text = std::str::from_utf8(&bytes).map_err(|_no_text| anyhow!("the passphrase is not UTF-8 text"))?;
     Ok(Zeroizing::new(text.to_owned()))
 }
 

@@ -27,7 +27,7 @@ fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let flags = OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().write(true).custom_flags(flags).open(path);
     let mut file = match opened {
-        Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => bail!("nobody reads this pipe"),
+        Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => bail!("no program reads this pipe"),
         opened => opened?,
     };
     // The reader may take its time.
@@ -68,7 +68,7 @@ impl WholeFile {
 
     fn begin(path: &Path, options: &mut OpenOptions) -> anyhow::Result<Self> {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-            bail!("{} is no regular file", path.display());
+            bail!("{} is not a regular file", path.display());
         }
         // A link stays a link, and a file keeps its permissions.
         let path = &fs::canonicalize(path).unwrap_or_else(|_not_there_yet| path.to_owned());
@@ -162,7 +162,7 @@ mod tests {
         let pipe = folder.join("pipe");
         rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
         let refused = format!("{:#}", put(&pipe, b"picture").unwrap_err());
-        assert!(refused.ends_with("nobody reads this pipe"), "{refused}");
+        assert!(refused.ends_with("no program reads this pipe"), "{refused}");
         let reader = {
             let flags = OFlags::NONBLOCK.bits().cast_signed();
             OpenOptions::new().read(true).custom_flags(flags).open(&pipe).unwrap()

@@ -165,9 +165,9 @@ fn clock(machine: &Machine) -> Check {
     let (level, finding) = match machine.clock {
         ClockQuality::Kept => (Level::Ok, "it is kept in step"),
         ClockQuality::Plausible => {
-            (Level::Warning, "nobody keeps it in step with others: records of several hosts do not fit")
+            (Level::Warning, "it is not synchronised with other clocks: records of several hosts do not fit")
         }
-        ClockQuality::Unset => (Level::Failed, "it shows a date that cannot be right: nobody has set it"),
+        ClockQuality::Unset => (Level::Failed, "it shows a date that cannot be right: it was never set"),
     };
     check("clock", level, finding, "run chrony, systemd-timesyncd or ptp4l")
 }
@@ -190,12 +190,7 @@ fn listening(machine: &Machine) -> Check {
         Ok(()) => (Level::Ok, "TCP ports can be listened on".to_owned()),
         Err(why) => (Level::Failed, format!("no TCP port can be listened on: {why}")),
     };
-    check(
-        "ports",
-        level,
-        finding,
-        "look for what forbids it: a sandbox, a security module, a container without network",
-    )
+    check("ports", level, finding, "look for the reason: a sandbox, a security module, a container without network")
 }
 
 fn files(machine: &Machine) -> Check {
@@ -310,7 +305,7 @@ fn policy(machine: &Machine) -> Check {
     } else if files.is_empty() {
         (Level::Ok, "none: whoever may deploy can start any program as the user of the node".to_owned())
     } else {
-        (Level::Ok, format!("`{}` says what may run", files.join("`, `")))
+        (Level::Ok, format!("`{}` limits the programs", files.join("`, `")))
     };
     check(
         "policy",

@@ -86,7 +86,7 @@ impl HostClock {
         let mut warnings = Vec::new();
         if *keeping == ClockKeeping::Unset {
             warnings
-                .push(format!("warning: the clock of `{host}` shows a date that cannot be right: nobody has set it"));
+                .push(format!("warning: the clock of `{host}` shows a date that cannot be right: it was never set"));
         } else if ahead.abs() > error_max + WRONG_FROM {
             let (way, by) = (if *ahead > 0.0 { "ahead of" } else { "behind" }, seconds(ahead.abs()));
             warnings.push(format!("warning: the clock of `{host}` is {by} {way} the clock here: one of them is wrong"));
@@ -186,6 +186,6 @@ mod tests {
         assert_eq!(right.warnings(), [""; 0]);
         let behind = "warning: the clock of `c2` is 300.5 s behind the clock here: one of them is wrong";
         assert_eq!(wrong.warnings(), [behind]);
-        assert!(board.warnings()[0].contains("nobody has set it"), "{board:?}");
+        assert!(board.warnings()[0].contains("it was never set"), "{board:?}");
     }
 }

@@ -263,7 +263,7 @@ impl Mission {
             Change::Ended(Ending::Aborted(failure)) if failure.origin == path => {
                 (format!("aborted: {}", failure.cause), failure.cause.output())
             }
-            Change::Ended(Ending::Unconfirmed) => ("nobody could confirm that it stopped".to_owned(), &[][..]),
+            Change::Ended(Ending::Unconfirmed) => ("its stop could not be confirmed".to_owned(), &[][..]),
             Change::Died(cause) => (format!("died: {cause}"), cause.output()),
             Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
             Change::Held { .. } | Change::HeldBy { .. } => (change.held_text().unwrap_or_default(), &[][..]),

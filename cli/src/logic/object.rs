@@ -104,7 +104,7 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     let plan = compiled.plan.filter(|plan| plan.leaves.len() == 1);
     let Some(leaf) = plan.and_then(|mut plan| plan.leaves.pop()) else {
         return Err(match error {
-            None => format!("`{value}` is no value"),
+            None => format!("`{value}` is not a value"),
             Some(error) if error.code == Code::E0001 => format!("`{value}` cannot be read: {}", error.message),
             Some(error) => error.message.clone(),
         });

@@ -82,7 +82,7 @@ pub(crate) fn renewing_text(with: &str) -> String {
 pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
     match value {
         Some(value) => format!("was told that `{parameter}` is {value}"),
-        None => format!("was told that `{parameter}` is what the spec says"),
+        None => format!("was told that `{parameter}` is as in the spec"),
     }
 }
 
@@ -97,6 +97,6 @@ pub(crate) fn ending_text(ending: &Ending) -> String {
         Ending::Done(_) => "done".to_owned(),
         Ending::Aborted(failure) => format!("aborted: {failure}"),
         Ending::Stopped => "stopped".to_owned(),
-        Ending::Unconfirmed => "nobody could confirm that it stopped".to_owned(),
+        Ending::Unconfirmed => "its stop could not be confirmed".to_owned(),
     }
 }

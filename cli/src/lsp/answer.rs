@@ -254,7 +254,7 @@ impl Server {
     fn formatting(&mut self, params: &DocumentFormattingParams) -> Result<Option<Vec<TextEdit>>, Refusal> {
         let encoding = self.client.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
-        let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text that cannot be read is left as it is");
+        let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text that cannot be read is not changed");
         let formatted = format(analysis.spec()).map_err(damaged)?;
         if formatted == document.text {
             return Ok(Some(Vec::new()));

@@ -30,7 +30,7 @@ impl ImportArgs {
                 (bytes, "standard input".to_owned())
             }
         };
-        let text = String::from_utf8(bytes).map_err(|_no_text| anyhow!("{from} is no text"))?;
+        let text = String::from_utf8(bytes).map_err(|_no_text| anyhow!("{from} is not text"))?;
         let bundle = Bundle::from_text(&text).with_context(|| format!("reading {from}"))?;
         let keyring = keys.keyring()?;
         let is_new = keyring.import(&bundle)?;

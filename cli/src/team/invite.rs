@@ -139,11 +139,11 @@ impl DoorArgs {
                 }
                 Some(Event::Failed(why)) => {
                     return Err(anyhow!(
-                        "{why}; nobody has joined, and the invitation is spent: invite `{name}` again"
+                        "{why}; no host has joined, and the invitation is spent: invite `{name}` again"
                     )
                     .into());
                 }
-                None => return Err(anyhow!("nobody has come in time; the invitation has ended").into()),
+                None => return Err(anyhow!("no host has come in time; the invitation has ended").into()),
             }
         }
     }
@@ -192,7 +192,7 @@ impl JoinArgs {
         Member::begin(&state, &keys, &team, founds, &credential).with_context(spent)?;
         console::say(&joined(&team, certificate));
         console::note(&format!(
-            "Now start `dca-node --name {name}`, or start it again: it opens to its team, and to nobody else."
+            "Now start `dca-node --name {name}`, or start it again: it accepts connections from its team only."
         ));
         if founds {
             console::note(&format!("`{name}` is the first of the team: its node begins the team's database."));

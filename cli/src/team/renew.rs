@@ -69,7 +69,7 @@ async fn renewed(
     client.close().await;
     let none = || {
         anyhow!(
-            "nobody has renewed it: {}; `dca team invite NAME --renewer` makes a node that may",
+            "it was not renewed: {}; `dca team invite NAME --renewer` makes a node that may",
             if refusals.is_empty() { "no node is there".to_owned() } else { refusals.join("; ") }
         )
     };

@@ -56,7 +56,7 @@ impl RevokeArgs {
 
 fn ensure_to_revoke(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     let mut named = bundle.named(name).peekable();
-    ensure!(named.peek().is_some(), "there is no `{name}` in the team");
+    ensure!(named.peek().is_some(), "the team has no `{name}`");
     ensure!(named.any(|known| !bundle.has_revoked(&known.subject())), "`{name}` is revoked already");
     Ok(())
 }
@@ -128,7 +128,7 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
         Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
         Ok(Some(found)) => {
             console::note(&format!(
-                "`{name}` could read these secrets: change each, and put it again for who may have it now"
+                "`{name}` could read these secrets: change each, and put it again for the members that may have it now"
             ));
             found.iter().for_each(|key| console::say(key));
         }
@@ -184,7 +184,7 @@ fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Resul
     }
     let ((_, count), bundle) = keyring.change(bundle.team().name(), |bundle| Ok(add(bundle, held)))?;
     if count > 0 {
-        console::note(&format!("keys that were revoked elsewhere, and are now known here, too: {count}"));
+        console::note(&format!("keys that were revoked elsewhere, and are now known here: {count}"));
     }
     Ok(bundle)
 }
@@ -222,7 +222,7 @@ pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Resul
 pub(super) fn summary(revoked: &Revocations, team: &KeyId) -> String {
     let (number, keys) = (revoked.number_of(team), revoked.keys().len());
     match revoked.sets().len() {
-        0 => "nobody is revoked".to_owned(),
+        0 => "no key is revoked".to_owned(),
         1 => format!("revocations: number {number}, keys {keys}"),
         count => format!("revocations: number {number}, keys {keys}, in {count} sets; who is revoked next joins them"),
     }

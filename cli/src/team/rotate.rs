@@ -83,7 +83,7 @@ fn holder(bundle: &Bundle, name: &Name) -> anyhow::Result<(Role, Vec<KeyId>)> {
     let is_valid = |known: &&Certificate| !bundle.has_revoked(&known.subject());
     let valid: Vec<&Certificate> = bundle.named(name).filter(is_valid).collect();
     let role = valid.first().map(|known| known.claims().role);
-    let role = role.with_context(|| format!("there is no `{name}` in the team whose keys are not revoked"))?;
+    let role = role.with_context(|| format!("the team has no `{name}` whose keys are not revoked"))?;
     if role == Role::Admin && valid.iter().any(|known| known.subject() == bundle.team().id()) {
         bail!("the key of the team cannot be exchanged: begin another team");
     }

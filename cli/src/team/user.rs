@@ -169,7 +169,7 @@ fn issue(
 impl Remove {
     fn check(&self, bundle: &Bundle) -> anyhow::Result<()> {
         let mut named = bundle.named(&self.name).peekable();
-        ensure!(named.peek().is_some(), "there is no user `{}` in the team", self.name);
+        ensure!(named.peek().is_some(), "the team has no user `{}`", self.name);
         let is_robot = bundle.named(&self.name).any(|known| known.kind() == Kind::Node);
         ensure!(!is_robot, "`{0}` is a robot: `dca team revoke {0}`", self.name);
         let is_left = named.any(|known| known.kind() == Kind::User && !bundle.has_revoked(&known.subject()));

@@ -173,13 +173,13 @@ pub enum ObjectError {
         reason: String,
     },
     /// No answer in time.
-    #[error("no answer within {}; it may have been carried out all the same", span(*.within))]
+    #[error("no answer within {}; it may have been carried out", span(*.within))]
     Deadline {
         /// The time given.
         within: Duration,
     },
     /// The program, or the way to it, is gone.
-    #[error("its program has ended, or was cut off, without an answer; it may have been carried out all the same")]
+    #[error("its program has ended, or was cut off, without an answer; it may have been carried out")]
     Gone,
     /// Too many bytes.
     #[error("{size} bytes are more than the {size_max} that a call can have")]
@@ -418,7 +418,7 @@ mod tests {
     #[test]
     fn an_error_says_what_is_known_and_no_more() {
         let deadline = ObjectError::Deadline { within: Duration::from_millis(1500) };
-        assert_eq!(deadline.to_string(), "no answer within 1.5 s; it may have been carried out all the same");
+        assert_eq!(deadline.to_string(), "no answer within 1.5 s; it may have been carried out");
         assert!(deadline.may_have_happened() && ObjectError::Gone.may_have_happened());
         let wrong = ObjectError::WrongType {
             name: "Grip".into(),

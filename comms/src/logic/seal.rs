@@ -92,7 +92,7 @@ pub enum Refusal {
     #[error("its seal is broken")]
     Broken,
     /// The signer is not a visitor from the team.
-    #[error("no node of the team vouches for who has signed it")]
+    #[error("no node of the team vouches for its signer")]
     Stranger,
     /// A program that has no wire wants to link.
     #[error("it has no wire with this program")]

@@ -192,7 +192,7 @@ fn device(name: &LitStr, option: Option<&Ident>, direction: Direction) -> syn::R
             ))
         }
         Some(_) | None => {
-            let why = format!("`{}` is no device: `NAME/{channel}` such as `arm/{channel}`", name.value());
+            let why = format!("`{}` is not a device: `NAME/{channel}` such as `arm/{channel}`", name.value());
             Err(Error::new(name.span(), why))
         }
     }
@@ -279,7 +279,7 @@ mod tests {
             "a client of `arm` hears `arm/state`, not `arm/cmd`",
             "`arm/state` is a device: `#[device(\"arm/state\")]`",
             "`h` is one port: one attribute says which",
-            "`arm` is no device: `NAME/cmd` such as `arm/cmd`",
+            "`arm` is not a device: `NAME/cmd` such as `arm/cmd`",
             "expected nothing more: `#[port(\"In\")]` or `#[port(\"In\", optional)]`",
         ];
         check(fields, Direction::In, Err(&errors));

@@ -101,7 +101,7 @@ impl Controller for ForceTorque {
             outputs.command.send(FtCommand { after: before });
         } else {
             if let Some(drift) = self.drifted(&state.force.into()) {
-                let why = "the force sensor is not at zero after it was set to zero, or somebody pushes the hand";
+                let why = "the force sensor is not at zero after it was set to zero, or something pushes the hand";
                 return Progress::Aborted(format!("{why}: {drift:.0} N"));
             }
             let ([x, y, z], [a, b, c]) = (state.force, state.torque);

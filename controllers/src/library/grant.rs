@@ -89,7 +89,7 @@ impl Grant {
         self.user.work(now, calls);
         let Some(fence) = self.user.held(now) else { return self.wait(now) };
         if self.fence.replace(fence).is_some_and(|before| fence > before.saturating_add(1)) {
-            return Right::Lost(format!("lost the {device}: somebody else has had it meanwhile"));
+            return Right::Lost(format!("lost the {device}: another client has had it in the meantime"));
         }
         self.waiting = None;
         if self.user.is_wanted() {

@@ -251,7 +251,7 @@ fn planar([x, y, yaw]: &[f64; 3]) -> Isometry3<f64> {
 fn refuse(doubt: Doubt) -> Progress {
     let reason = match doubt {
         Doubt::Handle => "lost the handle: the fingers are not as far apart as a handle is wide",
-        Doubt::Unseen => "the laser does not see the leaf: nobody knows whether the door is open",
+        Doubt::Unseen => "the laser does not see the leaf: it is not known whether the door is open",
         Doubt::Behind => "the door is not as far open as the hand has moved: the wheels or the fingers slip",
         Doubt::Turn => "the hand has not turned with the door: its direction and the leaf's differ",
         Doubt::Wheels => {
@@ -264,7 +264,7 @@ fn refuse(doubt: Doubt) -> Progress {
             "the leaf seems to have turned further than the handle has gone: what the laser sees is not this door's leaf or wall"
         }
         Doubt::Left => "lost the handle: the leaf is not as far from the hand as when the opening began",
-        Doubt::Hinge => "the hinge estimate is not sane: its radius is no door's",
+        Doubt::Hinge => "the hinge estimate is not sane: its radius is not that of a door",
     };
     Progress::Aborted(reason.to_owned())
 }

@@ -76,7 +76,7 @@ pub enum DatabaseError {
     #[error("{0}")]
     Refused(#[from] DatabaseRefusal),
     /// Nobody knows; a transaction may have been committed. Read the keys to find out.
-    #[error("{0}; what was to be written may be committed all the same")]
+    #[error("{0}; the write may be committed")]
     Unknown(Unknown),
 }
 
@@ -414,7 +414,7 @@ mod tests {
         let number = database.put("team/a", 1, None, WITHIN);
         database.begin(Time::ZERO + WITHIN);
         let (of, late) = database.committed().unwrap();
-        let words = "no answer within 1 s; what was to be written may be committed all the same";
+        let words = "no answer within 1 s; the write may be committed";
         assert_eq!((of, late.unwrap_err().to_string().as_str()), (number, words));
         database.deliver(number, Ok(DatabaseAnswer::Committed(version())));
         assert_eq!(database.committed(), None);

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// Something that travels from port to port: plain data in SI units, encoded with postcard.
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` is no message",
+    message = "`{Self}` is not a message",
     note = "write `impl Message for {Self} {{ const TYPE: &'static str = \"...\"; }}`"
 )]
 pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
@@ -354,7 +354,7 @@ impl Flavor for Memory<'_, '_> {
 
 /// A field of a struct of inputs: [`In`] or [`Every`].
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` is no input port",
+    message = "`{Self}` is not an input port",
     label = "expected `In<T>`, where `T` is a message",
     note = "a field of a struct with `#[derive(Inputs)]` is an `In<T>` or an `Every<T>`"
 )]
@@ -373,7 +373,7 @@ impl<T: Message> InputPort for Every<T> {
 
 /// A field of a struct of outputs: [`Out`] alone.
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` is no output port",
+    message = "`{Self}` is not an output port",
     label = "expected `Out<T>`, where `T` is a message",
     note = "a field of a struct with `#[derive(Outputs)]` is an `Out<T>`"
 )]
@@ -388,7 +388,7 @@ impl<T: Message> OutputPort for Out<T> {
 
 /// The inputs of a controller. Written by `#[derive(Inputs)]`; `()` for none.
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` is no set of inputs",
+    message = "`{Self}` is not a set of inputs",
     note = "a struct becomes one with `#[derive(Inputs)]`; `()` is for a controller without inputs"
 )]
 pub trait InputSet: Sized + Send + 'static {
@@ -402,7 +402,7 @@ pub trait InputSet: Sized + Send + 'static {
 
 /// The outputs of a controller. Written by `#[derive(Outputs)]`; `()` for none.
 #[diagnostic::on_unimplemented(
-    message = "`{Self}` is no set of outputs",
+    message = "`{Self}` is not a set of outputs",
     note = "a struct becomes one with `#[derive(Outputs)]`; `()` is for a controller without outputs"
 )]
 pub trait OutputSet: Sized + Send + 'static {

@@ -116,7 +116,7 @@ pub enum StoreError {
         size: usize,
     },
     /// The store has failed before.
-    #[error("the store `{path}` has failed before and has to be opened anew")]
+    #[error("the store `{path}` has failed before and has to be opened again")]
     Poisoned {
         /// The directory of the store.
         path: PathBuf,

@@ -158,7 +158,7 @@ pub fn check_records(
     let mut claims = Vec::new();
     for write in txn.writes.iter().filter(|write| is_record(&write.key)) {
         let read = origin_of(&write.key).zip(Claim::from_bytes(&bytes(write)));
-        let (origin, claim) = read.ok_or_else(|| format!("`{}` is no claim", write.key))?;
+        let (origin, claim) = read.ok_or_else(|| format!("`{}` is not a claim", write.key))?;
         let by = claim.check(notary, origin)?;
         claims.push((origin, claim, by));
     }

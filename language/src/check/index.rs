@@ -33,7 +33,7 @@ pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Diagno
     let name = index.names().next()?;
     let bound = bindings.iter().rev().find(|(known, _)| *known == name.text);
     if bound.is_none() {
-        let message = format!("`{}` is no index here", name.text);
+        let message = format!("`{}` is not an index here", name.text);
         let help = "an index is a number, the `i` of a replicated instance or connection, or the name after `all`";
         diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help(help));
     }

@@ -164,7 +164,7 @@ fn report_unused(
         diagnostic = diagnostic.reason(name(slot).span, reason);
     }
     if !is_input {
-        diagnostic = diagnostic.help("connect it to what answers: `client, Grip -> server, Grip;`");
+        diagnostic = diagnostic.help("connect it to a process that answers: `client, Grip -> server, Grip;`");
     }
     diagnostics.push(diagnostic);
 }

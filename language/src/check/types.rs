@@ -103,7 +103,7 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let message = format!("`{name}` would be started again without what `{kind}` remembers");
     let found = Diagnostic::new(Code::E0112, span, message).label("it would go on as if it had just begun");
     let help = format!(
-        "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins anew as a whole"
+        "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins again as a whole"
     );
     Some(found.help(help).choose(span, "temporary"))
 }
@@ -115,7 +115,7 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let why = if module.kind == LeafKind::Plain {
         "it is a plain program, which has no connections to take over".to_owned()
     } else if !module.is_service {
-        format!("`{}` is no service, and both could come to its end", module.name.text)
+        format!("`{}` is not a service, and both could come to its end", module.name.text)
     } else if let Some(claim) = module.claims.first() {
         format!("`{}` claims `{}`, and both would use it", module.name.text, claim.name.text)
     } else if let Some(port) = module.ports.iter().find(is_called) {
@@ -327,7 +327,7 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> 
 fn open(process: &Process) -> Option<Diagnostic> {
     let (first, name) = (process.open.first()?, &process.name.text);
     let names = listed(process.open.iter().map(|param| param.text.as_str()));
-    let message = format!("`{name}` is the root, so nobody gives a value to {names}");
+    let message = format!("`{name}` is the root, so no group gives a value to {names}");
     let diagnostic = Diagnostic::new(Code::E0210, first.span, message).label("decides the shape of the group");
     let help = format!("give each a default: `{} = ...`", first.text);
     Some(diagnostic.help(help))
@@ -337,7 +337,7 @@ fn no_root(spec: &Spec, unused: &[usize]) -> Option<Diagnostic> {
     let help = "add `process main() { instantiated_processes { ... } internal_event_actions { ... } }`";
     let Some(&last) = unused.last().or_else(|| spec.processes.len().checked_sub(1).as_ref().map(|_| &0)) else {
         let start = Span { origin: Origin::Spec, start: 0, end: 0 };
-        return Some(Diagnostic::new(Code::E0101, start, "there is no process to run").help(help));
+        return Some(Diagnostic::new(Code::E0101, start, "the spec has no process to run").help(help));
     };
     if unused.is_empty() {
         // Every process is part of another: the recursion is reported as such.

@@ -41,7 +41,7 @@ impl<'a> Files<'a> {
                 None if self.roles.len() >= FILES_MAX => {
                     diagnostics.push(unreadable(&used, &used.text, &format!("a spec uses at most {FILES_MAX} files")));
                 }
-                None => diagnostics.push(unreadable(&used, &used.text, "nobody has read it")),
+                None => diagnostics.push(unreadable(&used, &used.text, "it was not read")),
             }
         }
     }

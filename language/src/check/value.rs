@@ -62,7 +62,7 @@ impl Reader<'_> {
         if is_key(&key) {
             return ValueKind::Constant(Constant::Secret(key));
         }
-        let diagnostic = Diagnostic::new(Code::E0213, text.span(), format!("{key:?} is no key of the database"));
+        let diagnostic = Diagnostic::new(Code::E0213, text.span(), format!("{key:?} is not a key of the database"));
         self.diagnostics.push(diagnostic.help("a key is a path of words: `secret(\"team/camera/password\")`"));
         ValueKind::Broken
     }
@@ -109,7 +109,7 @@ impl Reader<'_> {
         let broken = Value { span, kind: ValueKind::Broken, dimension: None };
         let list = self.scope.consts.get(&name.text).filter(|named| named.is_list);
         let Some(list) = list else {
-            let message = format!("`{}` is no list", name.text);
+            let message = format!("`{}` is not a list", name.text);
             self.diagnostics
                 .push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
             return broken;
@@ -151,7 +151,7 @@ impl Reader<'_> {
         let params = scope.params.iter().map(|param| param.name.text.as_str());
         let consts = scope.consts.keys().map(String::as_str);
         if let Some(near) = self.diagnostics.near(&name.text, params.chain(consts)) {
-            let message = format!("`{}` is no parameter: it stands for itself", name.text);
+            let message = format!("`{}` is not a parameter: it stands for itself", name.text);
             let diagnostic =
                 Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{}`?", near.name));
             self.diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));

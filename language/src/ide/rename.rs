@@ -30,7 +30,7 @@ pub enum RenameError {
     #[error("`main` is where a deployment starts, so its name stays")]
     Main,
     /// The new text cannot be a name.
-    #[error("`{to}` is no name: letters, digits and `_`, and no digit first")]
+    #[error("`{to}` is not a name: letters, digits and `_`, and no digit first")]
     Invalid {
         /// The new name.
         to: String,

@@ -29,7 +29,7 @@ impl Plan {
         if plan.groups[number as usize].members.iter().any(|member| member.name == name) {
             return Err(format!("`{group}/{name}` runs already"));
         }
-        let own = piece.main_leaf(name).ok_or_else(|| format!("the process `{name}` is no program"))?;
+        let own = piece.main_leaf(name).ok_or_else(|| format!("the process `{name}` is not a program"))?;
         let wires = (0_u32..).zip(&piece.wires).filter(|(_, wire)| [wire.from.leaf, wire.to.leaf].contains(&own));
         let mut added = Vec::new();
         for (_, wire) in wires {
@@ -129,7 +129,7 @@ impl Plan {
     }
 
     fn add_leaf(&mut self, piece: &Self, name: &str, group: &str) -> Result<u32, String> {
-        let own = piece.main_leaf(name).ok_or_else(|| format!("the process `{name}` is no program"))?;
+        let own = piece.main_leaf(name).ok_or_else(|| format!("the process `{name}` is not a program"))?;
         let leaf = &piece.leaves[own as usize];
         let host = piece.hosts.get(leaf.host as usize).map_or("", String::as_str);
         let known = self.hosts.iter().position(|other| other == host);

@@ -93,7 +93,9 @@ impl Accepts {
                 let other = unit::type_of(dimension).map_or_else(|| "another quantity".to_owned(), with_article);
                 Err(format!("{}, not {other}; {}", self.expected(), hint()))
             }
-            Err(NotRead::NoUnit(symbol)) => Err(format!("{}, and `{symbol}` is no unit; {}", self.expected(), hint())),
+            Err(NotRead::NoUnit(symbol)) => {
+                Err(format!("{}, and `{symbol}` is not a unit; {}", self.expected(), hint()))
+            }
         }
     }
 
@@ -181,7 +183,7 @@ mod tests {
             ("20 rad", ", not an Angle; write it in `N` or `kN`"),
             ("20 m/h", ", not a Speed; write it in `N` or `kN`"),
             ("20 kg/m", ", not another quantity; write it in `N` or `kN`"),
-            ("20 Newton", ", and `Newton` is no unit; write it in `N` or `kN`"),
+            ("20 Newton", ", and `Newton` is not a unit; write it in `N` or `kN`"),
             ("500", ""),
             ("0.5 kN", ""),
             ("much", ""),

@@ -172,14 +172,14 @@ impl<'a> Simulation<'a> {
                 self.pending().away.remove(&leaf).then_some(()).ok_or("it is not away")
             }
             TraceEvent::TooMany(path) => {
-                let group = self.group(path).ok_or("it is no group")?;
+                let group = self.group(path).ok_or("it is not a group")?;
                 self.escalates(group)
             }
             TraceEvent::Told(path, number) => self.told(path, *number),
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
             TraceEvent::Arrived(path) => self.arrives(path),
             TraceEvent::Heard(path) => {
-                let group = self.group(path).ok_or("it is no group")?;
+                let group = self.group(path).ok_or("it is not a group")?;
                 let report = self.pending().reports.remove(&group).ok_or("no report of its end is on its way")?;
                 self.queue.push_back(report);
                 self.react();
@@ -228,7 +228,7 @@ impl<'a> Simulation<'a> {
         let ActivationRef { group, member, activation } = seat;
         let path = self.plan.leaves[leaf as usize].path.clone();
         if is_unconfirmed {
-            self.note(path, Transition::Aborted("nobody could confirm that it stopped".to_owned()));
+            self.note(path, Transition::Aborted("its stop could not be confirmed".to_owned()));
             self.queue.push_back((group, Event::StopUnconfirmed { member, activation }));
         } else {
             self.pending().away.remove(&leaf);
@@ -240,7 +240,7 @@ impl<'a> Simulation<'a> {
     }
 
     fn runs_out(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
-        let group = self.group(path).ok_or("it is no group")?;
+        let group = self.group(path).ok_or("it is not a group")?;
         let is_it = |timer: &super::Timer| timer.group == group && timer.timer + 1 == number;
         let found = self.timers.iter().find(|(_, timer)| is_it(timer)).map(|(due, timer)| (*due, *timer));
         let (due, timer) = found.ok_or("no such time runs")?;
@@ -253,7 +253,7 @@ impl<'a> Simulation<'a> {
     }
 
     fn reached(&mut self, path: &str) -> Result<(), &'static str> {
-        let group = self.group(path).ok_or("it is no group")?;
+        let group = self.group(path).ok_or("it is not a group")?;
         self.pending().ordered.remove(&group).then_some(()).ok_or("no order to stop is on its way")?;
         self.queue.push_back((group, Event::Stop));
         self.react();

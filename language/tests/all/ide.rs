@@ -354,7 +354,7 @@ fn names_change_everywhere_or_nowhere() {
     renames(&door("x instof Camera(c1, speed = slo$0w, zoom = 1);", "", "eye , x"), "v", "slow -> v, slow -> v");
     renames(&door("x instof Camera(lim$0it);", "", "eye"), "most", "limit -> most, limit -> most");
     renames(&door("", "", "ey$0e , arm"), "arm", "`arm` is taken: an instance of `Door` has this name");
-    renames(&door("", "", "ey$0e , arm"), "a b", "`a b` is no name: letters, digits and `_`, and no digit first");
+    renames(&door("", "", "ey$0e , arm"), "a b", "`a b` is not a name: letters, digits and `_`, and no digit first");
     renames(&door("", "", "ey$0e , skip"), "skip", "with `skip` some name in door.dca would mean something else");
     renames(&door("", "", "eye , Ar$0m"), "Camera", "arm -> Camera, arm -> Camera, Arm -> Camera");
     renames(&door("", "", "Camera , ar$0m"), "Camera", "with `Camera` some name in door.dca would mean something else");

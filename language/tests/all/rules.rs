@@ -95,7 +95,7 @@ impl Run {
                 let (member, activation) = with(name);
                 Event::StopUnconfirmed { member, activation }
             }
-            [..] => panic!("`{text}` is no event"),
+            [..] => panic!("`{text}` is not an event"),
         }
     }
 

@@ -137,7 +137,7 @@ impl Reader {
             return Ok(());
         }
         let Some(request) = next_line(&mut lines).and_then(|line| AttachRequest::parse(&line)) else {
-            complain("dca-shim: a connection that is no agent's is closed");
+            complain("dca-shim: closing a connection that does not come from an agent");
             return Ok(());
         };
         let had = usize::try_from(request.reports).unwrap_or(usize::MAX);
@@ -171,7 +171,7 @@ impl Reader {
     fn hear(&mut self, lines: &mut impl BufRead) -> Result<(), SendError<Event>> {
         while let Some(line) = next_line(lines) {
             let Some(order) = ShimOrder::parse(&line) else {
-                complain(&format!("dca-shim: `{line}` is no order"));
+                complain(&format!("dca-shim: `{line}` is not an order"));
                 continue;
             };
             self.taken += 1;

@@ -50,7 +50,7 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     let executable = std::env::current_exe().context("finding the executable of this command")?;
     if let Some(path) = install.node.paths().chain([&*executable]).find(|path| path.to_str().is_none()) {
         let path = printable(&path.display().to_string());
-        return Err(anyhow!("a unit cannot hold the path `{path}`, which is no text in UTF-8").into());
+        return Err(anyhow!("a unit cannot hold the path `{path}`, which is not UTF-8 text").into());
     }
     if !executable.is_file() {
         let path = executable.display();
@@ -62,7 +62,7 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
         return Err(anyhow!("a unit cannot hold the line breaks and control characters of `{word}`").into());
     }
     if let Some(user) = install.user.as_ref().filter(|user| user.is_empty() || user.contains([' ', ':', '/'])) {
-        return Err(anyhow!("`{user}` is no name of a user").into());
+        return Err(anyhow!("`{user}` is not the name of a user").into());
     }
     let unit = UnitFile { name: install.node.name.as_str().to_owned(), command, user: install.user.clone() };
     RunDir::path_of(&install.node.base(), install.node.name.as_str())?;
@@ -75,7 +75,7 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
         return Err(anyhow!("{why}; `--print` prints the unit, and writes nothing").into());
     }
     if let Some(user) = install.user.as_ref().filter(|user| !is_known(user)) {
-        return Err(anyhow!("there is no user `{user}` on this machine; `useradd --system {user}` makes one").into());
+        return Err(anyhow!("this machine has no user `{user}`; `useradd --system {user}` makes one").into());
     }
     let path = Path::new(UNITS).join(UNIT);
     let written = write(&path, &unit, install.force)?;
@@ -113,7 +113,7 @@ fn is_known(user: &str) -> bool {
 fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Written> {
     let text = unit.text();
     if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        return Err(anyhow!("`{}` is no regular file", path.display()));
+        return Err(anyhow!("`{}` is not a regular file", path.display()));
     }
     let before = match fs::read_to_string(path) {
         Ok(before) => Some(before),
@@ -125,7 +125,7 @@ fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Writte
     }
     anyhow::ensure!(
         is_forced || before.as_deref().is_none_or(unit_file::is_untouched),
-        "somebody has changed `{}`; `--force` writes over it. What belongs to this machine alone is better kept in \
+        "another program has changed `{}`; `--force` writes over it. What belongs to this machine alone is better kept in \
          `systemctl edit dca-node`",
         path.display()
     );
@@ -166,7 +166,7 @@ mod tests {
         let changed = format!("{}Nice=-5\n", unit("c2").text());
         fs::write(&path, &changed).unwrap();
         let why = write(&path, &unit("c3"), false).unwrap_err().to_string();
-        assert!(why.starts_with("somebody has changed `") && why.contains("`--force`"), "{why}");
+        assert!(why.starts_with("another program has changed `") && why.contains("`--force`"), "{why}");
         assert_eq!(fs::read_to_string(&path).unwrap(), changed);
         assert_eq!(write(&path, &unit("c3"), true).unwrap(), Written::Other);
         assert_eq!(fs::read_to_string(&path).unwrap(), unit("c3").text());

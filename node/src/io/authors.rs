@@ -28,7 +28,7 @@ impl Authors {
         let Some((member, why)) = self.member.as_ref().zip(author.problem(claimed)) else { return true };
         // This node does not know its key yet: the sender repeats the message.
         if *author == Author::Stranger {
-            tracing::debug!(claimed, "a message of somebody who is not known yet is dropped");
+            tracing::debug!(claimed, "dropping a message of a sender that is not known yet");
         } else if member.refuse_message(&format!("speak as `{claimed}`"), &why)
             && let Author::Member(name) = author
         {

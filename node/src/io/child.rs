@@ -195,7 +195,7 @@ fn read_reply(stream: &mut UnixStream) -> io::Result<AttachReply> {
     }
     let reply = String::from_utf8_lossy(&line);
     AttachReply::parse(&reply)
-        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, format!("`{reply}` is no reply")))
+        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, format!("`{reply}` is not a reply")))
 }
 
 /// Returns how the program in `dir` ended, as its shim has recorded it; none if it did not end, was never started, or its

@@ -115,7 +115,7 @@ impl Guard {
         match outcome {
             Some(Ok(())) => self.record(attempt, Decision::Done, ""),
             Some(Err(why)) => self.record(attempt, Decision::Failed, why),
-            None => self.record(attempt, Decision::Unknown, "nobody waited for its end"),
+            None => self.record(attempt, Decision::Unknown, "its end was not awaited"),
         }
     }
 

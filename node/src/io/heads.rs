@@ -118,7 +118,7 @@ impl Countersigning {
     async fn countersign(&mut self, from: String, head: Vec<u8>) {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
-            let head = Head::from_bytes(&head).context("it is no head of an audit log")?;
+            let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
             member.countersign(&head, &name.context("its name is none")?)
         });
         match signed.await {
@@ -147,7 +147,7 @@ impl Countersigning {
     async fn keep(&self, from: &str, head: Vec<u8>) {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let kept = blocking(move || {
-            let head = Head::from_bytes(&head).context("it is no head of an audit log")?;
+            let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
             member.keep_head(head, &name.context("its name is none")?)
         });
         if let Err(error) = kept.await {

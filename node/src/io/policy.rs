@@ -69,7 +69,7 @@ fn read(path: &Path) -> anyhow::Result<Policy> {
     let (owner, own) = (found.uid(), getuid().as_raw());
     ensure!(owner == 0 || owner == own, "it belongs to user {owner}, not to root or to the user of the node");
     ensure!(found.mode() & 0o022 == 0, "others may write to it; `chmod go-w` it");
-    let text = String::from_utf8(file::bounded(file, POLICY_MAX)?).context("it is no UTF-8")?;
+    let text = String::from_utf8(file::bounded(file, POLICY_MAX)?).context("it is not UTF-8")?;
     let policy = Policy::parse(&text)?;
     if let (Some(user), Some(line)) = (policy.user(), policy.user_line()) {
         ensure!(users::named(user)?.is_some(), "line {line}: this machine has no user `{user}`");

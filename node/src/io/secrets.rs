@@ -71,10 +71,8 @@ impl Secrets {
         };
         let sealed = match self.stored(Key::new(key)?).await? {
             Some(Datum::Sealed(bytes)) => bytes,
-            Some(_) => bail!("`{key}` is no secret: `dca db put --secret {key} --for {host}` writes one"),
-            None => bail!(
-                "there is no secret `{key}` in the database of `{host}`: `dca db put --secret {key} --for {host}`"
-            ),
+            Some(_) => bail!("`{key}` is not a secret: `dca db put --secret {key} --for {host}` writes one"),
+            None => bail!("the database of `{host}` has no secret `{key}`: `dca db put --secret {key} --for {host}`"),
         };
         let sealed = Sealed::from_bytes(&sealed).with_context(|| format!("reading the secret `{key}`"))?;
         member.unseal(key, &sealed).map_err(|error| match error {

@@ -73,10 +73,10 @@ pub struct Refused {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
     /// It is not signed.
-    #[error("nobody has signed it: in a team, to {0} needs the key of a user (`dca team key`)")]
+    #[error("it is not signed: in a team, to {0} needs the key of a user (`dca team key`)")]
     Unsigned(Action),
     /// The signed payload is not a request, or not one that needs a signature.
-    #[error("what was signed is no request that is signed")]
+    #[error("the signed payload is not a request that needs a signature")]
     Unreadable,
     /// It is signed for something else.
     #[error("it is signed to {signed}, and asks to {asked}")]

@@ -216,9 +216,7 @@ impl Instance {
                     .program
                     .pid
                     .map_or_else(|| "end it there".to_owned(), |pid| format!("end process {pid} there"));
-                return format!(
-                    "unconfirmed; nobody could confirm that it has stopped: {end}, then what it held is free"
-                );
+                return format!("unconfirmed; its stop could not be confirmed: {end}, then what it held is free");
             }
             Stage::Dead => {
                 return match (&self.failed, &self.program.cause) {

@@ -59,12 +59,14 @@ pub fn robot_of(key: &str) -> Option<&str> {
 /// the robot's node about its programs.
 pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     let Some((robot, deployment, instance, name)) = parameter_key(key) else {
-        return Verdict::Refused(format!("`{key}` is no parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`"));
+        return Verdict::Refused(format!(
+            "`{key}` is not a parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`"
+        ));
     };
     let deployed: Vec<&InstanceParameters> = known.iter().filter(|one| one.deployment.name == deployment).collect();
     if deployed.is_empty() {
         return Verdict::Unknown(format!(
-            "`{deployment}` does not run on `{robot}` now, so nobody could say whether `{instance}` has a parameter `{name}`"
+            "`{deployment}` does not run on `{robot}` now, so it is not known whether `{instance}` has a parameter `{name}`"
         ));
     }
     let meant: Vec<&&InstanceParameters> = deployed.iter().filter(|one| stands_for(instance, &one.path)).collect();
@@ -222,12 +224,12 @@ mod tests {
             (
                 "gate/hit/force/threshold",
                 "12",
-                "`gate` does not run on `c3` now, so nobody could say whether `hit/force` has a parameter `threshold`",
+                "`gate` does not run on `c3` now, so it is not known whether `hit/force` has a parameter `threshold`",
             ),
             (
                 "door/threshold",
                 "12",
-                "`robot/c3/params/door/threshold` is no parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`",
+                "`robot/c3/params/door/threshold` is not a parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`",
             ),
         ] {
             assert_eq!(says(key, text), why, "{key}");

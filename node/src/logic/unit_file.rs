@@ -5,8 +5,7 @@
 use std::fmt::Write as _;
 
 /// How the first line begins.
-const MARK: &str =
-    "# Written by `dca-node install`. As long as nobody changes it, `dca-node install` may write it again: ";
+const MARK: &str = "# Written by `dca-node install`. Until it is edited, `dca-node install` may write it again: ";
 
 /// The settings that a unit is made from.
 #[derive(Clone, Debug, PartialEq, Eq)]

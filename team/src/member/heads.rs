@@ -43,7 +43,7 @@ impl Member {
     /// # Errors
     /// The log was cut off or rewritten since this node has signed it last, it is not that node's own, or the disk refuses.
     pub fn countersign(&self, head: &Head, of: &Name) -> anyhow::Result<Head> {
-        ensure!(head.position().log == head.by(), "somebody else has signed where its log has come to");
+        ensure!(head.position().log == head.by(), "the head of its log is signed by another node");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
         let mut with = heads.clone();
         let (head, is_new) = with.countersign(head, of, crate::now(), self.name(), &self.keys)?;

@@ -130,7 +130,7 @@ impl Member {
     /// # Errors
     /// The renewal does not outlast the present one, or the disk refuses.
     pub fn take_renewal(&self, offered: &[u8], by: &str) -> anyhow::Result<bool> {
-        let offered = Credential::from_bytes(offered).context("it is no credential")?;
+        let offered = Credential::from_bytes(offered).context("it is not a credential")?;
         let own = self.newest().clone();
         if own == offered {
             return Ok(false);

@@ -131,7 +131,7 @@ fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
         bail!("there are too many revocations");
     }
     let sets: Vec<Vec<u8>> =
-        postcard::from_bytes(bytes).map_err(|_form| anyhow!("it was cut off, or is no list of revocations"))?;
+        postcard::from_bytes(bytes).map_err(|_form| anyhow!("it was cut off, or is not a list of revocations"))?;
     let read = |set: Vec<u8>| {
         if set.len() > SET_MAX {
             bail!("a set of revocations is too long");

@@ -85,10 +85,10 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     let refused = own.judge(&keys_of(&user), &credential.to_bytes()).unwrap_err();
     assert!(refused.contains("is no node"), "{refused}");
     let program = of(&acme, &friend, "friend");
-    assert!(own.judge(&program.key().1, &program.credential()).is_err(), "a program is no node");
+    assert!(own.judge(&program.key().1, &program.credential()).is_err(), "a program is not a node");
     let visitor = VisitorIdentity::open(&acme.folder.join("friend.visitors")).unwrap();
-    assert!(own.judge(&visitor.key().1, &visitor.credential()).is_err(), "who looks is no node");
-    assert!(visitor.judge(&friend.key().1, &friend.credential()).is_err(), "a node is no program");
+    assert!(own.judge(&visitor.key().1, &visitor.credential()).is_err(), "a visitor is not a node");
+    assert!(visitor.judge(&friend.key().1, &friend.credential()).is_err(), "a node is not a program");
 }
 
 /// A program of a node, for which that has vouched.

@@ -88,7 +88,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let refused = here.ask(&["deploy", &cluster.file("push.dca", &bad)]);
     let why = ["is not changed: the new program of `main/beside` was not healthy", "exit code 3"];
     assert!(refused.code == Some(1) && why.iter().all(|why| refused.err.contains(why)), "{refused}");
-    assert_eq!(others(&here, &before), ["main/beside", "main/hit/threshold"], "both are as before, and started anew");
+    assert_eq!(others(&here, &before), ["main/beside", "main/hit/threshold"], "both are as before, and started again");
     assert!(mission.is_running());
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
     assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");

@@ -160,7 +160,7 @@ fn a_second_mission_is_refused_and_one_with_a_greater_priority_is_not() {
     });
     let rescue = door.deploy(&rescue);
     let ended = first.ended(SOON);
-    let why = "somebody with a greater priority has taken the lock";
+    let why = "a client with a higher priority has taken the lock";
     assert!(ended.code == Some(1) && ended.out.contains(why), "{ended}");
     let holds = || door.base()["holder"] == format!("rescue:{DRIVER}");
     assert!(wait_until(SOON, holds).is_some(), "{}", door.base());

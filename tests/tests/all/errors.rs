@@ -231,7 +231,7 @@ fn a_program_that_a_deadline_ends() {
     for record in [&[][..], &["--no-record"]] {
         let ended = cluster.here().ask(&[&["run", &file], record].concat());
         check(&cluster, &ended, 1, &["main: the deadline `idle within 1 s` in line 3 has passed at "]);
-        assert!(ended.out.contains("  the end of what `idle` wrote:\n    | waiting for the lens\n"), "{ended}");
+        assert!(ended.out.contains("  the end of the output of `idle`:\n    | waiting for the lens\n"), "{ended}");
     }
 }
 

@@ -63,12 +63,12 @@ fn questions_have_their_answers() {
         let text = changed(&text, "pace = 10 ms", "pace = 100 s");
         changed(&text, "count = 5);", "count = 5, patience = 0.5 s);")
     });
-    assert!(slow.code == Some(1) && slow.err.contains("there was no answer in time"), "{slow}");
+    assert!(slow.code == Some(1) && slow.err.contains("no answer came in time"), "{slow}");
     let unheard = run("requests", |text, _| {
         let text = changed(&text, "        planner, Answers -> ann, Answers;\n", "");
         changed(&text, "count = 5);", "count = 5, patience = 0.5 s);")
     });
-    assert!(unheard.code == Some(1) && unheard.err.contains("there was no answer in time"), "{unheard}");
+    assert!(unheard.code == Some(1) && unheard.err.contains("no answer came in time"), "{unheard}");
     let unasked = run("requests", |text, _| changed(&text, "        ann, Questions -> planner, Questions;\n", ""));
     assert!(unasked.code == Some(1) && unasked.err.contains("there is no queue"), "{unasked}");
 }
@@ -95,7 +95,7 @@ fn a_guard_takes_the_place_of_the_wheels() {
         )
     });
     assert_eq!(refused.code, Some(1), "{refused}");
-    assert!(refused.out.contains("20 m/s is no speed of these wheels"), "{refused}");
+    assert!(refused.out.contains("20 m/s is not a speed of these wheels"), "{refused}");
 }
 
 #[test]

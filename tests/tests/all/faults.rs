@@ -79,7 +79,7 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     let stop = here.dca(&["stop", "stuck"]).ended(2 * SOON);
     assert!(stop.code == Some(3) && stop.err.contains("has not confirmed that nothing of it is left"), "{stop}");
     let ended = mission.ended(SOON);
-    assert!(ended.code == Some(1) && ended.out.contains("nobody could confirm that it stopped"), "{ended}");
+    assert!(ended.code == Some(1) && ended.out.contains("its stop could not be confirmed"), "{ended}");
     let again = here.ask(&["deploy", "--no-record", &file]);
     assert!(again.code == Some(1) && again.out.contains("could not be ended and may still run"), "{again}");
     let status = here.ask(&["status"]);
@@ -113,7 +113,7 @@ process main() {
     wait_until(SOON, || here.pids().contains_key("main/a")).expect("it runs");
     let frozen = here.pids()["main/a"];
     freezer.freeze(frozen);
-    let waits = "nobody could confirm that `main/a` on `c1` has stopped, and it may still use it";
+    let waits = "the stop of `main/a` on `c1` could not be confirmed, and it may still use it";
     let is_told = || here.ask(&["status"]).out.contains(waits);
     wait_until(2 * SOON, is_told).unwrap_or_else(|| panic!("{}", here.ask(&["status"])));
     let status = here.ask(&["status"]);

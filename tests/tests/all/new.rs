@@ -85,7 +85,7 @@ fn a_wrong_path_is_refused_before_a_folder_is_made() {
     let file = cluster.file("file", "");
     for (arguments, why) in [
         (&["new", "--sdk=/nowhere", "robot"][..], "looking for DCA at `/nowhere`"),
-        (&["new", "--sdk=.", "robot"], "`.` is no clone of DCA"),
+        (&["new", "--sdk=.", "robot"], "`.` is not a clone of DCA"),
         (&["new", "--sdk", "match"], "a program cannot be called `match`"),
         (&["new", "two words"], "`two words` cannot be the name of a program"),
         (&["new", &format!("{file}/robot")], "making the folder"),

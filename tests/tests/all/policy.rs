@@ -148,7 +148,7 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
     if rustix::process::getuid().is_root() {
         put(&host, "c1", "user = \"nobody\"");
         let said = doctor();
-        assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
+        assert!(said.contains(&format!("ok       policy       `{}` limits the programs", file.display())), "{said}");
     }
     // A file too long to be written by hand is reported, with the limit.
     put(&host, "c1", &"# much\n".repeat(5_000_000));

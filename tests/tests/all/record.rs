@@ -51,7 +51,7 @@ fn a_recorded_port_can_be_plotted() {
             let numbers = data[field].as_array().unwrap_or_else(|| panic!("no `{field}`: {data}"));
             assert!(numbers.len() == 3 && numbers.iter().all(Value::is_number), "{data}");
         }
-        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is not a time since 1970", message.log_time);
         seen += 1;
     }
     assert!(seen > 10, "{seen} values of a sensor that sends a hundred each second: {ended}");

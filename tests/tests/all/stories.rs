@@ -60,5 +60,5 @@ fn a_mistake_is_kept_as_a_test_until_it_is_gone() {
     let none = here.ask(&["test", "."]);
     assert!(none.code == Some(1) && none.err.contains("`dca verify SPEC --test FOLDER` writes them"), "{none}");
     let broken = here.ask(&["test", "cups.dca"]);
-    assert!(broken.code == Some(1) && broken.err.contains("is no test: line 2"), "{broken}");
+    assert!(broken.code == Some(1) && broken.err.contains("is not a test: line 2"), "{broken}");
 }

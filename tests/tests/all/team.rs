@@ -242,7 +242,7 @@ fn what_is_half_there_is_told() {
     let folder = desk.keys.join("acme");
     fs::create_dir(&folder).expect("a folder of ours");
     fs::write(folder.join("root.key"), "half").expect("a folder of ours");
-    desk.refused(&["team", "init", "acme"], "is what an interrupted `dca team init` has left: remove that folder");
+    desk.refused(&["team", "init", "acme"], "was left by an interrupted `dca team init`: remove that folder");
     fs::remove_dir_all(&folder).expect("it is there");
     desk.done(&["team", "init", "acme"]);
     desk.refused(&["team", "init", "acme"], "there is a team `acme`");

@@ -419,7 +419,10 @@ fn nothing_listens_without_a_team() {
     assert_eq!(team.listens(1), Vec::<String>::new(), "the invitation has ended");
     let refused = second.start_node("c2", &["--insecure-lan"]).ended(SOON);
     assert_eq!(refused.code, Some(1), "{refused}");
-    assert!(refused.err.contains("this node is in the team `acme`, and opens to nobody else"), "{refused}");
+    assert!(
+        refused.err.contains("this node is in the team `acme`, and accepts connections from its team only"),
+        "{refused}"
+    );
     let node = second.node("c2", &[]);
     assert_eq!(team.listens(2).len(), 1);
     drop(node);

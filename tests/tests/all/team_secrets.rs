@@ -304,7 +304,7 @@ fn a_secret_that_changes_reaches_the_controller_that_runs() {
 #[test]
 fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
     let Some(robots) = Robots::new() else { return };
-    for (readers, why) in [("r9", "`r9` is no robot that the team trusts"), ("r2,root", "`root` is no robot")] {
+    for (readers, why) in [("r9", "`r9` is not a robot that the team trusts"), ("r2,root", "`root` is not a robot")] {
         let refused = robots.seal(SECRET, readers);
         assert_eq!(refused.code, Some(1), "{refused}");
         assert!(refused.err.contains(why), "{refused}");
@@ -319,7 +319,7 @@ fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
     // A value that is not a secret cannot be used as one in a spec.
     drop(robots.done(&["db", "put", KEY, "--text", "plain", "--level", "everywhere", "--within", "25s"]));
     let refused = robots.deploy("r2", "camera").ended(SOON);
-    assert!(refused.out.contains("`team/camera/password` is no secret"), "{refused}");
+    assert!(refused.out.contains("`team/camera/password` is not a secret"), "{refused}");
 }
 
 /// A robot gets new keys under its name: with these it is a member, the old keys are revoked, and the secrets sealed

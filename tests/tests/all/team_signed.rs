@@ -210,7 +210,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let Answer::Team(Some(team)) = at.ask(&Request::Team) else { panic!("it is in a team") };
     assert_eq!((team.id, team.name.as_str(), team.node.as_str()), (at.team.team.id().0, "acme", "c2"));
     let found = Request::Database(Question::Found);
-    at.call_refused(&found, "nobody has signed it");
+    at.call_refused(&found, "it is not signed");
     at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
     let Answer::Database(Reply::Done(_)) = at.ask_signed(&ann.sign(&found, "c2")) else { panic!("an admin may") };
     // An accepted request is in the log with its result.
@@ -221,10 +221,10 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let failed = "failed|dan|stop `test`|no such deployment has its home here";
     assert_eq!(of_dan(), ["accepted|dan|stop `test`|", failed]);
     for request in [deploy(), stop(), write()] {
-        at.call_refused(&request, "nobody has signed it");
+        at.call_refused(&request, "it is not signed");
         at.signed_refused(vic.sign(&request, "c2"), "`vic` is viewer, who may not");
     }
-    at.signed_refused(dan.sign(&stop(), "c1"), "the request is for somebody else");
+    at.signed_refused(dan.sign(&stop(), "c1"), "the request is for another host");
     at.signed_refused(dan.sign_with(&stop(), "c2", |it| it.team = KeyId([7; 32])), "the request is for another team");
     let past = |it: &mut request::Request| {
         (it.not_before, it.not_after) = (UnixTime(it.not_before.0 - 2000), UnixTime(it.not_before.0 - 1940));
@@ -235,7 +235,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let mut altered = dan.sign(&stop(), "c2");
     altered.body = codec::encode(&Request::Stop { name: "tent".into() }).expect("it is short");
     at.signed_refused(altered, "the body is not the one that was signed");
-    at.signed_refused(Signed { head: vec![3; 200], body: vec![5; 9] }, "what was signed is no request");
+    at.signed_refused(Signed { head: vec![3; 200], body: vec![5; 9] }, "the signed payload is not a request");
     let stranger = User { keys: keys(), ..at.user("dan", Role::Admin) };
     at.signed_refused(stranger.sign(&stop(), "c2"), "not signed by the key that it names");
 
@@ -413,7 +413,7 @@ fn a_home_that_lies_starts_nothing() {
     let prepare = |by: Option<&Signed>| ToParticipant::Prepare { plan: plan() }.signed(by);
     let rejoin =
         |plan: Plan, by: &Signed| ToParticipant::Rejoin { plan, number: 1, since_go: Duration::ZERO }.signed(Some(by));
-    liar.refused(1, prepare(None), "nobody has signed it");
+    liar.refused(1, prepare(None), "it is not signed");
     let good = dan.sign(&deploy(), "c1");
     let mut altered = plan();
     altered.leaves.iter_mut().for_each(|leaf| leaf.exec = Some("touch /stolen".into()));

@@ -48,7 +48,7 @@ pub enum JoinError {
     #[error("the inviter refuses: the invitation was used, has ended, or is not its own")]
     Refused,
     /// The secret does not belong to an open invitation.
-    #[error("somebody tried to join without an open invitation")]
+    #[error("a host tried to join without an open invitation")]
     NoInvite,
     /// There are too many open invitations.
     #[error("no more than {INVITES_MAX} invitations can be open")]
@@ -57,7 +57,7 @@ pub enum JoinError {
     #[error("the certificate cannot be made: {0}")]
     Claims(ClaimsError),
     /// The certificate that came is not the joiner's.
-    #[error("the certificate that came is for somebody else")]
+    #[error("the certificate that came is for another member")]
     NotOurs,
     /// The certificate that came is not valid.
     #[error("the certificate that came is not valid: {0}")]

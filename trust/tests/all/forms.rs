@@ -191,7 +191,7 @@ fn damaged_requests_texts_and_logs_panic_nowhere() {
         let accepted = check(&bytes, b"plan", &context, &mut replays).is_ok();
         assert!(!accepted || bytes == good);
         let restored = replays.restore(&ReplayWrite { signer: node, bytes });
-        assert!(restored.is_err(), "a request is no record");
+        assert!(restored.is_err(), "a request is not a record");
         let mut text = |text: &str| {
             let mut bytes = text.as_bytes().to_vec();
             dice.damage(&mut bytes);

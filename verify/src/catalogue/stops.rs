@@ -19,7 +19,7 @@ fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<F
     let span = blocking(system, graph, part, 0, state);
     let found = diagnostic(Code::E0813, span, format!("a stop of `{name}` may never end"));
     let found =
-        help(found, "give the `shield` a bound, `shield(10 s) P`, or what `finally` runs a limit, `Q within 5 s`");
+        help(found, "give the `shield` a bound, `shield(10 s) P`, or the part after `finally` a limit, `Q within 5 s`");
     Some(Finding::fails(found, Some(story_to_the_end(system, graph, state))))
 }
 

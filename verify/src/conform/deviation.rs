@@ -110,7 +110,7 @@ impl Teller<'_, '_> {
             Event::Aborted { member, .. } => format!("{} fails", self.name(*member)),
             Event::Stopped { member, .. } => format!("{} has stopped", self.name(*member)),
             Event::StopUnconfirmed { member, .. } => {
-                format!("nobody can confirm that {} has stopped", self.name(*member))
+                format!("the stop of {} cannot be confirmed", self.name(*member))
             }
             Event::Message { .. } => format!("`{group}` gets a message"),
             Event::Notice(_) => format!("`{group}` is told of something"),

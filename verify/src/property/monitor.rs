@@ -28,7 +28,7 @@ pub(crate) fn check(model: &Model<'_>, records: &[Vec<Steps>]) -> Vec<Finding> {
 fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Finding {
     let said = format!("{}: {}", model.group_name(property.group), property.text);
     let Some((wanted, whom)) = wanted(&property.sentence) else {
-        return Finding::open(format!("{said}: it says what may or must come, which a single run cannot show"));
+        return Finding::open(format!("{said}: a single run cannot show that something may or must come"));
     };
     if whom.iter().any(|who| who.group != property.group) {
         return Finding::open(format!("{said}: it names what several supervisors see"));
@@ -77,7 +77,7 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     match is_lost {
         true => Finding::open(format!("{said}: something happened that no verification counts on")),
         false if matches!(&wanted, Wanted::Unbroken(breaks) if breaks.is_partial) => {
-            Finding::open(format!("{said}: a part of it says what must come, which a single run cannot show"))
+            Finding::open(format!("{said}: a single run cannot show that something must come, as a part of it says"))
         }
         false => Finding::proved(said),
     }

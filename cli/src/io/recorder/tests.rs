@@ -234,7 +234,7 @@ fn a_viewer_finds_what_it_expects() {
         let message = message.unwrap();
         let (channel, schema) = (&message.channel, message.channel.schema.as_ref().expect("every channel has one"));
         assert_eq!((channel.message_encoding.as_str(), schema.encoding.as_str()), ("json", "jsonschema"));
-        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is not a time since 1970", message.log_time);
         assert_eq!(message.log_time, message.publish_time);
         // One schema has one name, one topic one schema.
         assert_eq!(*schemas.entry(schema.name.clone()).or_insert(schema.data.clone()), schema.data, "{}", schema.name);
@@ -371,7 +371,7 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
         let message = message.unwrap();
         let schema = message.channel.schema.as_ref().unwrap();
         assert_eq!((schema.encoding.as_str(), message.channel.message_encoding.as_str()), ("jsonschema", "json"));
-        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is not a time since 1970", message.log_time);
         let known = schemas.entry(schema.name.clone()).or_insert_with(|| schema.data.to_vec());
         assert_eq!(*known, schema.data.to_vec(), "one name, one schema: {}", schema.name);
         let (layout, data): (Value, Value) =

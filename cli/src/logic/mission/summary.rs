@@ -92,7 +92,7 @@ pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
         return vec![("the end of its output".to_owned(), failure.cause.output())];
     }
     let late = mission.late.of(failure).into_iter().take(OUTPUTS_MAX);
-    late.map(|(path, output)| (format!("the end of what `{}` wrote", short(path)), output)).collect()
+    late.map(|(path, output)| (format!("the end of the output of `{}`", short(path)), output)).collect()
 }
 
 /// Returns a line as several, broken between words, aligned below its beginning.
@@ -328,7 +328,7 @@ mod tests {
             mission.wrote("main/sys/slow", "waiting\n\x1b[1mno answer from the lens");
         }
         let text = summary(&mission, &Files::default(), None);
-        let shown = format!("  the end of what `sys/slow` wrote:\n{}    | no answer", "    | waiting\n".repeat(19));
+        let shown = format!("  the end of the output of `sys/slow`:\n{}    | no answer", "    | waiting\n".repeat(19));
         assert!(text.contains(&shown) && !text.contains("picture"), "{text}");
         let text = summary(&running, &Files::default(), None);
         assert!(!text.contains("wrote"), "it was not stopped: {text}");

@@ -30,7 +30,7 @@ impl Lines {
         program.size += bytes.len();
         program.begun.extend(bytes);
         if program.size >= OUTPUT_MAX {
-            program.begun.extend(b"\n[dca: more than that is not recorded]\n");
+            program.begun.extend(b"\n[dca: the rest is not recorded]\n");
         }
         let whole = match program.begun.iter().rposition(|byte| *byte == b'\n') {
             Some(end) => end + 1,
@@ -78,7 +78,7 @@ mod tests {
         for _ in 1..OUTPUT_MAX / LINE_MAX {
             last = lines.push("a", &long);
         }
-        assert!(last.unwrap().ends_with("xx\n[dca: more than that is not recorded]"));
+        assert!(last.unwrap().ends_with("xx\n[dca: the rest is not recorded]"));
         assert_eq!(lines.push("a", b"more\n"), None);
         assert_eq!(lines.push("b", b"more\n"), Some("more".to_owned()), "others go on");
     }

@@ -112,7 +112,7 @@ impl RecordReader<'_> {
                 Next::Whole(part) => self.part(&part),
                 Next::Damaged(Range { start, end }) => {
                     self.tell(match start {
-                        0 => format!("a byte before byte {end} is damaged, outside of what was recorded"),
+                        0 => format!("a byte before byte {end} is damaged, outside of the record"),
                         _ => format!("bytes {start} to {end} are damaged and left out"),
                     });
                 }

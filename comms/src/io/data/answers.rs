@@ -26,7 +26,7 @@ impl Answers {
         let sender = self.0.get_or_init(|| {
             let (sender, waiting) = sync_channel(WAITING_MAX);
             if let Err(error) = std::thread::Builder::new().name("answers".to_owned()).spawn(move || give(&waiting)) {
-                tracing::warn!(%error, "there is no thread to answer on: who fetches gets nothing");
+                tracing::warn!(%error, "no thread could be started to answer on: a caller that fetches gets nothing");
             }
             sender
         });

@@ -97,7 +97,7 @@ impl CallWay {
                 Ok(Outgoing { bytes, beside: Some(seal), number })
             }
             Self::Signed(Visitor(sign)) => {
-                let proof = sign(&question(key, &[], &bytes)).ok_or("nobody signs for this program")?;
+                let proof = sign(&question(key, &[], &bytes)).ok_or("no node signs for this program")?;
                 let beside = Some(codec::encode(&proof).map_err(|error| error.to_string())?);
                 Ok(Outgoing { bytes: bytes.into(), beside, number: 0 })
             }
@@ -172,7 +172,7 @@ impl CallGate {
         let judged = proof.and_then(|proof| match (self.visits)(&proof, &question(key, &[], &bytes)) {
             None => Ok(()),
             Some(why) => {
-                tracing::debug!(why, "who calls is no visitor");
+                tracing::debug!(why, "the caller is not a visitor");
                 Err(Refusal::Stranger)
             }
         });

@@ -88,7 +88,7 @@ impl Guard {
         let refused = |why: &str| io::Error::new(io::ErrorKind::PermissionDenied, why);
         send_waiting(stream, &[hello], None, Waits::UntilTimeout)?;
         let Challenge { nonce: challenge } = hear(stream)?;
-        let secrets = self.secrets(key).ok_or_else(|| refused("nobody is known at the other end of this wire"))?;
+        let secrets = self.secrets(key).ok_or_else(|| refused("no program is known at the other end of this wire"))?;
         let transcript = Transcript { hello, challenge, answer: entropy::bytes()? };
         let tag = transcript.tag(&secrets.shown, End::Consumer, getpid()).into();
         let claim = codec::encode(&Claim { nonce: transcript.answer, tag }).map_err(io::Error::other)?;

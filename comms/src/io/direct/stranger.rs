@@ -156,7 +156,7 @@ impl Asked {
     fn unproved(&self, guard: &Guard) -> io::Error {
         match guard.secrets(&self.hello.key) {
             Some(_) => refused("it does not have the secret of this wire"),
-            None => io::Error::other("nobody is known at the other end of this wire"),
+            None => io::Error::other("no program is known at the other end of this wire"),
         }
     }
 }

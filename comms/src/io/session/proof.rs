@@ -46,8 +46,8 @@ impl Author {
             Self::Anybody => None,
             Self::Member(name) if name == claimed => None,
             Self::Member(name) => Some(format!("`{name}` speaks as `{claimed}`")),
-            Self::Nobody(why) => Some(format!("somebody speaks as `{claimed}`: {why}")),
-            Self::Stranger => Some(format!("somebody speaks as `{claimed}`: its key is not known here")),
+            Self::Nobody(why) => Some(format!("another program speaks as `{claimed}`: {why}")),
+            Self::Stranger => Some(format!("another program speaks as `{claimed}`: its key is not known here")),
         }
     }
 }
@@ -133,6 +133,6 @@ mod tests {
         assert_eq!(c3.problem("c2").unwrap(), "`c3` speaks as `c2`");
         assert_eq!(Author::Anybody.problem("c2"), None);
         let nobody = Author::Nobody("it is not signed".to_owned());
-        assert_eq!(nobody.problem("c2").unwrap(), "somebody speaks as `c2`: it is not signed");
+        assert_eq!(nobody.problem("c2").unwrap(), "another program speaks as `c2`: it is not signed");
     }
 }

@@ -198,7 +198,7 @@ impl Streams {
             }
             Ok(Pull::Next { stream, size }) => match self.find(&stream) {
                 Some(stream) => stream.ask(query, size),
-                None => refuse(&query, "it has given up an answer that nobody took, or was started again"),
+                None => refuse(&query, "it has given up an answer that was not fetched, or was started again"),
             },
             Ok(Pull::Leave { stream }) => self.find(&stream).iter().for_each(|stream| stream.leave()),
             Err(error) => refuse(&query, &format!("the request cannot be read: {error}")),

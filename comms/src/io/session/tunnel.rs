@@ -269,7 +269,7 @@ impl Tunnels {
             }
             // A member gives up waiting for this process, which was suspended or busy: it is not a stranger.
             Err(why) if why == HUNG_UP && self.met().contains(&from.ip()) => {
-                tracing::debug!(%from, "somebody has hung up, where a member has been before");
+                tracing::debug!(%from, "a peer has hung up at an address of a former member");
             }
             Err(why) => self.identity.refused(from, &why),
         }

@@ -71,7 +71,7 @@ pub enum Rejected {
     #[error("{0}")]
     Malformed(Malformed),
     /// It is so old that it is unknown whether it was taken.
-    #[error("it is so old that nobody knows whether it was taken already")]
+    #[error("it is so old that it may have been taken already")]
     TooOld,
     /// Too many senders are active.
     #[error("too many senders are active at the queue")]

@@ -32,7 +32,7 @@ pub enum RequestFailure {
     #[error("the queue has turned it away: {0}")]
     Rejected(Rejected),
     /// The time is over. Whether it was received is not known.
-    #[error("there was no reply in time")]
+    #[error("no reply came in time")]
     Deadline,
     /// Too many requests are open.
     #[error("{OPEN_MAX} requests are open already")]

@@ -207,7 +207,7 @@ pub enum Denied {
     #[error("the lease is over: it was not renewed in time")]
     Expired,
     /// A client with a greater priority has it.
-    #[error("somebody with a greater priority has taken the lock")]
+    #[error("a client with a higher priority has taken the lock")]
     Preempted,
     /// It has let go.
     #[error("the lock was let go")]

@@ -297,7 +297,7 @@ fn a_mission_with_a_greater_priority_takes_the_base_and_the_first_one_says_so() 
         bench.step();
         end
     });
-    let why = "lost the base: somebody with a greater priority has taken the lock";
+    let why = "lost the base: a client with a higher priority has taken the lock";
     assert_eq!(lost, Some(Progress::Aborted(why.to_owned())));
     let mut ends = false;
     for _ in 0..200 {
@@ -331,7 +331,7 @@ fn a_controller_that_wakes_up_goes_on_only_if_nobody_else_has_driven() {
             bench.step();
             end
         });
-        let why = "lost the base: somebody else has had it meanwhile";
+        let why = "lost the base: another client has had it in the meantime";
         assert_eq!(end, has_driven.then(|| Progress::Aborted(why.to_owned())));
     }
 }

@@ -25,7 +25,7 @@ pub enum RequestFailure {
     #[error("who answers is gone")]
     Gone,
     /// The time is over. Whether it was carried out is not known.
-    #[error("there was no answer in time")]
+    #[error("no answer came in time")]
     Deadline,
     /// Too many are open, or it is too long: it was not sent.
     #[error("it was not sent: {0}")]

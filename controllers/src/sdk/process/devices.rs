@@ -95,7 +95,7 @@ impl Devices {
         port: &PortInterface,
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
-        let device = port.device_key().ok_or_else(|| format!("`{}` is no device key", port.name))?;
+        let device = port.device_key().ok_or_else(|| format!("`{}` is not a device key", port.name))?;
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
         // A device of another deployment has the keys of that.
         let owner = orders.devices.iter().find(|other| other.device == device.name);

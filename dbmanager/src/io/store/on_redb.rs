@@ -158,10 +158,7 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
 }
 
 /// Returns the meaning of the engine's error for a user of the store.
-#[expect(
-    clippy::wildcard_enum_match_arm,
-    reason = "most of what the engine may say is about calls that nobody makes here"
-)]
+#[expect(clippy::wildcard_enum_match_arm, reason = "most errors of the engine are about calls that are not made here")]
 fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     use io::ErrorKind::{InvalidData, UnexpectedEof};
     use redb::Error;

@@ -58,7 +58,7 @@ pub enum AsOfError {
     },
     /// Some of it has not arrived here.
     #[error(
-        "this robot lacks some of what was seen at that moment ({}); ask again when it has arrived",
+        "this robot lacks some transactions that were seen at that moment ({}); ask again when it has arrived",
         super::token::token(missing)
     )]
     Ahead {

@@ -75,7 +75,7 @@ pub enum TxnError {
         key: Key,
     },
     /// The clock has no timestamp left.
-    #[error("the clock has come to its end: a peer has sent a timestamp that nobody can have issued")]
+    #[error("the clock has come to its end: a peer has sent a timestamp that no correct clock can have issued")]
     Clock,
     /// Nobody of the team would take it over.
     #[error("nothing was written: {why}")]
@@ -84,7 +84,7 @@ pub enum TxnError {
         why: String,
     },
     /// The key never leaves the robot, so no other robot can have it.
-    #[error("`{key}` stays on this robot, so nobody else can have it")]
+    #[error("`{key}` stays on this robot, so no other robot can have it")]
     Stays {
         /// The key.
         key: Key,

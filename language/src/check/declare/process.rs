@@ -200,7 +200,7 @@ fn host(node: &Node, reader: &mut Reader<'_>) -> Option<Value> {
     let value = reader.symbol(&name);
     let is_known = matches!(value.kind, ValueKind::Param(_)) || reader.scope.consts.contains_key(&name.text);
     if !is_known && !reader.scope.params.is_empty() && reader.diagnostics.count() == before {
-        let message = format!("`{}` is no parameter: it stands for the host of that name", name.text);
+        let message = format!("`{}` is not a parameter: it stands for the host of that name", name.text);
         let help = format!("write `\"{}\"` if it is meant so", name.text);
         reader.diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
     }

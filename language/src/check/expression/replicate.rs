@@ -74,7 +74,7 @@ pub(super) fn pool(
         }
         if let Some(shared) = shared(&copy, &mut runs, place > 0) {
             let message = format!("one instance would run up to {places} times at the same time");
-            let diagnostic = Diagnostic::new(Code::E0401, shared, message).reason(span, "started anew by each value");
+            let diagnostic = Diagnostic::new(Code::E0401, shared, message).reason(span, "started again by each value");
             group.diagnostics().push(diagnostic.help(format!("declare one for each: `name[{places}] instof ...`")));
             return None;
         }

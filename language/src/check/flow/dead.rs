@@ -73,7 +73,7 @@ fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
         Some(next) => (next, "this never starts: what stands before it is over at once", "never starts"),
         None => {
             let before = parts.get(index.checked_sub(1)?)?;
-            (before, "this is stopped as soon as it has started", "stopped at once")
+            (before, "this is stopped right after its start", "stopped at once")
         }
     };
     let diagnostic = Diagnostic::new(Code::W0406, other.span, message).label(label);
@@ -83,7 +83,7 @@ fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
 fn too_short(limit: Duration, earliest: Option<Duration>, whole: &Expr, part: &Expr) -> Option<Diagnostic> {
     let (whole, part) = (whole.span, part.span);
     if limit.is_zero() {
-        let message = "a limit of no time: this is stopped as soon as it has started";
+        let message = "a limit of no time: this is stopped right after its start";
         let diagnostic = Diagnostic::new(Code::W0407, whole, message).label("always fails");
         return Some(diagnostic.help("give it a time that it can be done in, such as `within 5 s`"));
     }

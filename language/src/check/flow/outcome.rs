@@ -195,7 +195,7 @@ impl Walk<'_> {
             return;
         }
         if start.tags.is_empty() {
-            let message = "there is no outcome to match: what comes before has none, or its value does not get here";
+            let message = "no outcome can match: the previous part has none, or its value does not get here";
             let diagnostic = Diagnostic::new(Code::E0423, expr.span, message);
             let help = "write `process : match { ... }`, and `done(found | missing);` in the interface of the process";
             self.diagnostics.push(diagnostic.help(help));

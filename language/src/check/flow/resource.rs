@@ -187,7 +187,8 @@ impl Walk<'_> {
         for &wants in taken {
             if let Some(outer) = places.get(&wants) {
                 let name = &self.process.resources[wants].text;
-                let message = format!("`{name}` is taken already by what waits for it here, so it never gets it");
+                let message =
+                    format!("`{name}` is held already by the part that waits for it here, so it never gets it");
                 let diagnostic = Diagnostic::new(Code::E0413, span, message);
                 let help = match is_handed {
                     true => "take it once: a group that is handed it has it as long as it runs",

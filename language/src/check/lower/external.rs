@@ -45,7 +45,7 @@ fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option
     };
     let module = &spec.modules[module];
     (!module.is_service).then(|| {
-        let why = format!("`{}` is no service, and comes to its end there", module.name.text);
+        let why = format!("`{}` is not a service, and comes to its end there", module.name.text);
         (why, "only a service is there for several missions")
     })
 }

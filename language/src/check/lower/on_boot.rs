@@ -10,7 +10,7 @@ pub(super) fn check(spec: &Spec, root: usize, claims: &[Claim]) -> Vec<Diagnosti
     let found = others.filter_map(|(_, process)| {
         let (_, span) = process.on_boot?;
         let message = format!("`{}` is not where a deployment begins", process.name.text);
-        let help = format!("write it in `{}`: a deployment begins anew as a whole", spec.processes[root].name.text);
+        let help = format!("write it in `{}`: a deployment begins again as a whole", spec.processes[root].name.text);
         Some(Diagnostic::new(Code::E0114, span, message).help(help))
     });
     let mut found: Vec<Diagnostic> = found.collect();
@@ -18,7 +18,7 @@ pub(super) fn check(spec: &Spec, root: usize, claims: &[Claim]) -> Vec<Diagnosti
     if let (Some((_, span)), Some(claim)) = (resumed, claims.iter().find(|claim| claim.is_write)) {
         let message = format!("after a power failure `{}` is moved without anybody being asked", claim.device);
         let diagnostic = Diagnostic::new(Code::W0124, span, message);
-        found.push(diagnostic.help("`on_boot{none}` waits for somebody to deploy it again"));
+        found.push(diagnostic.help("`on_boot{none}` waits until it is deployed again"));
     }
     found
 }

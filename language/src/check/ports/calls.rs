@@ -21,8 +21,8 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
     let is_wrong = |port: Option<&Port>, direction| port.is_some_and(|port| port.direction == direction);
     if is_wrong(from, Direction::In) && is_wrong(to, Direction::Out) {
         let diagnostic =
-            Diagnostic::new(Code::E0304, connection.span, "the connection goes from what is called to what calls");
-        return Some(diagnostic.help("exchange its ends: a call goes from what calls to what is called"));
+            Diagnostic::new(Code::E0304, connection.span, "the connection goes from the called process to its caller");
+        return Some(diagnostic.help("exchange its ends: a call goes from the caller to the called process"));
     }
     if is_wrong(from, Direction::In) {
         return Some(error(format!("nothing calls here: `{from_name}` is called, too")));

@@ -43,7 +43,7 @@ pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
                 let message = format!("`{member}` has `{name}` as long as it runs, also while it does not use it");
                 let diagnostic = Diagnostic::new(Code::W0414, run.span, message);
                 found.push(diagnostic.reason(other.span, "waits until all of it has ended").help(format!(
-                    "hand `{name}` to a group of what uses it alone; or write `using({inside})` around all that `{kind}` does"
+                    "hand `{name}` to a group of its users alone; or write `using({inside})` around all that `{kind}` does"
                 )));
             }
         }

@@ -201,7 +201,7 @@ fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
 }
 
 fn misspelt(kind: &Kind, name: &str, near: &Near<'_>) -> Diagnostic {
-    let message = format!("`{name}` is no type that is known");
+    let message = format!("`{name}` is not a known type");
     let found = Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{}`?", near.name));
     let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
     let span = Span { end: kind.span.start.saturating_add(length).min(kind.span.end), ..kind.span };

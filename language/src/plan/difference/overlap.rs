@@ -23,7 +23,7 @@ impl Pairing<'_> {
             Some(_) | None => Vec::new(),
         };
         if why.is_empty() && self.again.contains(&number) {
-            why.push("started anew".to_owned());
+            why.push("started again".to_owned());
         }
         if why.is_empty() {
             return None;

@@ -180,7 +180,7 @@ fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     let all = BTreeSet::from([0, 1, 2]);
     let anew = difference_with(&running, &running, &all).unwrap();
     let lines: Vec<String> = anew.changes.iter().map(ToString::to_string).collect();
-    assert_eq!(lines, ["replace    main/pair/a: started anew; the two overlap"]);
+    assert_eq!(lines, ["replace    main/pair/a: started again; the two overlap"]);
     let again = difference_with(&anew.plan, &anew.plan, &anew.plan.live_leaves()).unwrap();
     assert_eq!((again.changes.len(), again.plan.leaves.len(), again.plan.live_leaves()), (1, 4, old));
 

@@ -10,7 +10,7 @@ impl Simulation<'_> {
     /// Brings a group to an end by events of its programs and timers: first by the events that lead directly there,
     /// else by the shortest way.
     pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
-        let group = self.group(path).ok_or("it is no group")?;
+        let group = self.group(path).ok_or("it is not a group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
         // Only an end after this point counts, even if the group restarts at once.
         self.last_ends.remove(&group);

@@ -67,7 +67,7 @@ impl Parser<'_> {
         self.start(SyntaxKind::Port);
         let is_call = self.at_word("calls");
         self.bump();
-        self.expect_name(if is_call { "the name of what is called" } else { "the name of a procedure" });
+        self.expect_name(if is_call { "the name of the called process" } else { "the name of a procedure" });
         self.start(SyntaxKind::Called);
         if self.expect(LeftParen) {
             if !self.at(SyntaxKind::RightParen) {

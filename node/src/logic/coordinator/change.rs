@@ -239,7 +239,7 @@ impl Changes {
         let is_named = |leaf: u32| found.changes.iter().any(|change| replaces(change, leaf));
         let unnamed = again.iter().filter(|leaf| !is_named(**leaf));
         let paths = unnamed.filter_map(|leaf| mission.plan.leaves.get(*leaf as usize));
-        lines.extend(paths.map(|leaf| format!("replace    {}: started anew", leaf.path)));
+        lines.extend(paths.map(|leaf| format!("replace    {}: started again", leaf.path)));
         // Programs that overlap are leaves of their own.
         let live = found.plan.live_leaves();
         again.retain(|leaf| live.contains(leaf));

@@ -51,10 +51,12 @@ impl Database {
             Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
             Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
             Alarm::OtherTeam(_, robot) => format!(
-                "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
+                "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither receives the writes of the other",
                 self.place.team
             ),
-            Alarm::Forged { from, why } => format!("{} has passed on what nobody may write: {why}", robot(from)),
+            Alarm::Forged { from, why } => {
+                format!("{} has passed on a write that is not permitted: {why}", robot(from))
+            }
             Alarm::Rejoining { from } => {
                 format!("this replica has given up the name {from}, and goes on under another one")
             }

@@ -180,7 +180,7 @@ impl Database {
             let what =
                 if seen.is_empty() { "say which writes you have seen" } else { "there are others than you have seen" };
             return Err(Reply::Refused(format!(
-                "nothing is settled: {what}; `dca db conflicts {key}` lists those at `{key}`, with what `--seen` is to say"
+                "nothing is settled: {what}; `dca db conflicts {key}` lists those at `{key}`, with the value for `--seen`"
             )));
         }
         let robot = |version: &Version| self.past().robot(version.stamp.origin);

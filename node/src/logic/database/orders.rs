@@ -103,7 +103,7 @@ impl Database {
             names.iter().filter(|origin| heard(origin).is_some()).max_by_key(heard).copied()
         };
         match present {
-            _ if names.is_empty() => Err(format!("there is no member `{robot}`; `dca db status` lists them")),
+            _ if names.is_empty() => Err(format!("the database has no member `{robot}`; `dca db status` lists them")),
             _ if names.len() == 1 => Ok(Vec::new()),
             Some(present) => Ok(names.into_iter().filter(|origin| *origin != present).collect()),
             None => Err(format!(
@@ -160,7 +160,7 @@ impl Database {
         match of.as_slice() {
             [origin] => Ok(*origin),
             [] if name == self.place.robot => Err("a robot cannot retire itself; ask another".to_owned()),
-            [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
+            [] => Err(format!("the database has no member `{name}`; `dca db status` lists them")),
             several => {
                 let origins: Vec<String> = several.iter().map(ToString::to_string).collect();
                 Err(format!(

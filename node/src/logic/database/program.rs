@@ -95,7 +95,7 @@ impl Access {
             Namespace::Team => key.as_str().starts_with(SCHEMA),
             Namespace::Local | Namespace::System => false,
         };
-        for_people.then(|| format!("`{key}` is not written by programs: it says what nodes and programs are to do"))
+        for_people.then(|| format!("`{key}` is not written by programs: it holds orders for nodes and programs"))
     }
 }
 

@@ -30,7 +30,7 @@ impl Database {
             AckLevel::On(robots) => {
                 let known = |robot: &&String| **robot == self.place.robot || others.contains(robot.as_str());
                 let unknown = robots.iter().find(|robot| !known(robot))?;
-                Some(format!("nothing was written: there is no member `{unknown}`; `dca db status` lists them"))
+                Some(format!("nothing was written: the database has no member `{unknown}`; `dca db status` lists them"))
             }
             AckLevel::Replicated(count) => {
                 let there = u64::try_from(others.len()).unwrap_or(u64::MAX);

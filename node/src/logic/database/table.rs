@@ -143,7 +143,7 @@ fn clock(quality: &str) -> &str {
     match quality {
         "network" => "kept by the network",
         "satellite" => "kept by a satellite receiver",
-        "plausible" => "shows a date that may be right, but nobody keeps it: its dates are marked `~`",
+        "plausible" => "shows a date that may be right, but is not synchronised: its dates are marked `~`",
         _ => "not set: its writes are dated by the team's, if that has a date",
     }
 }

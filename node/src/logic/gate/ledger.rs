@@ -91,7 +91,7 @@ pub struct Found {
 
 /// The bytes are not a ledger, so it is unknown which requests were accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("it is no list of accepted requests")]
+#[error("it is not a list of accepted requests")]
 pub struct LedgerError;
 
 impl Place {

@@ -201,7 +201,7 @@ impl fmt::Display for FailureCause {
             Self::NotAvailable(text) => write!(f, "was not there any more: {}", printable(text)),
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
-            Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
+            Self::StopUnconfirmed => f.write_str("its stop could not be confirmed"),
             Self::Exhausted { last, restarts } => {
                 write!(f, "{} after {}", printable(last), counted(*restarts, "restart"))
             }
@@ -226,14 +226,14 @@ impl fmt::Display for FailureCause {
             }
             Self::DeviceHeld { device, by } => write!(
                 f,
-                "was not begun: `{device}` is held by `{by}`, whose stop nobody could confirm; end its program first"
+                "was not begun: `{device}` is held by `{by}`, whose stop could not be confirmed; end its program first"
             ),
             Self::Preempted(place) => {
                 write!(f, "was ended: another node of this name goes on with the deployment ({})", printable(place))
             }
             Self::Estop(estop) => write!(f, "was ended: {estop}"),
             Self::Rebooted => f.write_str("its home was rebooted"),
-            Self::Restarted => f.write_str("the node of its home was started anew"),
+            Self::Restarted => f.write_str("the node of its home was started again"),
             Self::StoppedAway(host) => write!(f, "was stopped while its home was away, as `{}` says", printable(host)),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }

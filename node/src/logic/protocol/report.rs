@@ -249,7 +249,7 @@ impl Change {
         let Self::HeldBy { resource, by, host } = self else { return None };
         let what = if resource.is_empty() { "what is taken for its group".to_owned() } else { format!("`{resource}`") };
         Some(format!(
-            "waits for {what}: nobody could confirm that `{by}` on `{host}` has stopped, and it may still use it; end its \
+            "waits for {what}: the stop of `{by}` on `{host}` could not be confirmed, and it may still use it; end its \
              program there, then this goes on"
         ))
     }

@@ -231,7 +231,7 @@ fn wires_change_without_a_restart() {
     // A program that is started again has the new wires.
     let change = world.change("c1", &text, (1, 1), &["main/filter", "main/filter"]);
     world.run_for(Duration::from_secs(4));
-    assert_eq!(outcome(&world, change), Ok(vec!["replace    main/filter: started anew".to_owned()]));
+    assert_eq!(outcome(&world, change), Ok(vec!["replace    main/filter: started again".to_owned()]));
     assert_eq!(lives(&world), [1, 2, 1, 1]);
     check(&mut world);
     let change = world.change("c1", FEED, (1, 2), &[]);

@@ -32,11 +32,11 @@ fn what_was_accepted_and_failed_is_told_with_the_reason() {
 #[test]
 fn what_is_not_signed_runs_nowhere_and_the_user_is_told_why() {
     let mut world = World::guarded(&["c1", "c2"]);
-    world.verdict = Some("nobody has signed it".to_owned());
+    world.verdict = Some("it is not signed".to_owned());
     let call = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-    assert_eq!(reasons, &["host `c2`: nobody has signed it"]);
+    assert_eq!(reasons, &["host `c2`: it is not signed"]);
     assert_eq!((&world.alive, world.log.len()), (&BTreeSet::new(), 0));
 }
 

@@ -83,7 +83,7 @@ fn a_program_overlaps_with_the_one_before_and_no_value_is_lost_for(seeds: Range<
         for (revision, there) in [(1, 1), (2, NEXT), (3, 1)] {
             let again = world.change("c1", &filter("better"), (1, revision), &["main/filter"]);
             world.run_for(Duration::from_secs(6));
-            let line = "replace    main/filter: started anew; the two overlap";
+            let line = "replace    main/filter: started again; the two overlap";
             assert_eq!(outcome(&world, again), Ok(vec![line.to_owned()]), "seed {seed}");
             let next = if revision == 1 { 5 } else { there };
             assert!(alive(&world).len() == 4 && (revision > 1 || alive(&world).contains(&next)), "{:?}", alive(&world));

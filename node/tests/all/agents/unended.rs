@@ -107,7 +107,7 @@ fn what_an_unended_program_may_still_use_is_given_to_nobody() {
         let expected = format!("running; `main/near` {}", held.held_text().unwrap());
         assert_eq!(state(&mut world, "c1", "main"), expected);
         let rock = state(&mut world, host, "main/rock");
-        assert!(rock.starts_with("unconfirmed; nobody could confirm that it has stopped: end"), "{rock}");
+        assert!(rock.starts_with("unconfirmed; its stop could not be confirmed: end"), "{rock}");
         end_stuck(&mut world, "Stubborn");
         world.run_for(Duration::from_secs(5));
         assert_eq!(runs(&world, "Step"), 1, "on {host}");
@@ -133,7 +133,7 @@ fn what_an_ended_program_has_left_is_not_waited_for_without_end() {
     assert_eq!(told(&world, call, "main/rock"), vec![Change::Activated]);
     world.run_for(Duration::from_secs(2));
     let rock = state(&mut world, "c1", "main/rock");
-    assert!(rock.starts_with("unconfirmed; nobody could confirm that it has stopped: end it there"), "{rock}");
+    assert!(rock.starts_with("unconfirmed; its stop could not be confirmed: end it there"), "{rock}");
     assert_eq!(runs(&world, "Step"), 0, "what it has left may still move in the zone");
     world.report(&host, &process, ShimReport::Gone);
     world.run_for(Duration::from_secs(5));

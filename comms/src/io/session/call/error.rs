@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CallError {
     /// Nobody serves the key, or the server vanished or gave up before its first answer.
-    #[error("nobody answers at `{key}`")]
+    #[error("no program answers at `{key}`")]
     Unreachable {
         /// The host and the verb.
         key: String,

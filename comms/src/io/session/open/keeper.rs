@@ -288,7 +288,7 @@ async fn enter(dialler: &Dialler, id: ZenohId, Shown { locator, way, took }: Sho
 /// Returns the way through a tunnel.
 fn through(path: &Path) -> Result<Locator, String> {
     let locator = unix_locator(path).map_err(|error| error.to_string())?;
-    locator.parse().map_err(|_no_locator| format!("`{locator}` is no locator"))
+    locator.parse().map_err(|_no_locator| format!("`{locator}` is not a locator"))
 }
 
 /// Has zenoh make a link to a place that has answered after so long.

@@ -87,7 +87,7 @@ fn what_was_dropped_is_not_made_up() {
     assert_eq!(past.at(&early, Some(&base)), Err(AsOfError::Compacted { oldest: late }));
     let ahead = team[1].past().at(&mid, None);
     expect![
-        "this robot lacks some of what was seen at that moment (0000000000000001:2); ask again when it has arrived"
+        "this robot lacks some transactions that were seen at that moment (0000000000000001:2); ask again when it has arrived"
     ]
     .assert_eq(&ahead.unwrap_err().to_string());
 }

@@ -177,7 +177,7 @@ fn mistakes_are_told_with_their_place() {
     check(
         &file("\"team/a\" = {\"$x\" = 1}"),
         expect![
-            "line 4, column 12: `$x` is no kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
+            "line 4, column 12: `$x` is not a kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
         ],
     );
     check(

@@ -127,7 +127,7 @@ impl<'de> Visitor<'de> for Reader {
     }
 
     fn visit_unit<E: de::Error>(self) -> Result<Datum, E> {
-        Err(refuse(Fault::new("`null` is no value", "delete the key instead")))
+        Err(refuse(Fault::new("`null` is not a value", "delete the key instead")))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Datum, A::Error> {

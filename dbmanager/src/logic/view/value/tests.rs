@@ -163,21 +163,21 @@ fn mistakes_are_told_with_their_place() {
             "line 2, column 2: the integer 9223372036854775808 does not fit into 64 bits with a sign (a float has a point or an exponent; a longer number is best a text)"
         ],
     );
-    toml("2026-11-21", expect!["line 1, column 1: a date is no value (write it as a text, in quotes)"]);
+    toml("2026-11-21", expect!["line 1, column 1: a date is not a value (write it as a text, in quotes)"]);
     toml("{a = 1, a = 2}", expect!["line 1, column 9: duplicate key"]);
     toml(
         "{a = {\"$bytes\" = \"0\"}}",
         expect![[
-            r#"line 1, column 6: "0" is no `$bytes` (a name that begins with `$` and is alone in its table has one `$` more)"#
+            r#"line 1, column 6: "0" is not a `$bytes` (a name that begins with `$` and is alone in its table has one `$` more)"#
         ]],
     );
     toml(
         "{\"$byte\" = \"0\"}",
         expect![
-            "line 1, column 1: `$byte` is no kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
+            "line 1, column 1: `$byte` is not a kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
         ],
     );
-    toml("1e999", expect!["line 1, column 1: 1e999 is no 64-bit float"]);
+    toml("1e999", expect!["line 1, column 1: 1e999 is not a 64-bit float"]);
     toml(&"[".repeat(1000), expect!["line 1, column 81: cannot recurse further; max recursion depth met"]);
     json(
         "{\"a\": [1, -9223372036854775809]}",
@@ -192,7 +192,7 @@ fn mistakes_are_told_with_their_place() {
         ],
     );
     json("{\"a\": 1, \"a\": 2}", expect![[r#"line 1, column 16: the name "a" stands twice"#]]);
-    json("null", expect!["line 1, column 4: `null` is no value (delete the key instead)"]);
+    json("null", expect!["line 1, column 4: `null` is not a value (delete the key instead)"]);
     json("[1,\n2", expect!["line 2, column 1: EOF while parsing a list"]);
     json("1e999", expect!["line 1, column 5: number out of range"]);
 }

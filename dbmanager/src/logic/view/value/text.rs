@@ -93,10 +93,10 @@ fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datu
         DeValue::Integer(number) => integer(number).map(Datum::Integer).map_err(refuse),
         DeValue::Float(number) => match number.as_str().parse::<f64>() {
             Ok(parsed) if parsed.is_finite() || number.as_str().contains(['i', 'n']) => Ok(Datum::float(parsed)),
-            _ => Err(refuse(Fault::new(format!("{number} is no 64-bit float"), ""))),
+            _ => Err(refuse(Fault::new(format!("{number} is not a 64-bit float"), ""))),
         },
         DeValue::Boolean(yes) => Ok(Datum::Bool(*yes)),
-        DeValue::Datetime(_) => Err(refuse(Fault::new("a date is no value", "write it as a text, in quotes"))),
+        DeValue::Datetime(_) => Err(refuse(Fault::new("a date is not a value", "write it as a text, in quotes"))),
         DeValue::Array(items) => {
             items.iter().map(|item| nested(text, item, depth + 1)).collect::<Result<_, _>>().map(Datum::List)
         }
@@ -127,7 +127,9 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
         return Ok(Datum::Table(BTreeMap::from([(name.to_owned(), field.clone())])));
     }
     let hint = "a name that begins with `$` and is alone in its table has one `$` more";
-    let Some(Datum::Text(text)) = content else { return Err(Fault::new(format!("`{tag}` is no kind of value"), hint)) };
+    let Some(Datum::Text(text)) = content else {
+        return Err(Fault::new(format!("`{tag}` is not a kind of value"), hint));
+    };
     let datum = match tag.as_str() {
         "$bytes" => unhex(&text).map(Datum::Bytes),
         "$sealed" => unhex(&text).map(Datum::Sealed),
@@ -136,9 +138,9 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
             Some(Datum::Opaque { tag, bytes })
         }),
         "$float" => NAMED_FLOATS.iter().find(|(name, _)| *name == text).map(|(_, number)| Datum::float(*number)),
-        _ => return Err(Fault::new(format!("`{tag}` is no kind of value"), hint)),
+        _ => return Err(Fault::new(format!("`{tag}` is not a kind of value"), hint)),
     };
-    datum.ok_or_else(|| Fault::new(format!("{} is no `{tag}`", quote(&text)), hint))
+    datum.ok_or_else(|| Fault::new(format!("{} is not a `{tag}`", quote(&text)), hint))
 }
 
 /// The floats that JSON has no digits for.

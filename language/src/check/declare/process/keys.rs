@@ -58,7 +58,7 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
     let error = |message: String| Diagnostic::new(Code::E0308, text.span(), message);
     let (key, end) = written.strip_suffix("/**").map_or((written.as_str(), ""), |prefix| (prefix, "/"));
     if !is_key(key) {
-        let diagnostic = error(format!("{written:?} is no key and no prefix of the database"));
+        let diagnostic = error(format!("{written:?} is neither a key nor a prefix of the database"));
         return Err(Box::new(
             diagnostic.help("a key is a path of words, a prefix ends in `/**`: `db(\"team/flat/claim/**\")`"),
         ));
@@ -83,7 +83,7 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
     }
     if end.is_empty() && words.len() < 2 {
         return Err(Box::new(
-            error(format!("`{key}` alone is no key")).help(format!("all keys below it are `db(\"{key}/**\")`")),
+            error(format!("`{key}` alone is not a key")).help(format!("all keys below it are `db(\"{key}/**\")`")),
         ));
     }
     Ok(format!("{key}{end}"))
