@@ -211,7 +211,9 @@ impl CommitArgs {
             if let Ok(Reply::Status(status)) = status
                 && let Some(why) = no_robot(owner, status.members.iter().map(|member| member.robot.as_str()))
             {
-                return Err(anyhow!("{why}; `dca db own PREFIX ROBOT --by-force` gives these keys to another one").into());
+                return Err(
+                    anyhow!("{why}; `dca db own PREFIX ROBOT --by-force` gives these keys to another one").into()
+                );
             }
             return Err(Failure::Unreachable(anyhow!(
                 "only `{owner}` writes there, and it cannot be reached now; nothing was written"
