@@ -253,5 +253,18 @@ fn faults_of_the_runs_of_an_activity_have_rows() {
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
     let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
     let table = verify::fmea(&plan, &sites, &LIMITS, verify::Faults::One);
-    expect_test::expect![[""]].assert_eq(&table.markdown());
+    expect_test::expect![[r#"
+        | program | fault | while | at once | still runs | safe within | mission | verdict |
+        |---|---|---|---|---|---|---|---|
+        | a/back | crash | alone | a fails; main fails | nothing | 0 s | fails | safe |
+        | a/back | hang | alone | unnoticed | a/back |  | never ends | STUCK |
+        | a/walk | crash | alone | starts a/back | a/back |  | can be done | handled |
+        | a/walk | hang | alone | unnoticed | a/walk |  | never ends | STUCK |
+        | host c1 | loss of host | a/back | nothing follows at once | nothing | 7 s | is lost | safe |
+        | host c1 | loss of host | a/walk | a/walk has stopped | nothing | 9 s | is lost | safe |
+        | host c2 | loss of host | a/back | nothing follows at once | a/back |  | can be done | goes on without |
+        | host c2 | loss of host | a/walk | a/walk fails; starts a/back | a/back |  | can be done | handled |
+        | c1 - c2 | loss of link | a/back | nothing follows at once | a/back |  | can be done | goes on without |
+        | c1 - c2 | loss of link | a/walk | a/walk fails; starts a/back; a/walk has stopped | a/back |  | can be done | handled |
+    "#]].assert_eq(&table.markdown());
 }
