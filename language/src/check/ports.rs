@@ -50,10 +50,10 @@ fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
         for set in &process.sets {
             ports.check_set(set);
         }
-        for connection in &process.keys {
+        for connection in &process.outside.keys {
             ports.check_keys(connection);
         }
-        for connection in &process.topics {
+        for connection in &process.outside.topics {
             ports.check_topic(connection);
         }
         calls.extend(ports.calls);

@@ -79,10 +79,8 @@ pub(crate) struct Process {
     pub(crate) instances: Vec<Instance>,
     pub(crate) exports: Vec<Export>,
     pub(crate) sets: Vec<Set>,
-    /// Its connections with keys of the database.
-    pub(crate) keys: Vec<KeyConnection>,
-    /// Its connections with topics of ROS 2.
-    pub(crate) topics: Vec<TopicConnection>,
+    /// Its connections with what is no process.
+    pub(crate) outside: Outside,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
     /// The strategy for its programs when one of them dies; none if it is not given.
@@ -238,6 +236,15 @@ pub(crate) struct KeyConnection {
     /// Whether the process writes them.
     pub(crate) is_write: bool,
     pub(crate) span: Span,
+}
+
+/// The connections of a process with the database and with ROS 2.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Outside {
+    /// With keys of the database.
+    pub(crate) keys: Vec<KeyConnection>,
+    /// With topics of ROS 2.
+    pub(crate) topics: Vec<TopicConnection>,
 }
 
 /// A connection of a port with a topic of ROS 2.

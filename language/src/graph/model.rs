@@ -205,7 +205,7 @@ fn connect(unit: &mut Unit, process: &Process) {
 /// Adds the topics of ROS 2 of a group, which stand beside its members; returns the arrows to and from them.
 fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
     let (mut links, count) = (Vec::new(), unit.units.len());
-    for topic in &process.topics {
+    for topic in &process.outside.topics {
         let Some(inner) = end(unit, &topic.endpoint) else { continue };
         let direction = if topic.way == Way::ToRos { Direction::In } else { Direction::Out };
         let name = topic.name.as_str();

@@ -5,7 +5,6 @@
 //! token costs one diagnostic in most places.
 
 mod activity;
-mod connection;
 mod expression;
 mod habit;
 mod module;

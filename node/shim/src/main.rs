@@ -194,10 +194,10 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
         }
     };
     let beats = Beats::open(start)?;
-    if start.descriptors.is_some() {
-        descriptors::set(start.descriptors);
+    if start.before.descriptors.is_some() {
+        descriptors::set(start.before.descriptors);
     }
-    if let Some(core) = start.core {
+    if let Some(core) = start.before.core {
         core_dump::set(core);
     }
     let executed = execute(&group.start(start), &output);

@@ -17,7 +17,7 @@ mod secrets;
 use comms::io::clock::now;
 use shim::protocol::{
     EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, Sandbox,
-    ShimOrder, ShimReport, ShimStart,
+    ShimOrder, ShimReport, ShimStart, SoftLimits,
 };
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -65,8 +65,7 @@ impl Shim {
             limits: Limits::default(),
             sandbox: Sandbox::default(),
             groups: Vec::new(),
-            descriptors: None,
-            core: None,
+            before: SoftLimits::default(),
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             secrets: Vec::new(),
             command: Vec::new(),
@@ -391,7 +390,7 @@ fn a_program_has_its_limits_from_the_start() {
 #[test]
 fn a_program_has_the_soft_limit_that_it_is_given() {
     let shim = Shim::start_with(|start| {
-        start.descriptors = Some(100);
+        start.before.descriptors = Some(100);
         start.command = ["sh", "-c", "ulimit -Sn; [ $(ulimit -Hn) = unlimited ] || [ $(ulimit -Hn) -gt 100 ]"]
             .map(str::to_owned)
             .to_vec();
@@ -404,7 +403,7 @@ fn a_program_has_the_soft_limit_that_it_is_given() {
 #[test]
 fn a_program_has_the_core_limit_that_it_is_given() {
     let shim = Shim::start_with(|start| {
-        start.core = Some(0);
+        start.before.core = Some(0);
         start.command = ["sh", "-c", "ulimit -Sc"].map(str::to_owned).to_vec();
     });
     let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);

@@ -15,8 +15,8 @@ use crate::check::index;
 use crate::check::names::{Names, twice};
 use crate::check::resource_args;
 use crate::check::spec::{
-    Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Param, Process, Scope, Set, Target, Value,
-    ValueKind,
+    Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Outside, Param, Process, Scope, Set, Target,
+    Value, ValueKind,
 };
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
@@ -47,7 +47,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let exports = exports(node, &mut names);
     let Sets { all: sets, are_whole, .. } = Sets::read(node, &mut names);
     damage.connections |= !are_whole;
-    let (keys, topics) = (keys::read(node, &mut names), topics::read(node, &mut names));
+    let outside = Outside { keys: keys::read(node, &mut names), topics: topics::read(node, &mut names) };
     let resources = resources(node, &params, names.diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
@@ -88,8 +88,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         instances,
         exports,
         sets,
-        keys,
-        topics,
+        outside,
         resources,
         supervision,
         backoff: backoff.flatten(),

@@ -51,7 +51,7 @@ impl Topics {
 
     /// Makes a wire of each connection of a group with a topic.
     pub(super) fn connect(&mut self, tree: &Tree, spec: &Spec, group: usize, wires: &mut Wires) {
-        for connection in &spec.processes[tree.process_of[group]].topics {
+        for connection in &spec.processes[tree.process_of[group]].outside.topics {
             let Some(end) = leaf_port(tree, spec, group, &connection.endpoint) else { continue };
             let Some(of) = type_of(tree, spec, &end) else { continue };
             let leaf = &tree.leaves[end.leaf as usize];
@@ -87,7 +87,7 @@ impl Topics {
         let all = self.bridges.iter().flat_map(|bridge| bridge.routes.iter().map(move |one| (bridge.host, one)));
         let mut same = all.filter(|(_, (other, _))| other.name == route.name);
         if let Some((why, first)) =
-            same.find_map(|(at, (other, first))| Some((conflict((at, other), (host, &route))?, *first)))
+            same.find_map(|(at, (other, first))| Some((conflict(at, other, host, &route)?, *first)))
         {
             let message = format!("topic `{}` {why}", route.name);
             self.problems.push(Diagnostic::new(Code::E0309, span, message).reason(first, "the other connection"));
@@ -145,11 +145,11 @@ impl Topics {
 
 /// Returns the places in the text of the bridges of `main`: the first connection with a topic.
 pub(in crate::check) fn place(spec: &Spec) -> Option<Span> {
-    spec.processes.iter().flat_map(|process| &process.topics).map(|topic| topic.span).min()
+    spec.processes.iter().flat_map(|process| &process.outside.topics).map(|topic| topic.span).min()
 }
 
 /// Returns why two routes of one name cannot be in one plan, each with its host.
-fn conflict((host, one): (u32, &Route), (other_host, other): (u32, &Route)) -> Option<String> {
+fn conflict(host: u32, one: &Route, other_host: u32, other: &Route) -> Option<String> {
     if one.of != other.of {
         return Some(format!("has messages of two types, `{}` and `{}`", one.of.spec(), other.of.spec()));
     }

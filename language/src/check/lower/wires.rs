@@ -47,7 +47,7 @@ impl Wires {
 
 /// Connects the ports of leaves with keys of the database.
 pub(super) fn connect_keys(tree: &mut Tree, spec: &Spec, group: usize) {
-    for connection in &spec.processes[tree.process_of[group]].keys {
+    for connection in &spec.processes[tree.process_of[group]].outside.keys {
         let Some(LeafPort { leaf, port }) = leaf_port(tree, spec, group, &connection.endpoint) else { continue };
         let binding = KeyBinding { port, keys: connection.keys.clone(), is_write: connection.is_write };
         let known = &mut tree.leaves[leaf as usize].keys;

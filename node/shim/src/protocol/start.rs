@@ -32,10 +32,8 @@ pub struct ShimStart {
     pub sandbox: Sandbox,
     /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
     pub groups: Vec<PathBuf>,
-    /// How many files and sockets the program may have open before it asks for more: its soft limit.
-    pub descriptors: Option<u64>,
-    /// How many bytes of the memory of the program the kernel may write to the disk when it crashes: its soft limit.
-    pub core: Option<u64>,
+    /// The soft limits that the node has changed for itself, as they were before.
+    pub before: SoftLimits,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
     /// Which words of the command end with the path of a file that has a secret. Their values come first on standard
@@ -43,6 +41,15 @@ pub struct ShimStart {
     pub secrets: Vec<u32>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
     pub command: Vec<String>,
+}
+
+/// Soft limits that a node has others of than its programs. None means that the node has not changed it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SoftLimits {
+    /// How many files and sockets a program may have open before it asks for more.
+    pub descriptors: Option<u64>,
+    /// How many bytes of the memory of a program the kernel may write to the disk when it crashes.
+    pub core: Option<u64>,
 }
 
 /// The limits of a program; without one the program has the shim's own.
@@ -124,10 +131,10 @@ impl ShimStart {
         for (name, bound) in [("--watchdog", self.watchdog), ("--ready-within", self.ready_within)] {
             arguments.extend(bound.into_iter().flat_map(|bound| [name.into(), bound.as_millis().to_string().into()]));
         }
-        if let Some(descriptors) = self.descriptors {
+        if let Some(descriptors) = self.before.descriptors {
             arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
         }
-        if let Some(core) = self.core {
+        if let Some(core) = self.before.core {
             arguments.extend(["--core".into(), core.to_string().into()]);
         }
         for (name, value) in limit_arguments(&self.limits) {
@@ -185,8 +192,7 @@ impl ShimStart {
             limits: Limits::default(),
             sandbox: Sandbox::default(),
             groups: Vec::new(),
-            descriptors: None,
-            core: None,
+            before: SoftLimits::default(),
             environment: Vec::new(),
             secrets: Vec::new(),
             command: Vec::new(),
@@ -236,7 +242,8 @@ impl ShimStart {
             }
             "--descriptors" | "--core" => {
                 let count = value.to_str().and_then(|count| count.parse().ok());
-                let limit = if name == "--core" { &mut self.core } else { &mut self.descriptors };
+                let SoftLimits { descriptors, core } = &mut self.before;
+                let limit = if name == "--core" { core } else { descriptors };
                 *limit = Some(count.ok_or("must be a number")?);
             }
             "--own" => self.sandbox.own = Some(value.into()),
@@ -373,8 +380,7 @@ mod tests {
                 judged: Some(Judged { path: "/opt/a b:c/d".into(), stamp: stamp(), by: JudgedBy::Hash }),
             },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
-            descriptors: Some(1024),
-            core: Some(u64::MAX),
+            before: SoftLimits { descriptors: Some(1024), core: Some(u64::MAX) },
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             secrets: vec![2, 0],
             command: vec!["sleep".into(), "--".into(), "5".into()],

@@ -16,7 +16,7 @@ use comms::io::{core_dump, descriptors};
 use comms::logic::codec::WIRE_VERSION;
 use comms::logic::control::{Location, Notice, Order};
 use language::plan::LeafKind;
-use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart};
+use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart, SoftLimits};
 use std::path::PathBuf;
 use tokio::sync::mpsc;
 
@@ -79,8 +79,7 @@ impl Driver {
             limits: child::limits(&order.policy.usage),
             sandbox: Sandbox::default(),
             groups: Vec::new(),
-            descriptors: descriptors::before(),
-            core: core_dump::before(),
+            before: SoftLimits { descriptors: descriptors::before(), core: core_dump::before() },
             environment: self.environment(&order, &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command.clone(),
