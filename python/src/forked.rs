@@ -4,7 +4,6 @@
 //! messages for those of its parent.
 
 use pyo3::prelude::*;
-use std::io::Write;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The process that runs a control loop; 0 if none does, as in tests.
@@ -27,11 +26,16 @@ pub(crate) fn call<T>(call: impl FnOnce(Python<'_>) -> T) -> T {
     })
 }
 
+fn tell(py: Python<'_>, told: &str) -> PyResult<()> {
+    let errors = py.import("sys")?.getattr("stderr")?;
+    errors.call_method1("write", (told,))?;
+    errors.call_method0("flush").map(drop)
+}
+
 fn end(py: Python<'_>) {
-    let told =
-        b"a child of os.fork() has come back to the control loop, and is ended: it ends itself with os._exit()\n";
+    let told = "a child of os.fork() has come back to the control loop, and is ended: it ends itself with os._exit()\n";
     // The loss of standard error cannot be reported anywhere.
-    drop(std::io::stderr().write_all(told));
+    drop(tell(py, told));
     let ended = py.import("os").and_then(|os| os.call_method1("_exit", (1,)));
     if ended.is_err() {
         std::process::abort();

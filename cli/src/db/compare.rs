@@ -29,7 +29,7 @@ pub struct Diff {
 /// One side of a comparison.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Side {
-    Moment(AsOf),
+    Past(AsOf),
     /// How keys begin; it ends in `/`.
     Keys(String),
 }
@@ -46,7 +46,7 @@ impl Diff {
                 });
                 (all?, "nothing differs")
             }
-            (Side::Moment(from), Side::Moment(to)) => {
+            (Side::Past(from), Side::Past(to)) => {
                 (changes(&self.database, Question::Diff { from, to, prefix: self.prefix })?, "nothing has changed")
             }
             _ => {
@@ -77,5 +77,5 @@ fn changes(database: &DatabaseArgs, question: Question) -> Result<Vec<Difference
 }
 
 fn side(text: &str) -> Result<Side, String> {
-    if text.ends_with('/') { Ok(Side::Keys(text.to_owned())) } else { a_moment(text).map(Side::Moment) }
+    if text.ends_with('/') { Ok(Side::Keys(text.to_owned())) } else { a_moment(text).map(Side::Past) }
 }
