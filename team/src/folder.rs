@@ -146,8 +146,8 @@ mod tests {
         assert!(read_open(&path("keys"), 6).is_err());
         // This pipe has no writer: to wait for one would take for ever.
         rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
-        assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is no file"));
-        assert!(read(&folder, 5).unwrap_err().to_string().ends_with("is no file"));
+        assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is not a file"));
+        assert!(read(&folder, 5).unwrap_err().to_string().ends_with("is not a file"));
         fs::remove_dir_all(&folder).unwrap();
     }
 }

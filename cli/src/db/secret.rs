@@ -120,7 +120,7 @@ fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
     });
     let newest = robots.max_by_key(|holder| holder.certificate.claims().not_before).with_context(|| {
         format!(
-            "`{name}` is no robot that the team trusts now, as far as this machine knows: `dca team` lists them; what the operator's \
+            "`{name}` is not a robot that the team trusts now, as far as this machine knows: `dca team` lists them; what the operator's \
              `dca team export` prints goes to `dca team import` here"
         )
     })?;

@@ -151,7 +151,7 @@ mod tests {
         file.finish().unwrap();
         assert_eq!(fs::metadata(&private).unwrap().permissions().mode() & 0o777, 0o600);
         let wrong = WholeFile::create(&folder).unwrap_err().to_string();
-        assert!(wrong.ends_with("is no regular file"), "{wrong}");
+        assert!(wrong.ends_with("is not a regular file"), "{wrong}");
         fs::remove_dir_all(&folder).unwrap();
     }
 

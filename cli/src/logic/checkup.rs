@@ -383,7 +383,7 @@ mod tests {
         let no = || Err("no".to_owned());
         check_flaw(|it| it.kernel = no(), Level::Failed, "kernel", "no");
         check_flaw(|it| it.has_groups = false, Level::Warning, "containment", "no control group");
-        check_flaw(|it| it.clock = ClockQuality::Plausible, Level::Warning, "clock", "nobody keeps it");
+        check_flaw(|it| it.clock = ClockQuality::Plausible, Level::Warning, "clock", "it is not synchronised");
         check_flaw(|it| it.clock = ClockQuality::Unset, Level::Failed, "clock", "cannot be right");
         check_flaw(|it| it.interfaces.clear(), Level::Warning, "discovery", "no network interface");
         check_flaw(|it| it.discovery = no(), Level::Warning, "discovery", "by multicast: no");

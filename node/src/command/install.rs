@@ -181,7 +181,7 @@ mod tests {
         fs::create_dir_all(&path).unwrap();
         let unit = UnitFile { name: "c1".into(), command: vec!["/usr/bin/dca-node".into()], user: None };
         let why = write(&path, &unit, true).unwrap_err().to_string();
-        assert!(why.ends_with("is no regular file"), "{why}");
+        assert!(why.ends_with("is not a regular file"), "{why}");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside it");
         fs::remove_dir_all(folder).unwrap();
     }

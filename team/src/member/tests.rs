@@ -83,7 +83,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     let user = keys();
     let credential = acme.credential(&user, Role::Admin, (crate::now().0, crate::now().0 + DAY));
     let refused = own.judge(&keys_of(&user), &credential.to_bytes()).unwrap_err();
-    assert!(refused.contains("is no node"), "{refused}");
+    assert!(refused.contains("is not a node"), "{refused}");
     let program = of(&acme, &friend, "friend");
     assert!(own.judge(&program.key().1, &program.credential()).is_err(), "a program is not a node");
     let visitor = VisitorIdentity::open(&acme.folder.join("friend.visitors")).unwrap();
@@ -253,7 +253,7 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     // Its audit log is whole when it has ended.
     drop(first);
     folder::write(&path, &kept[..kept.len() / 2]).unwrap();
-    assert!(why().contains("is broken: copy that of another node") && why().ends_with("no list of revocations"));
+    assert!(why().contains("is broken: copy that of another node") && why().ends_with("not a list of revocations"));
     std::fs::remove_file(&path).unwrap();
     assert!(why().contains("is not there, but the audit log says"), "{}", why());
     folder::write(&path, &kept).unwrap();

@@ -42,8 +42,10 @@ fn a_lost_host_sends_an_activity_home() {
     runs("main/guard/back", false);
     assert_eq!(hosts[0].ask(&["ctl", "guard", "guard", "resume"]).code, Some(0));
     runs("main/guard/back", true);
-    assert_eq!(hosts[0].ask(&["stop", "guard"]).code, Some(0));
-    assert_eq!(mission.ended(SOON).code, Some(1));
+    let stopped = hosts[0].ask(&["stop", "guard"]);
+    assert!(stopped.code == Some(3) && stopped.err.contains("`c2` has not confirmed"), "{stopped}");
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(3), "{ended}");
     network.heal(2);
     for node in nodes {
         node.signal(Signal::TERM);

@@ -52,7 +52,7 @@ fn a_changed_spec_changes_what_differs_and_nothing_else() {
     let cluster = Cluster::new();
     let (here, _nodes, mission, before) = deploy(&cluster);
     let same = here.ask(&["deploy", &cluster.file("push.dca", &format!("// a remark\n{SPEC}"))]);
-    assert!(same.code == Some(0) && same.out.contains("is what this spec says: nothing changes"), "{same}");
+    assert!(same.code == Some(0) && same.out.contains("runs already as in this spec: nothing changes"), "{same}");
 
     let latched = SPEC.replace("force, Out -> threshold, In;", "force, Out -> threshold, In latch;");
     let file = cluster.file("push.dca", &latched);

@@ -302,7 +302,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert!(logs.code == Some(3) && logs.err.contains("does not answer") && logs.out.is_empty(), "{logs}");
     assert!(logs.err.contains("`--recorded` reads the latest record in `runs` instead"), "{logs}");
     let logs = here.ask(&["logs", "two@1:idle", "--recorded"]);
-    assert!(logs.err.contains("this is what `main/idle` wrote by the record in"), "{logs}");
+    assert!(logs.err.contains("this is the output of `main/idle` by the record in"), "{logs}");
     two.signal(Signal::CONT);
     let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
     assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");

@@ -71,7 +71,7 @@ fn the_unit_of_a_node_is_one_that_systemd_takes() {
     odd.args(["install", "--print", "--name", "c1", "--state"]).arg(OsStr::from_bytes(b"/var/lib/\xff"));
     let refused = odd.output().expect("it can be started");
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(refused.status.code() == Some(1) && said.contains("no text in UTF-8"), "{refused:?}");
+    assert!(refused.status.code() == Some(1) && said.contains("is not UTF-8 text"), "{refused:?}");
     let Ok(verified) = Command::new("systemd-analyze").args(["verify", &file]).output() else { return };
     let said = String::from_utf8_lossy(&verified.stderr);
     let about_it: Vec<&str> =

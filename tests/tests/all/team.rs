@@ -95,7 +95,7 @@ fn a_team_has_users_and_loses_them() {
     let listed = desk.done(&["team"]);
     assert!(listed.contains("revocations: number 1, keys 1") && listed.contains("! revoked"), "{listed}");
     desk.refused(&["team", "user", "remove", "dan"], "`dan` is revoked already");
-    desk.refused(&["team", "user", "remove", "eve"], "there is no user `eve`");
+    desk.refused(&["team", "user", "remove", "eve"], "the team has no user `eve`");
     desk.refused(&add, "this key is revoked, for ever");
     desk.refused(&["team", "init", "acme"], "there is a team `acme`");
 }
@@ -136,7 +136,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     let (code, _, err) = desk.ask_with("short", &["team", "init", "acme"]);
     assert_eq!(code, Some(1));
     assert!(err.contains("8 characters") && !desk.keys.exists(), "{err}");
-    desk.refused(&["team"], "there is no team");
+    desk.refused(&["team"], "has no team");
     desk.done(&["team", "init", "acme"]);
     desk.done(&["team", "init", "other"]);
     desk.refused(&["team"], "choose one with `--team`");
@@ -246,7 +246,7 @@ fn what_is_half_there_is_told() {
     fs::remove_dir_all(&folder).expect("it is there");
     desk.done(&["team", "init", "acme"]);
     desk.refused(&["team", "init", "acme"], "there is a team `acme`");
-    desk.refused(&["team", "rotate", "r1"], "there is no `r1` in the team whose keys are not revoked");
+    desk.refused(&["team", "rotate", "r1"], "the team has no `r1` whose keys are not revoked");
     let admin = desk.done(&["team"]);
     let name = admin.lines().last().and_then(|line| line.split_whitespace().next()).expect("the admin").to_owned();
     desk.refused(&["team", "rotate", &name], "is a user: `dca team key`");

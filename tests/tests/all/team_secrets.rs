@@ -333,7 +333,7 @@ fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
     assert!(copied.success());
     let desk = robots.host(1);
     let unknown = desk.ask(&robots.with(&["team", "rotate", "r9"]));
-    assert!(unknown.code == Some(1) && unknown.err.contains("there is no `r9` in the team"), "{unknown}");
+    assert!(unknown.code == Some(1) && unknown.err.contains("the team has no `r9`"), "{unknown}");
     let run_dir = desk.run_dir().display().to_string();
     let rotation = desk.dca(&robots.with(&["team", "rotate", "r2", "--run-dir", &run_dir]));
     rotation.wait_for(Stream::Out, "\n", SOON);
