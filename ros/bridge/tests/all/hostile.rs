@@ -1,6 +1,6 @@
 //! Peers that send nonsense: nothing ends, and all of it is counted.
 
-use super::peer::{Bridge, Router, STRING, attachment, string, value};
+use super::peer::{Bridge, Router, STRING, attachment, expect_reader, string, value};
 use zenoh::Wait;
 
 #[test]
@@ -9,6 +9,7 @@ fn nonsense_is_counted_and_the_next_message_passes() {
     let mut bridge = Bridge::new("</chatter std_msgs/msg/String ::,100:,:,:,,", &router);
     let node = router.node();
     let key = format!("7/chatter/{STRING}");
+    expect_reader(&node, &key);
     let whole = attachment(1, 1);
     let message = string("hello");
     let long = [&whole[..], &[0]].concat();
@@ -49,7 +50,9 @@ fn check_tokens(count: usize) {
         .map(|key| node.liveliness().declare_token(key).wait().expect("Zenoh takes any key"))
         .collect();
     let mut bridge = Bridge::new("</chatter std_msgs/msg/String ::,10:,:,:,,", &router);
-    let put = node.put(format!("7/chatter/{STRING}"), string("a")).attachment(attachment(1, 1));
+    let key = format!("7/chatter/{STRING}");
+    expect_reader(&node, &key);
+    let put = node.put(key, string("a")).attachment(attachment(1, 1));
     put.wait().expect("the router is there");
     assert_eq!(bridge.sent(1).values, [("chatter", value(&string("a")))]);
     drop(tokens);

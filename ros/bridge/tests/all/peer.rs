@@ -85,6 +85,16 @@ pub(crate) fn value_of(message: &[u8]) -> Vec<u8> {
     [&postcard::to_stdvec(&message.len()).expect("a peer of a test")[..], message].concat()
 }
 
+/// Waits until messages of a node on a key have a reader.
+pub(crate) fn expect_reader(node: &Session, key: &str) {
+    let publisher = node.declare_publisher(key.to_owned()).wait().expect("a peer of a test");
+    let (until, pause) = (comms::io::clock::now() + SOON, comms::io::clock::Wakeup::default());
+    while !publisher.matching_status().wait().expect("a peer of a test").matching() {
+        assert!(comms::io::clock::now() < until, "nobody reads `{key}`");
+        pause.wait(Some(comms::io::clock::now() + Duration::from_millis(5)));
+    }
+}
+
 /// Hears samples on a key.
 pub(crate) fn hear(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber<()>, Receiver<Sample>) {
     let (tx, rx) = sync_channel(4096);

@@ -1,6 +1,6 @@
 //! Topics to wires: what wires get of a node of ROS 2.
 
-use super::peer::{Bridge, Router, STRING, attachment, string, value};
+use super::peer::{Bridge, Router, STRING, attachment, expect_reader, string, value};
 use zenoh::Wait;
 use zenoh_ext::{AdvancedPublisherBuilderExt, CacheConfig, MissDetectionConfig};
 
@@ -12,6 +12,7 @@ fn messages_go_to_wires_and_missing_ones_are_counted() {
     let mut bridge = Bridge::new(ROUTE, &router);
     let node = router.node();
     let key = format!("7/chatter/{STRING}");
+    expect_reader(&node, &key);
     for (sequence, text) in [(1, "a"), (2, "b"), (5, "c")] {
         node.put(&key, string(text)).attachment(attachment(sequence, 1)).wait().unwrap();
     }
@@ -55,6 +56,8 @@ fn a_router_that_comes_back_is_found() {
     let router = Router::at(&locator);
     bridge.expect_signal("router", 1.0);
     let node = router.node();
-    node.put(format!("7/chatter/{STRING}"), string("a")).attachment(attachment(1, 1)).wait().unwrap();
+    let key = format!("7/chatter/{STRING}");
+    expect_reader(&node, &key);
+    node.put(key, string("a")).attachment(attachment(1, 1)).wait().unwrap();
     assert_eq!(bridge.sent(1).values, [("chatter", value(&string("a")))]);
 }
