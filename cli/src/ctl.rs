@@ -164,7 +164,8 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
     let path = told.map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
-    console::say(&format!("`{path}` gets {}\n", order.name()));
+    // The home has it; a lost host or a full queue may still lose it, and the events say so.
+    console::say(&format!("{} is on its way to `{path}`\n", order.name()));
     Ok(())
 }
 

@@ -79,7 +79,7 @@ pub(crate) struct Process {
     pub(crate) instances: Vec<Instance>,
     pub(crate) exports: Vec<Export>,
     pub(crate) sets: Vec<Set>,
-    /// Its connections with what is no process.
+    /// Its connections with the database and with ROS 2.
     pub(crate) outside: Outside,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
