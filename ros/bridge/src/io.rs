@@ -125,7 +125,8 @@ impl RosSession {
     pub(crate) fn subscriber(
         &self,
         id: u64,
-        (topic, qos): (&Topic, Qos),
+        topic: &Topic,
+        qos: Qos,
         waiting: Waiting,
         waker: Waker,
     ) -> Result<Subscriber, String> {

@@ -92,7 +92,7 @@ impl Bridge {
             match &mut carried.end {
                 End::ToRos { publisher, .. } => *publisher = Some(session.publisher(id, &topic, qos)?),
                 End::FromRos { subscriber, waiting } => {
-                    let heard = session.subscriber(id, (&topic, qos), Arc::clone(waiting), waker.clone())?;
+                    let heard = session.subscriber(id, &topic, qos, Arc::clone(waiting), waker.clone())?;
                     *subscriber = Some(heard);
                 }
             }

@@ -232,8 +232,11 @@ fn only_in(rule: &str, places: &[&str], words: &[&str]) {
 
 #[test]
 fn one_place_opens_zenoh() {
-    only_in("only the sessions of comms name zenoh", &["comms/src/io/session", "comms/src/io/data"], &["zenoh::"]);
-    only_in("only one place opens a session of zenoh", &["comms/src/io/session"], &["zenoh::open"]);
+    let bridge = "ros/bridge/src/io.rs";
+    let places = ["comms/src/io/session", "comms/src/io/data", bridge];
+    only_in("only the sessions of comms, and the bridge to ROS 2, name zenoh", &places, &["zenoh::"]);
+    let places = ["comms/src/io/session", bridge];
+    only_in("only one place opens a session of zenoh, and the bridge one with its router", &places, &["zenoh::open"]);
 }
 
 #[test]
