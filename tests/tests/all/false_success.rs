@@ -8,6 +8,9 @@ use std::time::Duration;
 const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 /// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
 const WRONG_MAX: f64 = 2.0;
+/// Rows whose world deceives the laser: half of the leaf has no echo, a wall stands where the leaf is looked for, or somebody turns the
+/// base. There the end rests on the path of the hand and the estimate of the hinge.
+const DECEIVED: [&str; 3] = ["half without echo", "side wall by the latch", "the base is turned from outside"];
 const LIMIT: Duration = Duration::from_secs(90);
 /// The greatest force in any run, whatever goes wrong (N).
 const FORCE_MAX: f64 = 100.0;
@@ -63,9 +66,14 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
         || flown.iter().filter(|(row, _)| row.name.starts_with("base slips")).flat_map(|(_, outcomes)| outcomes);
     let done = slipped().filter(|outcome| outcome.finish == Finish::Done).count();
     assert!(done > 0, "{text}\n{failures}");
-    let wrong = flown.iter().flat_map(|(_, outcomes)| outcomes).filter(|outcome| outcome.finish == Finish::Done);
-    let wrong = wrong.map(|outcome| outcome.wrong).fold(0.0, f64::max);
-    assert!(wrong <= WRONG_MAX, "the laser was wrong by {wrong:.1} deg\n{text}\n{failures}");
+    let is_wrong = |outcome: &Outcome| outcome.finish == Finish::Done && outcome.wrong > WRONG_MAX;
+    let wrong = |(row, outcomes): &(Row, Vec<Outcome>)| {
+        let wrong = outcomes.iter().filter(|outcome| is_wrong(outcome)).map(|outcome| outcome.wrong);
+        wrong.reduce(f64::max).map(|wrong| format!("{}: the laser was wrong by {wrong:.1} deg", row.name))
+    };
+    let wrong: Vec<String> =
+        flown.iter().filter(|(row, _)| !DECEIVED.contains(&row.name.as_str())).filter_map(wrong).collect();
+    assert!(wrong.is_empty(), "{}\n{text}\n{failures}", wrong.join("\n"));
     // Not by refusing everything: the nominal world is strict, and a lost handle is reported.
     assert!(named("nominal").iter().all(Outcome::is_strict), "{text}\n{failures}");
     let told = |outcome: &Outcome| outcome.reason().contains("lost the handle");
