@@ -22,8 +22,12 @@ fn until_heard(bridge: &mut Bridge, messages: &Receiver<Sample>) -> i64 {
 
 /// Returns the next message after those of [`until_heard`].
 fn next(messages: &Receiver<Sample>) -> Sample {
-    let mut all = std::iter::repeat_with(|| messages.recv_timeout(SOON).unwrap());
-    all.find(|sample| sample.payload().to_bytes() != string("begin")).unwrap()
+    loop {
+        let sample = messages.recv_timeout(SOON).expect("a message comes");
+        if sample.payload().to_bytes() != string("begin") {
+            return sample;
+        }
+    }
 }
 
 #[test]
