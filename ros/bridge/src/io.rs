@@ -239,6 +239,7 @@ fn told(topic: &Topic, error: &dyn std::error::Error) -> String {
     format!("cannot take part in topic `{}`: {error}", topic.name)
 }
 
-fn depth(qos: Qos) -> usize {
+/// Returns how many messages wait at most; the text of a route limits it.
+pub(crate) fn depth(qos: Qos) -> usize {
     usize::try_from(qos.depth).unwrap_or(usize::MAX).max(1)
 }

@@ -1,7 +1,7 @@
 //! The bridge between wires and topics of ROS 2: one program for each host whose ports are connected with topics.
 //!
-//! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it. Values
-//! stay as they are: both sides have CDR. `logic` decides what passes, and `io` has the session with the router of ROS 2.
+//! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it. The
+//! bytes of a value are not changed: both sides have CDR. `logic` decides which values pass; `io` has the session with the router.
 
 mod io;
 mod logic;

@@ -1,4 +1,4 @@
-//! What passes the bridge, as pure functions: values, losses, and the network that is meant.
+//! Values, losses and the settings of the network, as pure functions.
 
 pub(crate) mod arrivals;
 pub(crate) mod network;

@@ -1,7 +1,7 @@
 //! The bridge as a controller: its ports are topics.
 
-use crate::io::{Publisher, RosSession, Subscriber, Waiting, lock, topic};
-use crate::logic::arrivals::{Arrivals, Counts};
+use crate::io::{Publisher, RosSession, Subscriber, Waiting, depth, lock, topic};
+use crate::logic::arrivals::{Arrivals, Arrived, Counts};
 use crate::logic::network::Network;
 use crate::logic::value;
 use comms::logic::decode::Source;
@@ -113,6 +113,16 @@ impl Bridge {
         }
     }
 
+    /// Takes the messages of all topics that have arrived.
+    fn arrived(&self) -> impl Iterator<Item = (&'static str, Arrived)> {
+        let of_topic = |carried: &Carried| match &carried.end {
+            End::ToRos { .. } => None,
+            End::FromRos { waiting, .. } => Some((carried.port, Arc::clone(waiting))),
+        };
+        let topics = self.carried.iter().filter_map(of_topic);
+        topics.flat_map(|(port, waiting)| std::iter::from_fn(move || lock(&waiting).next().map(|one| (port, one))))
+    }
+
     /// Publishes the message of a value.
     fn publish(&mut self, port: &str, message: Option<Vec<u8>>) -> Result<Delivery, DeliveryError> {
         let found = self.carried.iter_mut().find(|carried| carried.port == port);
@@ -136,11 +146,10 @@ impl Bridge {
 impl Carried {
     fn new(route: Route) -> Result<Self, String> {
         let schema = library::schema(&route.of).map_err(|error| format!("`{}`: {error}", route.of))?;
-        let depth = usize::try_from(route.qos.depth).unwrap_or(1);
         let end = match route.way {
             Way::ToRos => End::ToRos { publisher: None, counts: Counts::default() },
             Way::FromRos => {
-                let waiting = Arc::new(Mutex::new(Arrivals::new(schema.clone(), depth)));
+                let waiting = Arc::new(Mutex::new(Arrivals::new(schema.clone(), depth(route.qos))));
                 End::FromRos { subscriber: None, waiting }
             }
         };
@@ -199,21 +208,13 @@ impl Module for Bridge {
     }
 
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
-        for Carried { port, end, .. } in &self.carried {
-            let End::FromRos { waiting, .. } = end else { continue };
-            while let Some(arrived) = { lock(waiting).next() } {
-                send(port, arrived.value);
-            }
-        }
+        self.arrived().for_each(|(port, arrived)| send(port, arrived.value));
     }
 
     fn drain_to(&mut self, outlets: &mut dyn Outlets) {
-        for Carried { port, end, .. } in &self.carried {
-            let End::FromRos { waiting, .. } = end else { continue };
-            while let Some(arrived) = { lock(waiting).next() } {
-                outlets.skip(port, u32::try_from(arrived.lost).unwrap_or(u32::MAX));
-                outlets.send(port, arrived.value);
-            }
+        for (port, arrived) in self.arrived() {
+            outlets.skip(port, u32::try_from(arrived.lost).unwrap_or(u32::MAX));
+            outlets.send(port, arrived.value);
         }
     }
 

@@ -1,4 +1,4 @@
-//! What a bridge carries: a topic, its type, its direction and its quality of service.
+//! Routes: the topics that a bridge carries, each with its type, its direction and its quality of service.
 //!
 //! A bridge gets its routes as one text, `>/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,`.
 

@@ -1,4 +1,4 @@
-//! The messages of topics that wait for the loop, and what has become of the others.
+//! The messages of topics that wait for the loop, and the counts of received, lost and refused ones.
 
 use super::senders::Senders;
 use super::value;
@@ -96,7 +96,7 @@ impl Arrivals {
         self.waiting.pop_front()
     }
 
-    /// Returns what has become of all messages.
+    /// Returns how many messages were received, lost and refused.
     pub(crate) fn counts(&self) -> Counts {
         self.counts
     }

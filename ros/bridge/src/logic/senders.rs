@@ -3,9 +3,9 @@
 use ros::logic::attachment::{Attachment, Gid};
 use std::collections::BTreeMap;
 
-/// The most publishers that are known at one time. One that is forgotten counts as new when it sends again.
+/// The most publishers that are known at one time. A forgotten publisher counts as new when it sends again.
 const SENDERS_MAX: usize = 256;
-/// A publisher that leaves out more numbers than this has begun anew, or sends nonsense.
+/// The largest gap that counts as a loss. A larger one means that the publisher was started again, or sends nonsense.
 const GAP_MAX: i64 = 1_000_000;
 
 /// By publisher, the number of its last message, and when it came among all messages.

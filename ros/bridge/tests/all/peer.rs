@@ -110,13 +110,13 @@ pub(crate) fn tokens(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber
     (subscriber.wait().expect("a peer of a test"), rx)
 }
 
-/// A bridge, and what it sends to wires.
+/// A bridge, and the values that it sends to wires.
 pub(crate) struct Bridge {
     module: Box<dyn Module>,
     woken: Receiver<()>,
 }
 
-/// What wires get: values, and how many numbers are left out.
+/// The values that wires get, and how many numbers are left out.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sent {
     pub(crate) values: Vec<(&'static str, Vec<u8>)>,

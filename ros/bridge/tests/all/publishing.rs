@@ -9,7 +9,7 @@ use zenoh_ext::{AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
 
 const ROUTE: &str = ">/robot1/chatter std_msgs/msg/String ::,10:,:,:,,";
 
-/// Sends until the bridge knows that somebody subscribes; returns how many messages that took.
+/// Sends until a message is heard: then the bridge knows the subscription. Returns how many messages that took.
 fn until_heard(bridge: &mut Bridge, messages: &Receiver<Sample>) -> i64 {
     for count in 1..1000 {
         assert!(bridge.deliver("robot1.chatter", &value(&string("begin"))));
