@@ -61,6 +61,32 @@ fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
     calls
 }
 
+/// The end of a connection that is outside of all processes: the database, or a topic of ROS 2.
+struct OutsideEnd {
+    /// The direction of the ports that it is connected with.
+    direction: Direction,
+    /// Its use of values, as a clause of a sentence.
+    what: &'static str,
+    /// The reason why it has no calls, as a clause.
+    not_called: &'static str,
+}
+
+impl OutsideEnd {
+    /// Returns why a port cannot be connected with it, whatever its type.
+    fn misfit(&self, name: &Name, port: &Port, error: impl Fn(String) -> Diagnostic) -> Option<Diagnostic> {
+        let Self { direction, what, not_called } = self;
+        if port.call.is_some() {
+            return Some(error(format!("`{}` is for calls, and {not_called}", name.text)));
+        }
+        if port.direction == *direction {
+            return None;
+        }
+        let is = if port.direction == Direction::In { "an input" } else { "an output" };
+        let diagnostic = error(format!("`{}` is {is}, but {what}", name.text));
+        Some(diagnostic.help("exchange the ends of the connection, or name another port"))
+    }
+}
+
 /// The ports of all modules and groups, by name.
 struct Interfaces<'a> {
     modules: Vec<BTreeMap<&'a str, &'a Port>>,

@@ -2,6 +2,7 @@
 
 mod backoff;
 mod keys;
+mod outside;
 mod policy;
 mod quality;
 mod supervision;

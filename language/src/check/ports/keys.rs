@@ -1,5 +1,6 @@
 //! Checks the ports that are connected with keys of the database.
 
+use super::OutsideEnd;
 use crate::check::spec::{Direction, KeyConnection, Port};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DATABASE;
@@ -28,22 +29,17 @@ pub(super) fn check(connection: &KeyConnection, port: &Port) -> Option<Diagnosti
         let diagnostic = Diagnostic::new(Code::E0308, name.span, message);
         diagnostic.reason(port.name.span, "declared here")
     };
-    if port.call.is_some() {
-        return Some(error(format!("`{}` is for calls, and the database is not called", name.text)));
-    }
     let (direction, types, what) = match connection.is_write {
-        true => (Direction::Out, &PUTS[..], "puts what an output sends"),
-        false => (Direction::In, &HEARS[..], "sends to an input"),
+        true => (Direction::Out, &PUTS[..], "the database puts what an output sends"),
+        false => (Direction::In, &HEARS[..], "the database sends to an input"),
     };
-    if port.direction != direction {
-        let is = if port.direction == Direction::In { "an input" } else { "an output" };
-        let diagnostic = error(format!("`{}` is {is}, but the database {what}", name.text));
-        return Some(diagnostic.help("exchange the ends of the connection, or name another port"));
+    let outside = OutsideEnd { direction, what, not_called: "the database is not called" };
+    if let Some(diagnostic) = outside.misfit(name, port, error) {
+        return Some(diagnostic);
     }
     let kind = port.kind.as_ref()?.to_string();
     let fits = types.contains(&kind.as_str());
     let known: Vec<String> = types.iter().map(|name| format!("`{name}`")).collect();
-    let message =
-        || format!("`{}` is of type `{kind}`, but the database {what} of type {}", name.text, known.join(" or "));
+    let message = || format!("`{}` is of type `{kind}`, but {what} of type {}", name.text, known.join(" or "));
     (!fits).then(|| error(message()).help("controllers have these types from the SDK"))
 }

@@ -1,5 +1,6 @@
 //! Checks the ports that are connected with topics of ROS 2.
 
+use super::OutsideEnd;
 use crate::check::spec::{Direction, Port, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
 use ros::logic::library;
@@ -18,17 +19,13 @@ pub(super) fn check(connection: &TopicConnection, port: &Port) -> Option<Diagnos
         let diagnostic = Diagnostic::new(Code::E0309, name.span, message);
         diagnostic.reason(port.name.span, "declared here")
     };
-    if port.call.is_some() {
-        return Some(error(format!("`{}` is for calls, and a topic has messages", name.text)));
-    }
     let (direction, what) = match connection.way {
         Way::ToRos => (Direction::Out, "the topic has the values of an output"),
         Way::FromRos => (Direction::In, "the topic sends to an input"),
     };
-    if port.direction != direction {
-        let is = if port.direction == Direction::In { "an input" } else { "an output" };
-        let diagnostic = error(format!("`{}` is {is}, but {what}", name.text));
-        return Some(diagnostic.help("exchange the ends of the connection, or name another port"));
+    let outside = OutsideEnd { direction, what, not_called: "a topic has messages" };
+    if let Some(diagnostic) = outside.misfit(name, port, error) {
+        return Some(diagnostic);
     }
     let kind = port.kind.as_ref().map(ToString::to_string);
     if kind.as_deref().and_then(message).is_some() {

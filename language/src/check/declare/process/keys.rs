@@ -1,35 +1,26 @@
 //! Reads connections with keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
 
-use super::topics::ends;
+use super::outside;
 use crate::check::names::Names;
 use crate::check::spec::KeyConnection;
 use crate::check::value::is_key;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::SyntaxKind::{self, BackArrow, Text};
+use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Node, Token};
 
 /// Returns the connections of a group with keys; reports the impossible ones.
 pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
     let mut all = Vec::new();
-    for section in group.children_of(SyntaxKind::Connections) {
-        let owner = section.child(SyntaxKind::Owner);
-        for node in section.children_of(SyntaxKind::Connection) {
-            let keys: Vec<Node> = node.children_of(SyntaxKind::Keys).collect();
-            let Some(first) = keys.first() else { continue };
-            if let Some(why) = misplaced(&node, &keys, owner.as_ref()) {
-                names.diagnostics.push(why);
-                continue;
+    outside::each(group, SyntaxKind::Keys, misplaced, names, |found, names| {
+        let (is_write, span) = (found.is_outward, found.node.span());
+        match keys_of(&found.name, is_write) {
+            Ok(keys) => {
+                let of = |endpoint| KeyConnection { endpoint, keys: keys.clone(), is_write, span };
+                all.extend(found.ends(names).into_iter().map(of));
             }
-            // Otherwise the text is damaged, which was reported.
-            let (Some(text), Some(end)) = (first.token(Text), node.child(SyntaxKind::Endpoint)) else { continue };
-            let is_first = first.span().start < end.span().start;
-            let is_write = is_first == node.token(BackArrow).is_some();
-            match keys_of(&text, is_write) {
-                Ok(keys) => all.extend(connections(&node, &end, &keys, is_write, names)),
-                Err(why) => names.diagnostics.push(*why),
-            }
+            Err(why) => names.diagnostics.push(*why),
         }
-    }
+    });
     all
 }
 
@@ -48,8 +39,7 @@ fn misplaced(connection: &Node, keys: &[Node], owner: Option<&Node>) -> Option<D
     let owner = owner?;
     let diagnostic =
         error(&keys[0], "the database is connected for as long as the process runs, whatever connection set is open");
-    let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
-    Some(diagnostic.help("write it in a section of its own: `internal_connections{ ... }`"))
+    Some(outside::owned(diagnostic, owner))
 }
 
 /// Reads a key, or a prefix that ends in `/**`, which is returned with a `/` at its end.
@@ -87,9 +77,4 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
         ));
     }
     Ok(format!("{key}{end}"))
-}
-
-fn connections(node: &Node, end: &Node, keys: &str, is_write: bool, names: &mut Names<'_>) -> Vec<KeyConnection> {
-    let of = |endpoint| KeyConnection { endpoint, keys: keys.to_owned(), is_write, span: node.span() };
-    ends(end, names).into_iter().map(of).collect()
 }

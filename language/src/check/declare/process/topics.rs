@@ -1,11 +1,10 @@
 //! Reads connections with topics of ROS 2: `avoid, Cmd -> topic("/cmd_vel", qos = reliable(10));`
 
-use super::endpoint;
-use crate::check::index;
+use super::outside;
 use crate::check::names::Names;
-use crate::check::spec::{Binding, Endpoint, TopicConnection};
+use crate::check::spec::TopicConnection;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::SyntaxKind::{self, BackArrow, Number, Text};
+use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::{Name, Node, Token};
 use ros::logic::key::GraphName;
 use ros::logic::qos::Qos;
@@ -17,46 +16,20 @@ const DEPTH: u64 = 10;
 /// Returns the connections of a group with topics; reports the impossible ones.
 pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<TopicConnection> {
     let mut all = Vec::new();
-    for section in group.children_of(SyntaxKind::Connections) {
-        let owner = section.child(SyntaxKind::Owner);
-        for node in section.children_of(SyntaxKind::Connection) {
-            let topics: Vec<Node> = node.children_of(SyntaxKind::Topic).collect();
-            let Some(first) = topics.first() else { continue };
-            if let Some(why) = misplaced(&node, &topics, owner.as_ref()) {
-                names.diagnostics.push(why);
-                continue;
+    outside::each(group, SyntaxKind::Topic, misplaced, names, |found, names| {
+        let way = if found.is_outward { Way::ToRos } else { Way::FromRos };
+        match (name_of(&found.name), quality_of(&found.outside)) {
+            (Ok(name), Ok(qos)) => {
+                let span = found.node.span();
+                let of = |endpoint| TopicConnection { endpoint, name: name.clone(), qos, way, span };
+                all.extend(found.ends(names).into_iter().map(of));
             }
-            // Otherwise the text is damaged, which was reported.
-            let (Some(text), Some(end)) = (first.token(Text), node.child(SyntaxKind::Endpoint)) else { continue };
-            let is_first = first.span().start < end.span().start;
-            let way = if is_first == node.token(BackArrow).is_some() { Way::ToRos } else { Way::FromRos };
-            let (name, qos) = match (name_of(&text), quality_of(first)) {
-                (Ok(name), Ok(qos)) => (name, qos),
-                (name, qos) => {
-                    let problems = [name.err(), qos.err()];
-                    problems.into_iter().flatten().for_each(|why| names.diagnostics.push(*why));
-                    continue;
-                }
-            };
-            let of = |endpoint| TopicConnection { endpoint, name: name.clone(), qos, way, span: node.span() };
-            all.extend(ends(&end, names).into_iter().map(of));
+            (name, qos) => {
+                let problems = [name.err(), qos.err()];
+                problems.into_iter().flatten().for_each(|why| names.diagnostics.push(*why));
+            }
         }
-    }
-    all
-}
-
-/// Returns the ends that an end of a connection means: `robot[i], Claims` means one for each robot.
-pub(super) fn ends(end: &Node, names: &mut Names<'_>) -> Vec<Endpoint> {
-    let mut all = Vec::new();
-    let variable = index::unbound(std::slice::from_ref(end), names, &[]);
-    let count = variable.as_ref().map_or(1, |(_, count)| *count);
-    let mut rounds = names.diagnostics.rounds();
-    for round in 0..count {
-        let bound: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
-        let endpoint = endpoint(end, names, &bound);
-        names.diagnostics.end_round(&mut rounds);
-        all.extend(endpoint);
-    }
+    });
     all
 }
 
@@ -75,8 +48,7 @@ fn misplaced(connection: &Node, topics: &[Node], owner: Option<&Node>) -> Option
     }
     let owner = owner?;
     let diagnostic = error(&topics[0], "a topic is connected while the mission runs, whatever connection set is open");
-    let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
-    Some(diagnostic.help("write it in a section of its own: `internal_connections{ ... }`"))
+    Some(outside::owned(diagnostic, owner))
 }
 
 fn name_of(text: &Token) -> Result<GraphName, Box<Diagnostic>> {
@@ -96,7 +68,7 @@ fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
     };
     // Without a word the text is damaged, which was reported.
     let Some(Name { text: word, .. }) = node.names().next() else { return Ok(Qos::default()) };
-    // A number that is no depth is 0, which is refused.
+    // A number that cannot be a depth is read as 0, which is refused.
     let depth = node.token(Number).map(|number| number.text().replace('_', "").parse().unwrap_or(0));
     quality(&word, depth).map_err(|why| Box::new(Diagnostic::new(Code::E0309, node.span(), why)))
 }

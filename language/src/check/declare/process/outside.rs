@@ -1,0 +1,75 @@
+//! Reads connections whose other end is outside of all processes: keys of the database, or a topic of ROS 2.
+
+use super::endpoint;
+use crate::check::index;
+use crate::check::names::Names;
+use crate::check::spec::{Binding, Endpoint};
+use crate::diagnostic::Diagnostic;
+use crate::syntax::SyntaxKind::{self, BackArrow, Text};
+use crate::syntax::ast::{Node, Token};
+
+/// A connection of a port with an end outside, as the text has it.
+pub(super) struct OutsideConnection {
+    pub(super) node: Node,
+    /// The end outside, and its name.
+    pub(super) outside: Node,
+    pub(super) name: Token,
+    /// Whether values go from the port to the outside.
+    pub(super) is_outward: bool,
+    end: Node,
+}
+
+/// Returns why the ends of a connection are not allowed, given its ends outside and the owner of its section.
+type Misplaced = fn(&Node, &[Node], Option<&Node>) -> Option<Diagnostic>;
+
+/// Reads the connections of a group with ends of this kind, one after the other. Reports the misplaced ones.
+pub(super) fn each(
+    group: &Node,
+    kind: SyntaxKind,
+    misplaced: Misplaced,
+    names: &mut Names<'_>,
+    mut read: impl FnMut(&OutsideConnection, &mut Names<'_>),
+) {
+    for section in group.children_of(SyntaxKind::Connections) {
+        let owner = section.child(SyntaxKind::Owner);
+        for node in section.children_of(SyntaxKind::Connection) {
+            let outside: Vec<Node> = node.children_of(kind).collect();
+            if outside.is_empty() {
+                continue;
+            }
+            if let Some(why) = misplaced(&node, &outside, owner.as_ref()) {
+                names.diagnostics.push(why);
+                continue;
+            }
+            let Some(outside) = outside.into_iter().next() else { continue };
+            // Otherwise the text is damaged, which was reported.
+            let (Some(name), Some(end)) = (outside.token(Text), node.child(SyntaxKind::Endpoint)) else { continue };
+            let is_first = outside.span().start < end.span().start;
+            let is_outward = is_first == node.token(BackArrow).is_some();
+            read(&OutsideConnection { node, outside, name, is_outward, end }, names);
+        }
+    }
+}
+
+impl OutsideConnection {
+    /// Returns the ports that its other end means: `robot[i], Claims` means one for each robot.
+    pub(super) fn ends(&self, names: &mut Names<'_>) -> Vec<Endpoint> {
+        let mut all = Vec::new();
+        let variable = index::unbound(std::slice::from_ref(&self.end), names, &[]);
+        let count = variable.as_ref().map_or(1, |(_, count)| *count);
+        let mut rounds = names.diagnostics.rounds();
+        for round in 0..count {
+            let bound: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
+            let endpoint = endpoint(&self.end, names, &bound);
+            names.diagnostics.end_round(&mut rounds);
+            all.extend(endpoint);
+        }
+        all
+    }
+}
+
+/// Adds the owner of a section to the diagnostic of a connection that has none.
+pub(super) fn owned(diagnostic: Diagnostic, owner: &Node) -> Diagnostic {
+    let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
+    diagnostic.help("write it in a section of its own: `internal_connections{ ... }`")
+}
