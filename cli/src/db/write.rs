@@ -12,9 +12,10 @@ use dbmanager::logic::view::value::{Datum, TextError};
 use node::console::{self, Failure};
 use node::logic::database::question::{AckLevel, Commit, Question, Reply};
 use node::logic::database::settings::spelt;
+use node::logic::database::table::no_robot;
 use node::logic::parameters::{self, Verdict};
 use node::logic::protocol::InstanceParameters;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// The arguments of every verb that commits.
@@ -233,20 +234,6 @@ impl CommitArgs {
     }
 }
 
-/// Says that the team has no robot of that name, if its members are known.
-fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Option<String> {
-    let members: BTreeSet<&str> = members.collect();
-    if members.is_empty() || members.contains(robot) {
-        return None;
-    }
-    let hint = language::nearest(robot, members.iter().copied()).map(|near| format!("; did you mean `{near}`?"));
-    let all = members.iter().map(|member| format!("`{member}`")).collect::<Vec<_>>().join(", ");
-    Some(format!(
-        "the team has no robot `{robot}`, so nothing was written: its robots are {all}{}",
-        hint.unwrap_or_default()
-    ))
-}
-
 /// Reads a value as in TOML; a parameter may be a quantity, which is a separate text.
 pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
     Datum::from_toml(value).or_else(|error| {
@@ -313,17 +300,6 @@ fn time(text: &str) -> Result<Duration, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_robot_that_is_not_in_the_team_is_named() {
-        let why = no_robot("r99", ["r1", "r9", "r9"].into_iter()).unwrap();
-        assert_eq!(
-            why,
-            "the team has no robot `r99`, so nothing was written: its robots are `r1`, `r9`; did you mean `r9`?"
-        );
-        assert_eq!(no_robot("r1", ["r1", "r2"].into_iter()), None);
-        assert_eq!(no_robot("r1", std::iter::empty()), None, "who is in no team knows no robot");
-    }
 
     #[test]
     fn levels_and_times() {

@@ -1,12 +1,10 @@
 //! The orders of an operator: begin a team, join another one, retire a member, heal the clock.
 
 use super::question::{Own, Question, Reply};
-use super::{Database, Effect, status};
-use crate::logic::printable::one_line;
+use super::{Database, Effect, status, table};
 use comms::logic::time::Time;
 use dbmanager::logic::replica;
 use dbmanager::logic::version_vector::ReplicaId;
-use std::collections::BTreeSet;
 
 impl Database {
     /// Does what an operator wants.
@@ -57,15 +55,13 @@ impl Database {
         self.found(now, effects)
     }
 
-    /// Returns why keys are not given to a robot: the team has none of that name, and nobody could write there.
+    /// Returns why keys are not given to a robot: the team has none of that name, so nothing could be written there.
     pub(super) fn unknown_owner(&self, own: &Own) -> Option<String> {
         let robot = own.robot.as_ref().filter(|robot| **robot != self.place.robot)?;
-        let members: BTreeSet<&str> = self.replica.members().active().map(|(_, member)| member).collect();
-        (!members.contains(robot.as_str())).then(|| {
-            let all: Vec<String> = members.iter().map(|member| format!("`{member}`")).collect();
-            let all = if all.is_empty() { "not known yet".to_owned() } else { all.join(", ") };
-            format!("the team has no robot `{}`, so nothing was given to it: its robots are {all}", one_line(robot))
-        })
+        if !self.replica.is_member() {
+            return Some(format!("`{}` belongs to no team yet, so it can give keys to itself alone", self.place.robot));
+        }
+        table::no_robot(robot, self.replica.members().active().map(|(_, member)| member))
     }
 
     /// Retires the previous names of a robot.

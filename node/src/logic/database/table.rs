@@ -1,11 +1,13 @@
-//! `dca db status` as text.
+//! `dca db status` as text, and the refusal for a robot that the team does not have.
 
 use super::question::{Clock, MemberStatus, Status};
+use crate::logic::printable::one_line;
 use crate::logic::table::{counted, table};
 use comms::logic::human::size;
 use dbmanager::logic::view::date;
 use dbmanager::logic::view::status::Lag;
 use std::cmp::Reverse;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How many digits of a state are shown: enough to compare two by eye.
@@ -168,9 +170,35 @@ fn indented(text: &str) -> String {
     text.lines().map(|line| format!("  {line}").trim_end().to_owned()).collect::<Vec<_>>().join("\n")
 }
 
+/// Returns why nothing is written for a robot: the team has none of that name. None if it has, or if its members are not known.
+pub fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Option<String> {
+    let members: BTreeSet<&str> = members.collect();
+    if members.is_empty() || members.contains(robot) {
+        return None;
+    }
+    let hint = language::nearest(robot, members.iter().copied()).map(|near| format!("; did you mean `{near}`?"));
+    let all = members.iter().map(|member| format!("`{member}`")).collect::<Vec<_>>().join(", ");
+    Some(format!(
+        "the team has no robot `{}`, so nothing was written: its robots are {all}{}",
+        one_line(robot),
+        hint.unwrap_or_default()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_robot_that_is_not_in_the_team_is_named() {
+        let why = no_robot("r99", ["r1", "r9", "r9"].into_iter()).unwrap();
+        assert_eq!(
+            why,
+            "the team has no robot `r99`, so nothing was written: its robots are `r1`, `r9`; did you mean `r9`?"
+        );
+        assert_eq!(no_robot("r1", ["r1", "r2"].into_iter()), None);
+        assert_eq!(no_robot("r1", std::iter::empty()), None, "who is in no team knows no robot");
+    }
     use crate::logic::database::question::{ContentsStatus, StoreStatus};
     use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
     use dbmanager::logic::view::past::When;
