@@ -24,6 +24,11 @@ use std::time::Duration;
 /// The most bytes that a process may leave for the next one.
 pub const VALUE_MAX: usize = 1 << 20;
 
+/// Returns why a process may not leave a value of so many bytes; none if it may.
+pub fn too_large(size: usize) -> Option<String> {
+    (size > VALUE_MAX).then(|| format!("it leaves a value of {size} bytes; {VALUE_MAX} are allowed"))
+}
+
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Location {

@@ -1,6 +1,6 @@
 //! The end of an activation, and the notice of it.
 
-use comms::logic::control::{Notice, VALUE_MAX};
+use comms::logic::control::{self, Notice};
 
 /// The most bytes of a reason to abort. A longer one is cut.
 const REASON_MAX: usize = 4096;
@@ -18,14 +18,10 @@ impl Ending {
     /// too large is an abort, and a reason that is too long is cut.
     pub(super) fn notice(self, activation: u32) -> Notice {
         match self {
-            Self::Done(value) if value.len() > VALUE_MAX => {
-                let size = value.len();
-                Notice::Aborted {
-                    activation,
-                    reason: format!("it leaves a value of {size} bytes; {VALUE_MAX} are allowed"),
-                }
-            }
-            Self::Done(value) => Notice::Done { activation, value },
+            Self::Done(value) => match control::too_large(value.len()) {
+                None => Notice::Done { activation, value },
+                Some(reason) => Notice::Aborted { activation, reason },
+            },
             Self::Aborted(reason) => Notice::Aborted { activation, reason: cut(reason) },
             Self::Stopped => Notice::Stopped { activation },
         }
@@ -44,6 +40,7 @@ fn cut(mut reason: String) -> String {
 mod tests {
     use super::*;
     use comms::io::control::notice_frame;
+    use comms::logic::control::VALUE_MAX;
 
     fn check(ending: Ending, expected: &str) {
         let notice = ending.notice(1);

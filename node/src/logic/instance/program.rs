@@ -7,7 +7,7 @@ use super::{
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::codec::WIRE_VERSION;
-use comms::logic::control::{Notice, Order, VALUE_MAX};
+use comms::logic::control::{self, Notice, Order};
 use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {
@@ -46,11 +46,9 @@ impl Instance {
             Notice::Done { .. }
                 if self.is_new_service() && self.is_turned_away(FailureCause::ServiceEnded, context) => {}
             Notice::Done { activation, value } => {
-                let ending = if value.len() <= VALUE_MAX {
-                    Ending::Done(value)
-                } else {
-                    let why = format!("it leaves a value of {} bytes; {VALUE_MAX} are allowed", value.len());
-                    Ending::Aborted(self.failure(FailureCause::Reported(why), context))
+                let ending = match control::too_large(value.len()) {
+                    None => Ending::Done(value),
+                    Some(why) => Ending::Aborted(self.failure(FailureCause::Reported(why), context)),
                 };
                 self.ended(activation, ending, context);
             }
