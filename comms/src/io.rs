@@ -13,5 +13,6 @@ pub mod file;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;
+mod soft_limit;
 pub mod stack;
 pub mod stream;

@@ -1,7 +1,8 @@
 //! Whether the kernel writes the memory of this process to the disk when it crashes. A node and a command hold keys and secrets,
 //! so they have the soft limit 0 for that. Programs that they start get the original limit back.
 
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use super::soft_limit;
+use rustix::process::{Resource, getrlimit};
 use std::sync::OnceLock;
 
 /// No limit, as the kernel writes it.
@@ -23,16 +24,13 @@ pub fn before() -> Option<u64> {
 
 /// Sets the soft limit of this process, for the programs that it starts.
 pub fn set(bytes: u64) {
-    let Rlimit { maximum, .. } = getrlimit(Resource::Core);
-    let current = Some(bytes).filter(|bytes| *bytes != UNLIMITED);
-    if let Err(error) = setrlimit(Resource::Core, Rlimit { current, maximum }) {
-        tracing::debug!(%error, "the limit of core dumps stays as it is");
-    }
+    soft_limit::set(Resource::Core, Some(bytes).filter(|bytes| *bytes != UNLIMITED));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rustix::process::Rlimit;
 
     #[test]
     fn this_process_writes_no_core_and_remembers_its_limit() {

@@ -4,7 +4,8 @@
 //! select and may have many connections, so it raises its limit to the hard limit. Programs that it starts get the
 //! original limit back.
 
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use super::soft_limit;
+use rustix::process::{Resource, Rlimit, getrlimit};
 use std::sync::OnceLock;
 
 /// The soft limit that this process was started with.
@@ -24,10 +25,7 @@ pub fn before() -> Option<u64> {
 
 /// Sets the soft limit of this process, for the programs it starts.
 pub fn set(current: Option<u64>) {
-    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, maximum }) {
-        tracing::debug!(%error, "the limit of descriptors stays as it is");
-    }
+    soft_limit::set(Resource::Nofile, current);
 }
 
 /// Closes everything this process has inherited except standard input, output and errors. It was not meant for this
