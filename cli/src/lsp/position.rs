@@ -55,7 +55,7 @@ impl Lines {
 
     /// The position of a byte offset.
     pub(super) fn position(&self, text: &str, offset: usize, encoding: Encoding) -> Position {
-        let offset = (0..=offset.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
+        let offset = text.floor_char_boundary(offset);
         let line = self.starts.partition_point(|&start| start <= offset).saturating_sub(1);
         let start = self.starts.get(line).copied().unwrap_or(0);
         let column = match encoding {

@@ -76,7 +76,7 @@ impl Analysis {
     /// the bytes of that.
     pub fn complete(&self, offset: usize) -> (std::ops::Range<usize>, Vec<Completion>) {
         let text = &self.spec.text;
-        let offset = (0..=offset.min(text.len())).rev().find(|&offset| text.is_char_boundary(offset)).unwrap_or(0);
+        let offset = text.floor_char_boundary(offset);
         let part = |c: char| c.is_alphanumeric() || c == '_';
         let start =
             text[..offset].rfind(|c| !part(c)).map_or(0, |at| at + text[at..].chars().next().map_or(1, char::len_utf8));

@@ -333,7 +333,7 @@ impl StateChart {
 
 /// The bytes of a text, as a program reads its value.
 pub fn text_value(text: &str) -> Value {
-    let end = (0..=text.len().min(TEXT_MAX)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+    let end = text.floor_char_boundary(TEXT_MAX);
     let mut bytes = Vec::with_capacity(end + 3);
     let mut length = end;
     // The length, seven bits a byte, the least significant first.

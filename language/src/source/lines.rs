@@ -51,9 +51,7 @@ impl<'a> Lines<'a> {
 
     /// The nearest boundary of a character at or before an offset.
     pub(crate) fn boundary(&self, offset: usize) -> usize {
-        let text = &self.source.text;
-        let offset = offset.min(text.len());
-        (0..=offset).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0)
+        self.source.text.floor_char_boundary(offset)
     }
 
     fn line_of(&self, offset: usize) -> usize {

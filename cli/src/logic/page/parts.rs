@@ -166,10 +166,7 @@ fn outputs(run: &Run) -> String {
     let mut text = String::new();
     for (path, chunks) in run.outputs() {
         let whole = chunks.join("\n");
-        let mut from = whole.len().saturating_sub(OUTPUT_MAX);
-        while !whole.is_char_boundary(from) {
-            from += 1;
-        }
+        let from = whole.ceil_char_boundary(whole.len().saturating_sub(OUTPUT_MAX));
         let lines: Vec<String> = whole[from..].lines().map(plain).collect();
         let more = if from > 0 { format!("({from} bytes before are in the record)\n") } else { String::new() };
         let (path, lines, count) = (escape(path), escape(&lines.join("\n")), counted(lines.len(), "line"));

@@ -162,8 +162,7 @@ impl Executer {
     }
 
     fn tell_people(&self, text: String, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let end = (0..=text.len().min(TEXT_MAX)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
-        let change = Change::Says { text: printable(text.get(..end).unwrap_or("")) };
+        let change = Change::Says { text: printable(&text[..text.floor_char_boundary(TEXT_MAX)]) };
         let target = Target::Group(self.group);
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }
