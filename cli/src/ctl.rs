@@ -4,7 +4,7 @@ use crate::ConnectArgs;
 use crate::client::{Clients, unasked};
 use crate::complete;
 use crate::io::user;
-use crate::logic::process_name::{DeploymentName, ProcessName};
+use crate::logic::process_name::{DeploymentName, ProcessName, is_path};
 use crate::stop::{Located, locate};
 use anyhow::{anyhow, bail};
 use clap_complete::ArgValueCompleter;
@@ -147,9 +147,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
     }
     let (name, process) = (deployment.name.clone(), activity.process().unwrap_or_default().to_owned());
-    let end = format!("/{process}");
-    let is_meant = |shown: &&ProcessStatus| shown.path == process || shown.path.ends_with(&end);
-    let meant: Vec<&ProcessStatus> = shown.iter().filter(is_meant).collect();
+    let meant: Vec<&ProcessStatus> = shown.iter().filter(|shown| is_path(&shown.path, &process)).collect();
     let Some(order) = &arguments.order else {
         let [one] = meant.as_slice() else {
             return Err(anyhow!("{} activities of `{deployment}` that run are called `{process}`", meant.len()).into());

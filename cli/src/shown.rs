@@ -18,6 +18,7 @@ use comms::logic::object::{ExportKind, Exported};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Deployment, leaves};
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
@@ -120,14 +121,13 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
             }
         }
         rows.sort_by(|one, other| (&one.0, &one.1).cmp(&(&other.0, &other.1)));
-        let (json, text) = (T::json(&rows), T::table(&rows));
-        let now = if arguments.json { json.to_string() } else { text.clone() };
         if arguments.json || !rows.is_empty() {
+            let now = if arguments.json { T::json(&rows) } else { Value::String(T::table(&rows)) };
             if shown.as_ref() != Some(&now) {
-                if arguments.json {
-                    console::answer(&json);
+                if let Value::String(table) = &now {
+                    console::say(table);
                 } else {
-                    console::say(&text);
+                    console::answer(&now);
                 }
                 shown = Some(now);
             }

@@ -129,7 +129,7 @@ impl ProcessName {
 }
 
 /// Returns whether a path matches a person's text, by the whole of it or its end.
-fn is_path(path: &str, meant: &str) -> bool {
+pub(crate) fn is_path(path: &str, meant: &str) -> bool {
     path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }
 
