@@ -25,7 +25,7 @@ pub(super) fn declare(
     input: &PortInterface,
 ) -> Result<Responder, DataError> {
     let form = codec::encode(&form(input)).ok();
-    let sealer = keyring.map(|keyring| keyring.sealer((number, Use::Type), wire));
+    let sealer = keyring.map(|keyring| keyring.sealer(number, Use::Type, wire));
     answer_with(session, &key::wire_type(wire), sealer, move || form.clone())
 }
 
@@ -43,7 +43,7 @@ pub(super) fn check(
     let (key, until) = (key::wire_type(wire), now() + ANSWER_WITHIN);
     let asked = match keyring {
         None => session.ask(&key, ANSWER_WITHIN),
-        Some(keyring) => session.ask_sealed(&key, keyring.opener((number, Use::Type), wire), ANSWER_WITHIN),
+        Some(keyring) => session.ask_sealed(&key, keyring.opener(number, Use::Type, wire), ANSWER_WITHIN),
     };
     let theirs = asked
         .and_then(|asked| asked.answer(until))

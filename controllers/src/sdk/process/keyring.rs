@@ -192,22 +192,22 @@ impl Keyring {
     }
 
     /// Returns what seals one use of a wire for its other end. `key` is that of the wire, or of the calls.
-    pub(super) fn sealer(&self, of: (u32, Use), key: &str) -> Arc<Sealer> {
-        self.sealer_in(&mut self.state(), of, key)
+    pub(super) fn sealer(&self, wire: u32, used: Use, key: &str) -> Arc<Sealer> {
+        self.sealer_in(&mut self.state(), wire, used, key)
     }
 
     /// Returns what opens one use of a wire that its other end has sealed.
-    pub(super) fn opener(&self, of: (u32, Use), key: &str) -> Arc<Opener> {
-        self.opener_in(&mut self.state(), of, key)
+    pub(super) fn opener(&self, wire: u32, used: Use, key: &str) -> Arc<Opener> {
+        self.opener_in(&mut self.state(), wire, used, key)
     }
 
     /// Returns how calls go over a wire to the server of these keys.
     pub(super) fn way(&self, wire: u32, keys: &ObjectKeys) -> CallWay {
         let mut state = self.state();
         CallWay::Sealed {
-            call: self.sealer_in(&mut state, (wire, Use::Call), &keys.call),
-            cancel: self.sealer_in(&mut state, (wire, Use::Cancel), &keys.cancel),
-            answer: self.opener_in(&mut state, (wire, Use::Result), &keys.call),
+            call: self.sealer_in(&mut state, wire, Use::Call, &keys.call),
+            cancel: self.sealer_in(&mut state, wire, Use::Cancel, &keys.cancel),
+            answer: self.opener_in(&mut state, wire, Use::Result, &keys.call),
         }
     }
 
@@ -227,9 +227,9 @@ impl Keyring {
         let Some(Serving { keys, gate }) = state.serving.take() else { return };
         let mut callers = Vec::new();
         for (wire, partner) in state.partners.clone() {
-            let sealer = self.sealer_in(state, (wire, Use::Result), &keys.call);
+            let sealer = self.sealer_in(state, wire, Use::Result, &keys.call);
             for (used, key) in [(Use::Call, &keys.call), (Use::Cancel, &keys.cancel)] {
-                let (opener, sealer) = (self.opener_in(state, (wire, used), key), Arc::clone(&sealer));
+                let (opener, sealer) = (self.opener_in(state, wire, used, key), Arc::clone(&sealer));
                 let caller = Caller { session: partner.session.clone(), opener, sealer };
                 callers.extend(caller.opener.key_id().map(|id| (id, caller)));
             }
@@ -238,23 +238,23 @@ impl Keyring {
         state.serving = Some(Serving { keys, gate });
     }
 
-    fn sealer_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Sealer> {
-        let sealing = self.key(state, of.0, of.1, key, Sealing::Here);
+    fn sealer_in(&self, state: &mut State, wire: u32, used: Use, key: &str) -> Arc<Sealer> {
+        let sealing = self.key(state, wire, used, key, Sealing::Here);
         let new = || (key.to_owned(), Arc::new(Sealer::new(&self.counter)));
-        let (about, sealer) = state.sealers.entry(of).or_insert_with(new);
+        let (about, sealer) = state.sealers.entry((wire, used)).or_insert_with(new);
         key.clone_into(about);
         sealer.set(sealing);
         Arc::clone(sealer)
     }
 
-    fn opener_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Opener> {
-        let sealing = self.key(state, of.0, of.1, key, Sealing::There);
-        let (inbox, wire) = (Arc::clone(&self.inbox), of.0);
+    fn opener_in(&self, state: &mut State, wire: u32, used: Use, key: &str) -> Arc<Opener> {
+        let sealing = self.key(state, wire, used, key, Sealing::There);
+        let inbox = Arc::clone(&self.inbox);
         let new = || {
             let refused = move |why, from| inbox.refuse(wire, why, from);
             (key.to_owned(), Arc::new(Opener::new(refused)))
         };
-        let (about, opener) = state.openers.entry(of).or_insert_with(new);
+        let (about, opener) = state.openers.entry((wire, used)).or_insert_with(new);
         key.clone_into(about);
         opener.set(sealing);
         Arc::clone(opener)

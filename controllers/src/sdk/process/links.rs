@@ -175,7 +175,7 @@ impl Links {
             let port = input.name;
             if incoming.pull {
                 let (key, session) = (incoming.key.clone(), Arc::clone(session));
-                let opener = keyring.map(|keyring| keyring.opener((number, Use::Values), &key));
+                let opener = keyring.map(|keyring| keyring.opener(number, Use::Values, &key));
                 made.fetches.insert(number, Arc::new(Fetch::new(port, key, session, opener)));
             } else {
                 let hold = Hold::of(&self.shape_of(number));

@@ -294,7 +294,7 @@ impl Ways<'_> {
         let key = &incoming.key;
         let heard = match self.keyring {
             None => self.session.on_wire(key, hear),
-            Some(keyring) => self.session.on_sealed_wire(key, keyring.opener((wire, Use::Values), key), hear),
+            Some(keyring) => self.session.on_sealed_wire(key, keyring.opener(wire, Use::Values, key), hear),
         };
         heard.map(|subscription| WireInput::Zenoh { _subscription: subscription }).map_err(|error| error.to_string())
     }
@@ -313,7 +313,7 @@ pub(super) fn wire(
     let port = port(interface, &outgoing.port, Direction::Out)?.name;
     let failed = |error: DataError| format!("output `{port}`: {error}");
     let key = &outgoing.key;
-    let sealer = keyring.map(|keyring| keyring.sealer((outgoing.wire, Use::Values), key));
+    let sealer = keyring.map(|keyring| keyring.sealer(outgoing.wire, Use::Values, key));
     let way = if outgoing.pull {
         let latest: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
         let theirs = Arc::clone(&latest);
