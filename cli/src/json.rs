@@ -21,8 +21,6 @@ pub(crate) fn with_json(command: Command) -> Command {
 mod tests {
     use super::*;
     use clap::CommandFactory as _;
-    use std::fs;
-    use std::path::{Path, PathBuf};
 
     /// Verbs without an answer: they show a mission, or write for a program of its own form.
     const OTHERS: [&str; 6] = ["attach", "completions", "deploy", "lsp", "man", "run"];
@@ -48,21 +46,5 @@ mod tests {
             let has_option = verb.get_arguments().any(|option| option.get_id() == "json");
             assert_eq!(has_option, !OTHERS.contains(&words[0].as_str()), "dca {}", words.join(" "));
         }
-    }
-
-    /// Only `console::answer` writes JSON as a result, so that each is one line.
-    #[test]
-    fn every_answer_is_one_line() {
-        let mut files = vec![PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/src"))];
-        while let Some(path) = files.pop() {
-            if path.is_dir() {
-                files.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
-                continue;
-            }
-            let text = fs::read_to_string(&path).unwrap();
-            let (pretty, document) = (concat!("to_string", "_pretty"), concat!("document", ":#}"));
-            assert!(!text.contains(pretty) && !text.contains(document), "{}", path.display());
-        }
-        assert!(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/json.rs")).is_file());
     }
 }

@@ -252,6 +252,15 @@ fn one_place_names_the_engine_of_the_store() {
 }
 
 #[test]
+fn every_answer_in_json_is_one_line() {
+    let words = [concat!("to_string", "_pretty"), concat!("document", ":#}")];
+    let sources = sources().into_iter().filter(|source| source.path.starts_with("cli/src/"));
+    let pretty = sources.flat_map(|source| words.map(|word| (source.path.clone(), source.text.contains(word))));
+    let pretty: Vec<String> = pretty.filter(|(_, is_there)| *is_there).map(|(path, _)| path).collect();
+    check("`console::answer` alone writes an answer in JSON, on one line", &pretty);
+}
+
+#[test]
 fn one_place_of_each_program_prints() {
     let places =
         ["cli/src/output.rs", "node/src/console.rs", "node/shim/src/main.rs", "controllers/src/sdk/process.rs"];
