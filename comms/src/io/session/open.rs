@@ -255,7 +255,7 @@ impl Opened {
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
             let why = lock(&self.dialler.links).troubles.remove(session);
             let why = why.map(|why| format!(" ({why})")).unwrap_or_default();
-            format!("no node answers at {} within {}{why}", places.join(", "), span(within))
+            format!("nothing answers at {} within {}{why}", places.join(", "), span(within))
         })
     }
 

@@ -98,7 +98,7 @@ async fn ask(locator: Locator) -> Result<(Locator, Duration), String> {
     match timeout(ANSWER_WITHIN, TcpStream::connect(&address)).await {
         Ok(Ok(_)) => Ok((locator, now() - began)),
         Ok(Err(error)) => Err(format!("{address}: {}", human::cause(&error))),
-        Err(_elapsed) => Err(format!("{address}: no node answers within {}", span(ANSWER_WITHIN))),
+        Err(_elapsed) => Err(format!("{address}: nothing answers within {}", span(ANSWER_WITHIN))),
     }
 }
 
