@@ -28,7 +28,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut sources = check::files(&spec);
     sources.insert(0, spec);
     for source in &sources {
-        // What cannot be read may have held a type.
+        // A part that cannot be read may have held a type.
         if let Err(found) = language::format(source) {
             console::note(&language::render(&found, source, &[], check::style()));
             return Err(Failure::Reported);

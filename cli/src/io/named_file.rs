@@ -43,7 +43,7 @@ pub fn not_over<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a Path>) -
     match inputs.into_iter().find(|input| are_same(output, input)) {
         Some(_) => {
             let name = output.display();
-            Err(Failure::Usage(anyhow!("`{name}` is what this command reads; give the output another name")))
+            Err(Failure::Usage(anyhow!("this command reads `{name}`; give the output another name")))
         }
         None => Ok(()),
     }

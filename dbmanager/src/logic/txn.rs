@@ -53,7 +53,7 @@ pub struct Value {
     pub bytes: Arc<[u8]>,
 }
 
-/// A value as it is written: with bytes of its own.
+/// A value in its stored form, which owns its bytes.
 #[derive(Serialize, Deserialize)]
 struct StoredValue {
     encoding: Encoding,

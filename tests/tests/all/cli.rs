@@ -137,7 +137,7 @@ fn proofs_have_their_exit_codes() {
     ];
     for words in over {
         let refused = cluster.here().ask(&words);
-        assert!(refused.code == Some(2) && refused.err.contains("is what this command reads"), "{refused}");
+        assert!(refused.code == Some(2) && refused.err.contains("this command reads `"), "{refused}");
     }
     assert_eq!(fs::read(&file).unwrap(), fs::read(&good).unwrap());
     let nothing = cluster.here().ask(&["verify", "--svg", "nothing.svg", &good]);
@@ -146,7 +146,7 @@ fn proofs_have_their_exit_codes() {
     assert_eq!(wrong.code, Some(2), "{wrong}");
 }
 
-/// What cannot be read may have held a type, so nothing is printed.
+/// A part of a spec that cannot be read may have held a type, so nothing is printed.
 #[test]
 fn types_are_those_of_a_text_that_can_be_read() {
     let cluster = Cluster::new();

@@ -8,8 +8,8 @@ use std::time::Duration;
 const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 /// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
 const WRONG_MAX: f64 = 2.0;
-/// Rows whose world deceives the laser: half of the leaf has no echo, a wall stands where the leaf is looked for, or somebody turns the
-/// base. There the end rests on the path of the hand and the estimate of the hinge.
+/// Rows whose world deceives the laser: half of the leaf has no echo, a wall stands beside the leaf, or a push turns the base.
+/// There the end rests on the path of the hand and the estimate of the hinge.
 const DECEIVED: [&str; 3] = ["half without echo", "side wall by the latch", "the base is turned from outside"];
 const LIMIT: Duration = Duration::from_secs(90);
 /// The greatest force in any run, whatever goes wrong (N).

@@ -166,7 +166,7 @@ struct Figures {
     lost: usize,
 }
 
-/// Sends so many messages of this size, one a period, on a topic that somebody sends back.
+/// Sends so many messages of this size, one a period, on a topic whose messages are sent back.
 fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Duration) -> Figures {
     let (tx, rx) = sync_channel(count);
     let heard = move |sample: Sample| {

@@ -119,10 +119,10 @@ pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
 }
 
-/// What a message says of itself beside its data.
+/// The fields of a message beside its data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Label<'a> {
-    /// What kind of message it is; receivers may filter by it.
+    /// The kind of the message; receivers may filter by it.
     pub category: &'a str,
     /// Messages of a higher priority are taken first.
     pub priority: u8,

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The most tickets that wait; whoever comes later hears at once that it is pending.
 const WAITING_MAX: usize = 1024;
 
-/// What a caller waits for.
+/// The transaction that a caller waits for.
 #[derive(Debug)]
 pub(super) struct Waiting {
     /// The transaction.
