@@ -119,6 +119,8 @@ pub struct Door {
     /// Angle (rad) and rate (rad/s) of the lever, positive down.
     pub lever: f64,
     lever_rate: f64,
+    /// The least angle of the leaf since the latch has caught it (rad): its bolt lets the leaf in, and not out.
+    caught: Option<f64>,
 }
 
 /// Pose and motion of the handle in the world frame.
@@ -139,7 +141,7 @@ pub struct Handle {
 impl Door {
     /// Returns the door closed, its lever up.
     pub fn new(description: Description) -> Self {
-        Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0 }
+        Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0, caught: Some(0.0) }
     }
 
     /// Returns the description of the door.
@@ -226,9 +228,13 @@ impl Door {
         let closer = if self.angle > 0.0 { is.closer + is.closer_rate * self.angle } else { 0.0 };
         let friction = is.viscosity * self.rate + is.friction * (self.rate / 0.01).tanh();
         let mut leaf = self.sense() * moment - friction - closer;
-        let latched = self.angle < is.latch_play && (self.lever < is.latch_angle || is.lock == Lock::Locked);
-        if self.angle < 0.0 || (latched && self.angle > 0.0) {
-            leaf -= is.latch_stiffness * self.angle + is.latch_damping * self.rate;
+        let is_out = self.lever < is.latch_angle || is.lock == Lock::Locked;
+        let caught = self.caught.or((self.angle < is.latch_play).then_some(self.angle)).filter(|_| is_out);
+        self.caught = caught.map(|least| least.min(self.angle).max(0.0));
+        // How far the leaf strains the frame, or the latch.
+        let strain = if self.angle < 0.0 { Some(self.angle) } else { self.caught.map(|least| self.angle - least) };
+        if let Some(strain) = strain.filter(|strain| *strain != 0.0) {
+            leaf -= is.latch_stiffness * strain + is.latch_damping * self.rate;
         }
         let mut lever = ((origin - handle.axis).cross(force) + torque * FINGERS_TURN).dot(&self.lever_axis());
         lever -= is.lever_torque + is.lever_rate * self.lever + 0.05 * self.lever_rate;
@@ -272,6 +278,26 @@ mod tests {
         assert!(pulled(Lock::Unlocked, 0.6) > 40.0);
         assert!(pulled(Lock::Unlocked, 0.1).abs() < 0.1);
         assert!(pulled(Lock::Locked, 0.6).abs() < 0.1);
+    }
+
+    /// A latch that pulled the leaf shut at once threw it at the hand with 0.6 m/s.
+    #[test]
+    fn a_leaf_that_is_caught_ajar_goes_in_and_not_out() {
+        let mut door = door(Side::Left, Swing::Pull);
+        (door.lever, door.caught, door.angle) = (0.2, None, 0.01);
+        let push = |door: &mut Door, force: f64| {
+            let (force, before) = (door.handle().outward * force, door.angle);
+            for _ in 0..100 {
+                door.lever = 0.2;
+                door.step(&force, &Vector3::zeros(), 1e-3);
+                assert!(door.rate.abs() < 0.4, "{} rad/s", door.rate);
+            }
+            door.angle - before
+        };
+        assert!(push(&mut door, 30.0).abs() < 1e-3, "the latch holds it where it is");
+        assert!(push(&mut door, -10.0) < -2e-3, "it can be shut");
+        push(&mut door, 30.0);
+        assert!(door.angle.abs() < 1e-3, "and stays so: {} rad", door.angle);
     }
 
     #[test]
