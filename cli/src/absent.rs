@@ -138,20 +138,8 @@ pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Status
         return Failure::Refused(anyhow!("`{name}` {one} on `{home}`; `dca stop {name}` ends that"));
     }
     let away = ask(found).await;
-    match away.ends.iter().rfind(|end| name.is(&end.deployment)) {
-        Some(end) if is_unknown_at_home(end) => Failure::Unreachable(anyhow!(
-            "`{}` has its home on `{}`, which does not answer: it may run on there. `dca stop {name} --away {}` has the others tell it \
-             once it is there again",
-            end.deployment,
-            end.home,
-            end.home
-        )),
-        Some(end) => Failure::Unreachable(anyhow!(
-            "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
-             `dca stop {name} --forget` takes it off the list",
-            end.deployment,
-            confirmers(end)
-        )),
+    match away.end(name) {
+        Some(end) => away.not_confirmed(name, end),
         None => {
             let near = suggestion::deployment(name, paths(found).map(|(deployment, _)| deployment));
             nowhere(&format!("deployment `{name}`"), near, &away)
@@ -198,6 +186,54 @@ impl Absences {
         self.back.retain(|host| !revoked.contains(host));
     }
 
+    /// Returns the latest end of that name that hosts have not confirmed.
+    pub(crate) fn end(&self, name: &DeploymentName) -> Option<&OpenEnd> {
+        self.ends.iter().rfind(|end| name.is(&end.deployment))
+    }
+
+    /// Says that a deployment is over but for the hosts of an end, or may run on at its home.
+    pub(crate) fn not_confirmed(&self, name: &DeploymentName, end: &OpenEnd) -> Failure {
+        let (deployment, home) = (&end.deployment, &end.home);
+        Failure::Unreachable(if is_unknown_at_home(end) {
+            anyhow!(
+                "`{deployment}` has its home on `{home}`, which does not answer: it may run on there. `dca stop {name} --away {home}` has \
+                 the others tell it once it is there again"
+            )
+        } else {
+            anyhow!(
+                "`{deployment}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
+                 `dca stop {name} --forget` takes it off the list",
+                self.confirmers(end)
+            )
+        })
+    }
+
+    /// Returns the hosts that have not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.
+    pub(crate) fn confirmers(&self, end: &OpenEnd) -> String {
+        let hosts: Vec<String> =
+            end.hosts.iter().map(|one| format!("`{}` ({})", one.host, self.why(one, end))).collect();
+        format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
+    }
+
+    /// Returns the same hosts for a table: `c2 (lost, heard 40 s ago)`.
+    pub(crate) fn open_hosts(&self, end: &OpenEnd) -> String {
+        let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, self.why(one, end))).collect();
+        hosts.join(", ")
+    }
+
+    /// Returns why a host has not confirmed an end.
+    fn why(&self, host: &OpenHost, end: &OpenEnd) -> String {
+        let why = match (host.why, host.heard) {
+            _ if self.revoked.contains(&host.host) => "revoked".to_owned(),
+            (Why::Lost, Some(_)) => "lost".to_owned(),
+            (Why::Lost, None) => "it was lost".to_owned(),
+            (Why::Late, _) => "not in time".to_owned(),
+            (Why::Unable, _) => "it could not end everything".to_owned(),
+            (Why::Restarted, _) => format!("not heard since `{}` was started again", end.home),
+        };
+        host.heard.map_or(why.clone(), |heard| format!("{why}, heard {}", ago(heard)))
+    }
+
     /// Returns how it is with a host: `c2 is lost`.
     pub(crate) fn word(&self, host: &str) -> String {
         if self.revoked.contains(host) {
@@ -229,10 +265,15 @@ impl Absences {
             format!("warning: `{}` {how}, it was heard {}: what runs there is not known", one.host, ago(one.heard))
         };
         let end = |end: &OpenEnd| {
-            let (name, hosts) = (&end.deployment.name, confirmers(end));
+            let (name, hosts) = (&end.deployment.name, self.confirmers(end));
+            let then = if end.hosts.iter().all(|one| self.revoked.contains(&one.host)) {
+                "No node of the team can end them"
+            } else {
+                "They are asked when they are there"
+            };
             format!(
-                "warning: {hosts} not confirmed that nothing of `{}` is left: its programs may still run there. They are \
-                 asked when they are there; `dca stop {name} --forget` takes it off this list",
+                "warning: {hosts} not confirmed that nothing of `{}` is left: its programs may still run there. {then}; \
+                 `dca stop {name} --forget` takes it off this list",
                 end.deployment
             )
         };
@@ -272,32 +313,9 @@ pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String
     )
 }
 
-/// Returns the hosts that have not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.
-pub(crate) fn confirmers(end: &OpenEnd) -> String {
-    let hosts: Vec<String> = end.hosts.iter().map(|one| format!("`{}` ({})", one.host, why(one, &end.home))).collect();
-    format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
-}
-
 /// Returns whether only others have ended a deployment: its home, which was lost, may run on.
-fn is_unknown_at_home(end: &OpenEnd) -> bool {
+pub(crate) fn is_unknown_at_home(end: &OpenEnd) -> bool {
     end.hosts.iter().any(|one| one.host == end.home && one.why == Why::Lost)
-}
-
-/// Returns the hosts that have not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
-pub(crate) fn open_hosts(end: &OpenEnd) -> String {
-    let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, why(one, &end.home))).collect();
-    hosts.join(", ")
-}
-
-fn why(host: &OpenHost, home: &str) -> String {
-    let why = match (host.why, host.heard) {
-        (Why::Lost, Some(_)) => "lost".to_owned(),
-        (Why::Lost, None) => "it was lost".to_owned(),
-        (Why::Late, _) => "not in time".to_owned(),
-        (Why::Unable, _) => "it could not end everything".to_owned(),
-        (Why::Restarted, _) => format!("not heard since `{home}` was started again"),
-    };
-    host.heard.map_or(why.clone(), |heard| format!("{why}, heard {}", ago(heard)))
 }
 
 /// Returns how long ago something was, in whole units: `40 s ago`, `5 min ago`, `2 h ago`.
@@ -356,7 +374,12 @@ mod tests {
         assert_eq!(away.revoked, ["c3", "c4"].map(str::to_owned).into());
         assert_eq!(away.word("c3"), "c3 is revoked");
         away.outlawed = ["c1".to_owned()].into();
-        assert!(away.warnings()[0].starts_with("warning: the keys of `c1` are revoked"), "{:?}", away.warnings());
+        away.ends = vec![end("c1", "c3")];
+        let warnings = away.warnings();
+        assert!(warnings[0].starts_with("warning: the keys of `c1` are revoked"), "{warnings:?}");
+        let last = warnings.last().map_or("", String::as_str);
+        assert!(last.starts_with("warning: `c3` (revoked, heard 40 s ago) has not confirmed"), "{warnings:?}");
+        assert!(last.contains("No node of the team can end them"), "{warnings:?}");
         let Some(Failure::Unreachable(why)) = away.may_have("deployment `door`") else { panic!("c2 may have it") };
         assert_eq!(
             why.to_string(),

@@ -6,7 +6,7 @@
 mod watch;
 
 use crate::ConnectArgs;
-use crate::absent::{self, Absences, open_hosts};
+use crate::absent::{self, Absences};
 use crate::client::{Client, Clients, Statuses, feed};
 use crate::complete;
 use crate::logic::process_name::DeploymentName;
@@ -148,7 +148,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>)
     blocks.push(table(&waiting.collect::<Vec<_>>()));
     let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
     let rows: Vec<Vec<String>> =
-        away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();
+        away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([away.open_hosts(end)]).collect()).collect();
     blocks.push(table(&rows));
     blocks.retain(|block| !block.is_empty());
     if blocks.len() == usize::from(!stopped.is_empty()) {
