@@ -7,7 +7,7 @@
 mod away;
 
 use crate::ConnectArgs;
-use crate::absent::{self, confirmers};
+use crate::absent;
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
 use crate::complete;
 use crate::logic::process_name::DeploymentName;
@@ -48,9 +48,19 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
+/// How a stop went.
+struct Ended {
+    /// The deployment has ended, as far as its home and the hosts that answer know.
+    is_stopped: bool,
+    /// The hosts that have not confirmed that nothing of it is left.
+    unconfirmed: Vec<String>,
+    /// Why this is not a success; nothing if it is one.
+    failure: Option<Failure>,
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let unconfirmed = block_on(async {
+    let outcome = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
         let result = if let Some(home) = &arguments.away {
             away::keep_tombstones(&clients, &arguments.name, home).await.map(|()| None)
@@ -61,25 +71,40 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         };
         clients.close().await;
         result
-    })?;
+    });
     let name = arguments.name.text();
-    let Some(unconfirmed) = unconfirmed else { return Ok(()) };
+    let outcome = match outcome {
+        Ok(Some(outcome)) => outcome,
+        Ok(None) => return Ok(()),
+        Err(failure) => Ended { is_stopped: false, unconfirmed: Vec::new(), failure: Some(failure) },
+    };
     if arguments.json {
-        console::answer(&serde_json::json!({ "deployment": name, "stopped": true, "unconfirmed": unconfirmed }));
+        let Ended { is_stopped, unconfirmed, .. } = &outcome;
+        console::answer(&serde_json::json!({ "deployment": name, "stopped": is_stopped, "unconfirmed": unconfirmed }));
     }
-    if unconfirmed.is_empty() {
-        if arguments.json {
-            return Ok(());
+    match outcome.failure {
+        Some(failure) => Err(failure),
+        None if arguments.json => Ok(()),
+        None => {
+            console::say(&format!("`{name}` is stopped; nothing of it is left"));
+            Ok(())
         }
-        console::say(&format!("`{name}` is stopped; nothing of it is left"));
-        return Ok(());
     }
-    let hosts = unconfirmed.join("`, `");
-    let have = if unconfirmed.len() == 1 { "has" } else { "have" };
-    Err(Failure::Unreachable(anyhow!(
-        "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
-         there; `dca status` says when they have ended"
-    )))
+}
+
+impl Ended {
+    /// Returns the outcome of a stop that the home has reported as done, but for hosts that could not confirm it.
+    fn reported(name: &DeploymentName, unconfirmed: Vec<String>) -> Self {
+        let hosts = unconfirmed.join("`, `");
+        let have = if unconfirmed.len() == 1 { "has" } else { "have" };
+        let failure = (!unconfirmed.is_empty()).then(|| {
+            Failure::Unreachable(anyhow!(
+                "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
+                 there; `dca status` says when they have ended"
+            ))
+        });
+        Self { is_stopped: true, unconfirmed, failure }
+    }
 }
 
 /// Takes every end of that name off the lists of all nodes.
@@ -120,7 +145,7 @@ async fn forget(clients: &Clients, name: &DeploymentName) -> Result<(), Failure>
     ends.sort_by_key(|end| &end.deployment);
     ends.dedup_by_key(|end| &end.deployment);
     for end in ends {
-        console::say(&format!("`{}` is forgotten: {} not confirmed its end", end.deployment, confirmers(end)));
+        console::say(&format!("`{}` is forgotten: {} not confirmed its end", end.deployment, away.confirmers(end)));
     }
     Ok(())
 }
@@ -165,12 +190,19 @@ pub(crate) async fn locate<'a>(
     }
 }
 
-/// Stops a deployment, or ends its waiting; returns the hosts that could not confirm that nothing of it is left.
-async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Vec<String>, Failure> {
+/// Stops a deployment, or ends its waiting.
+async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure> {
     let all = clients.statuses().await?;
     match absent::waiting(name, &all) {
         Some((client, home, waiting)) => stop_waiting(client, home, &waiting.name).await?,
-        None => return stop_running(locate(all, name).await?).await,
+        None if is_over(name, &all) => {
+            let away = absent::ask(&all).await;
+            let Some(end) = away.end(name) else { return Err(absent::not_running(name, &all).await) };
+            let unconfirmed: Vec<String> = end.hosts.iter().map(|one| one.host.clone()).collect();
+            let failure = away.not_confirmed(name, end);
+            return Ok(Ended { is_stopped: !absent::is_unknown_at_home(end), unconfirmed, failure: Some(failure) });
+        }
+        None => return Ok(Ended::reported(name, stop_running(locate(all, name).await?).await?)),
     }
     let deadline = clock::now() + CONFIRMED_WITHIN;
     loop {
@@ -180,10 +212,16 @@ async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Vec<String>, F
         let open: BTreeSet<String> = ends.flat_map(|end| end.hosts.iter().map(|open| open.host.clone())).collect();
         let answers = |host: &String| all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == *host);
         if !open.iter().any(answers) || clock::now() >= deadline {
-            return Ok(open.into_iter().collect());
+            return Ok(Ended::reported(name, open.into_iter().collect()));
         }
         clock::sleep_until(clock::now() + ASK_EVERY).await;
     }
+}
+
+/// Returns whether no node that answers runs a deployment of that name.
+fn is_over(name: &DeploymentName, all: &[(&Client, Statuses)]) -> bool {
+    let mut parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
+    !parts.any(|part| name.is(&part.deployment))
 }
 
 /// Has a home give up a deployment that waits. A deployment that has begun in the meantime is stopped.
