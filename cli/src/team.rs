@@ -63,13 +63,13 @@ enum Verb {
 #[derive(Clone, Debug, Args)]
 struct KeysArgs {
     /// The folder with the keys [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
-    #[arg(long, value_name = "DIR", global = true)]
+    #[arg(id = "key_folder", long = "keys", value_name = "DIR", global = true)]
     keys: Option<PathBuf>,
     /// The team, where there are several
     #[arg(long, value_name = "NAME", global = true)]
     team: Option<Name>,
-    /// A file of mode 0600 whose first line is the passphrase [default: standard input]
-    #[arg(long, value_name = "FILE", global = true)]
+    /// A file of mode 0600 whose first line is the passphrase [env: DCA_PASSPHRASE_FILE] [default: standard input]
+    #[arg(id = "key_passphrase", long = "passphrase", value_name = "FILE", global = true)]
     passphrase: Option<PathBuf>,
     /// Folder with the sockets of this machine's nodes, which get the revocations
     #[arg(long, value_name = "DIR", global = true)]

@@ -17,7 +17,7 @@ use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
 use anyhow::{Context as _, anyhow, bail, ensure};
 use node::console;
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{Access, FlockOperation, access, flock};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{self, DirBuilder};
 use std::io::{self, BufRead, IsTerminal as _, Read as _};
@@ -83,20 +83,30 @@ impl Keyring {
         }
     }
 
+    /// Checks that a team of this name can be kept here.
+    pub(crate) fn check_free(&self, name: &Name) -> anyhow::Result<()> {
+        if let Some(there) = self.0.ancestors().find(|folder| is_there(folder)) {
+            access(there, Access::WRITE_OK).with_context(|| format!("making a folder in `{}`", there.display()))?;
+        }
+        let folder = self.0.join(name.as_str());
+        ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
+        // An empty folder was left by an interrupted command.
+        let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+        ensure!(
+            !is_there(&folder) || is_empty(&folder),
+            "`{}` was left by an interrupted `dca team init`: remove that folder, then begin the team",
+            folder.display()
+        );
+        Ok(())
+    }
+
     /// Keeps a new team. There must not be one of its name.
     pub(crate) fn begin(&self, root: &LockedKeys, bundle: &Bundle) -> anyhow::Result<()> {
-        let name = bundle.team().name();
-        let folder = self.0.join(name.as_str());
+        let folder = self.0.join(bundle.team().name().as_str());
         private_folder(&self.0, true)?;
-        let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-        // The command that makes the folder owns the name; an empty folder was left by an interrupted command.
+        // The command that makes the folder owns the name.
         if private_folder(&folder, false).is_err() {
-            ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
-            ensure!(
-                is_empty(&folder),
-                "`{}` was left by an interrupted `dca team init`: remove that folder, then begin the team",
-                folder.display()
-            );
+            self.check_free(bundle.team().name())?;
         }
         let written = write_private(&folder.join(ROOT), &root.to_bytes()).and_then(|()| self.keep(bundle));
         if written.is_err() {

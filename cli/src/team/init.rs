@@ -25,6 +25,8 @@ impl Init {
     /// Runs the verb. The user who begins a team is its first admin, with the key of this machine, or a new one.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let keyring = keys.keyring()?;
+        // Before the passphrase, and before the keys, which take their time.
+        keyring.check_free(&self.name)?;
         let own = keyring.own()?;
         let passphrase = keys.passphrase(Asked::New)?;
         let (root, locked) = new_keys(&passphrase)?;

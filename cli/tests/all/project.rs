@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -49,6 +50,20 @@ process main(robot: Host = c1) {
     internal_event_actions { step }
 }
 ";
+
+#[test]
+fn a_team_begins_with_the_passphrase_of_the_environment_and_only_once() {
+    let folder = Folder::new("team");
+    let passphrase = folder.file("passphrase", "a long enough secret\n");
+    std::fs::set_permissions(&passphrase, std::fs::Permissions::from_mode(0o600)).unwrap();
+    let keys = folder.0.join("keys").display().to_string();
+    let init = ["team", "init", "acme", "--keys", &keys];
+    let (code, out, err) = texts(&folder.dca(&init, &[("DCA_PASSPHRASE_FILE", &passphrase)]));
+    assert!(code == Some(0) && out.starts_with("team acme: "), "{out}{err}");
+    // The name is looked at before a passphrase is asked for.
+    let (code, out, err) = texts(&folder.dca(&init, &[]));
+    assert!(code == Some(1) && out.is_empty() && err.contains("there is a team `acme`"), "{out}{err}");
+}
 
 #[test]
 fn the_file_beside_a_spec_gives_values_and_hosts() {
