@@ -121,6 +121,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;
     let member = Member::open(&state)?.map(Arc::new);
     let reach = reach(&arguments, member.as_ref())?;
+    let team = member.as_ref().map_or_else(String::new, |member| format!(", in the team `{}`", member.team().name()));
     let base = arguments.base();
     let config = Config {
         name: arguments.name.as_str().to_owned(),
@@ -146,7 +147,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
             if is_ready.wait_for(|ready| *ready).await.is_ok() {
                 told.ready(&name);
                 // A node runs just as well if this is not read.
-                drop(console::pass(format!("node `{name}` is ready\n").as_bytes()));
+                drop(console::pass(format!("node `{name}` is ready{team}\n").as_bytes()));
             }
         };
         tokio::pin!(announcing);
