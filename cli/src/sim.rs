@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER")]
     seed: Option<u64>,
     /// Of a hundred ends by chance, how many are failures
-    #[arg(long, value_name = "PERCENT", default_value_t = 0, requires = "seed")]
+    #[arg(long, value_name = "PERCENT", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=100), requires = "seed")]
     faults: u64,
     /// How many things may happen by chance
     #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]

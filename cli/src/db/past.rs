@@ -6,6 +6,7 @@ use super::read;
 use super::readers::Readers;
 use super::write::CommitArgs;
 use anyhow::Context;
+use clap::builder::RangedU64ValueParser;
 use comms::io::clock;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::version_vector::Dot;
@@ -33,7 +34,7 @@ pub struct History {
     #[arg(long, value_name = "DATE", value_parser = a_date)]
     until: Option<u64>,
     /// Only the last changes, at most this many
-    #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
+    #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     limit: usize,
     #[command(flatten)]
     database: DatabaseArgs,

@@ -2,6 +2,7 @@
 
 use crate::io::run_dir;
 use crate::logic::database::TEAM;
+use clap::builder::NonEmptyStringValueParser;
 use comms::logic::key::HostName;
 use dbmanager::io::store::Engine;
 use language::plan::pattern_problem;
@@ -56,7 +57,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "TEXT", value_parser = boot_id)]
     pub(super) boot_id: Option<String>,
     /// The team whose database this robot has a copy of
-    #[arg(long, value_name = "NAME", default_value = TEAM)]
+    #[arg(long, value_name = "NAME", default_value = TEAM, value_parser = NonEmptyStringValueParser::new())]
     pub(super) team: String,
 }
 
@@ -160,14 +161,14 @@ mod tests {
     }
 
     /// Reads options as `dca-node` does.
-    fn read(words: &[String]) -> Arguments {
+    fn read(words: &[String]) -> clap::error::Result<Arguments> {
         #[derive(clap::Parser)]
         struct Alone {
             #[command(flatten)]
             arguments: Arguments,
         }
         let words = std::iter::once("dca-node").chain(words.iter().map(String::as_str));
-        <Alone as clap::Parser>::try_parse_from(words).unwrap().arguments
+        <Alone as clap::Parser>::try_parse_from(words).map(|read| read.arguments)
     }
 
     #[test]
@@ -175,10 +176,15 @@ mod tests {
         let all = "--name c1 --port 7000 --peer tcp/1.2.3.4:1 --peer tcp/[::1]:2 --controllers /bin/x --agent-loss-grace 2.5 \
                    --run-dir /run/x --state /var/x --store sled --boot-id b7 --team ours --insecure-lan";
         let all: Vec<String> = all.split_whitespace().map(str::to_owned).collect();
-        assert_eq!(read(&all).words(), all);
-        assert_eq!(read(&all[..2]).words(), all[..2]);
+        assert_eq!(read(&all).unwrap().words(), all);
+        assert_eq!(read(&all[..2]).unwrap().words(), all[..2]);
         let relative = [&all[..2], &["--state".to_owned(), "x".to_owned()]].concat();
-        assert!(Path::new(read(&relative).words().last().unwrap()).is_absolute());
+        assert!(Path::new(read(&relative).unwrap().words().last().unwrap()).is_absolute());
+    }
+
+    #[test]
+    fn a_team_has_a_name() {
+        assert!(read(&["--name", "c1", "--team", ""].map(str::to_owned)).is_err());
     }
 
     #[test]

@@ -170,6 +170,13 @@ fn wrong_usage_has_its_own_code() {
         assert_eq!(ended.code, Some(2), "{ended}");
         assert!(ended.err.contains("Usage: dca"), "{ended}");
     }
+    for (arguments, why) in [
+        (&["sim", "a.dca", "--seed", "1", "--faults", "101"][..], "101 is not in 0..=100"),
+        (&["db", "history", "-n", "0"], "0 is not in 1.."),
+    ] {
+        let ended = cluster.here().ask(arguments);
+        assert!(ended.code == Some(2) && ended.err.contains(why), "{ended}");
+    }
 }
 
 /// Each program describes itself and its use, on standard output.
