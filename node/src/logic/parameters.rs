@@ -143,7 +143,7 @@ pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus
         None if all.is_empty() => "it has none".to_owned(),
         None => format!("it has {}", listed(&all)),
     };
-    format!("`{path}`, which is a {module}, has no parameter `{name}`; {hint}")
+    format!("`{path}`, which is a {module}, has no parameter `{name}` to change; {hint}")
 }
 
 /// Returns a path without `main`.
@@ -213,7 +213,7 @@ mod tests {
             (
                 "door/hit/force/treshold",
                 "12",
-                "`task/hit/force`, which is a Sensor, has no parameter `treshold`; did you mean `threshold`?",
+                "`task/hit/force`, which is a Sensor, has no parameter `treshold` to change; did you mean `threshold`?",
             ),
             (
                 "door/hit/forse/threshold",

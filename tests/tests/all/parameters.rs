@@ -49,7 +49,8 @@ fn deploy_with(cluster: &Cluster, threshold: &str) -> (Host, Program, Program) {
     assert_eq!(early.code, Some(0), "{early}");
     let refused = here.ask(&["deploy", "--no-record", &file]);
     assert_eq!(refused.code, Some(1), "{refused}");
-    let why = ["has no parameter `treshold`; did you mean `threshold`?", &format!("`dca db delete {misspelt}`")];
+    let why =
+        ["has no parameter `treshold` to change; did you mean `threshold`?", &format!("`dca db delete {misspelt}`")];
     assert!(why.iter().all(|why| refused.err.contains(why)), "{refused}");
     assert_eq!(here.ask(&["db", "delete", &misspelt]).code, Some(0));
     let mission = here.dca(&["deploy", "--no-record", &file]);

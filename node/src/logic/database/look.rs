@@ -162,6 +162,9 @@ impl Database {
         if is_so {
             return Reply::Done(format!("no conflict at `{key}`"));
         }
+        if versions.iter().all(|one| one.value.is_none()) {
+            return Reply::Refused(format!("nothing was written: there is no conflict at `{key}`, and no value"));
+        }
         Reply::Refused(format!(
             "nothing was written: there is no conflict at `{key}`, and it holds something else; `dca db get {key}` shows it, `dca \
              db put` changes it"
