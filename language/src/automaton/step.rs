@@ -50,14 +50,7 @@ pub fn step(
         Event::Stop => reaction.end(Outcome::Stopped),
         Event::Overrun => reaction.overrun(),
         Event::Ended { state, activation, outcome } => reaction.ended(state, activation, outcome),
-        Event::Elapsed { transition, activation } => {
-            let timer = reaction.configuration.timers.get_mut(transition)?;
-            if !timer.is_armed || timer.activation != activation {
-                return None;
-            }
-            timer.is_armed = false;
-            reaction.receive(OWN, Cue::Timer(transition))
-        }
+        Event::Elapsed { transition, activation } => reaction.elapsed(transition, activation),
         Event::Message { port, filters, priority, value } => {
             reaction.message(port, priority, Cue::Message { port, filters, value })
         }
@@ -147,6 +140,21 @@ impl Reaction<'_> {
         if self.configuration.pending.is_some() { None } else { self.go_on() }
     }
 
+    /// Rules 71 and 72: a timer has run out.
+    fn elapsed(&mut self, transition: usize, activation: Activation) -> Option<Outcome> {
+        let timer = self.configuration.timers.get_mut(transition)?;
+        if !timer.is_armed || timer.activation != activation {
+            return None;
+        }
+        timer.is_armed = false;
+        if let Trigger::Every(_) = self.automaton.transition(transition).trigger {
+            self.arm(transition);
+        }
+        let tick = Cue::Timer(transition);
+        let waits = self.configuration.queue.iter().any(|queued| queued.cue == tick);
+        if waits { None } else { self.receive(OWN, tick) }
+    }
+
     /// Every run that had to end has ended.
     fn resume(&mut self) -> Option<Outcome> {
         let pending = self.configuration.pending.take()?;
@@ -175,9 +183,6 @@ impl Reaction<'_> {
                 return None;
             }
             let cue = self.configuration.queue.remove(0).cue;
-            if let Cue::Timer(transition) = cue {
-                self.arm_again(transition);
-            }
             if let Some(outcome) = self.take(cue) {
                 return Some(outcome);
             }
@@ -364,12 +369,6 @@ impl Reaction<'_> {
                 run.activation.0 += 1;
                 self.commands.push(Command::Run { state, activation: run.activation, value });
             }
-        }
-    }
-
-    fn arm_again(&mut self, transition: usize) {
-        if let Trigger::Every(_) = self.automaton.transition(transition).trigger {
-            self.arm(transition);
         }
     }
 

@@ -93,6 +93,20 @@ impl<'a> Machine<'a> {
         (std::mem::take(&mut self.commands), outcome)
     }
 
+    /// A timer has run out.
+    fn ran_out(&mut self, transition: usize, activation: Activation) -> Option<Outcome> {
+        let is_current = self.numbers.get(&('t', transition)) == Some(&activation.0);
+        if !is_current || !self.armed.remove(&transition) {
+            return None;
+        }
+        if matches!(self.chart.transitions[transition].trigger, Trigger::Every(_)) {
+            self.arm(transition);
+        }
+        // One tick that waits is enough.
+        let is_waiting = self.queue.iter().any(|(_, heard)| *heard == Heard::Timer(transition));
+        if is_waiting { None } else { self.hear(1000, Heard::Timer(transition)) }
+    }
+
     fn react(&mut self, event: Event) -> Option<Outcome> {
         let is_idle = self.active.is_empty();
         match event {
@@ -136,14 +150,7 @@ impl<'a> Machine<'a> {
                     },
                 )
             }
-            Event::Elapsed { transition, activation } => {
-                let is_current = self.numbers.get(&('t', transition)) == Some(&activation.0);
-                if is_current && self.armed.remove(&transition) {
-                    self.hear(1000, Heard::Timer(transition))
-                } else {
-                    None
-                }
-            }
+            Event::Elapsed { transition, activation } => self.ran_out(transition, activation),
             Event::Message { port, filters, priority, value } => {
                 let outcome = self.hear(u32::from(priority), Heard::Message(port, filters, value));
                 let of_port = |(place, (_, heard)): (usize, &(u32, Heard))| match heard {
@@ -240,11 +247,6 @@ impl<'a> Machine<'a> {
     }
 
     fn listen(&mut self, heard: Heard) -> Option<Outcome> {
-        if let Heard::Timer(number) = heard
-            && let Trigger::Every(_) = self.chart.transitions[number].trigger
-        {
-            self.arm(number);
-        }
         let chosen = self.place().taken(&heard);
         let tagged =
             chosen.iter().any(|&number| matches!(self.chart.transitions[number].trigger, Trigger::Done(Some(_))));

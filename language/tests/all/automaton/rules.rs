@@ -292,3 +292,21 @@ fn charts_that_mean_nothing_are_refused() {
         assert!(said.contains(why), "{said}, not {why}");
     }
 }
+
+/// Two ticks come while the stop of `search` is awaited. One waits, the other is dropped, and the next one is not later for it.
+#[test]
+fn ticks_during_a_wait_are_one_tick() {
+    let mut chart = search_and_take();
+    let every = Trigger::Every(Duration::from_secs(1));
+    chart.transitions.push(Transition { actions: vec![send(7)], ..Transition::new(0, every, Target::Stay) });
+    let (mut run, begun) = Run::start(chart);
+    assert_eq!(begun, "arm 1, run search");
+    let tick = |run: &mut Run| {
+        let activation = run.configuration.timer(1).0;
+        run.send(Event::Elapsed { transition: 1, activation })
+    };
+    assert_eq!(tick(&mut run), "arm 1, send 7");
+    assert_eq!(run.message(GO), "stop search");
+    assert_eq!((tick(&mut run), tick(&mut run)), ("arm 1".to_owned(), "arm 1".to_owned()));
+    assert_eq!(run.end(1, Outcome::Stopped), "send 1, run take, send 7");
+}
