@@ -38,7 +38,7 @@ pub use policy::{
 };
 pub use state_chart::{DefaultAnswer, Filter, FilterPart, Notice, Question, StateChart, StateRun, text_value};
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
-pub use timer::TimerKind;
+pub use timer::{TIMER_LEAST, TimerKind};
 pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.

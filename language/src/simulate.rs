@@ -11,7 +11,7 @@ mod says;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
-use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan, TimerKind};
+use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan, TIMER_LEAST, TimerKind};
 use chart::Timeline;
 use replay::Pending;
 use std::collections::{BTreeMap, VecDeque};
@@ -343,7 +343,9 @@ impl<'a> Simulation<'a> {
                 let transition =
                     if self.is_limit(timer) { Transition::Limited(after) } else { Transition::Waits(after) };
                 self.note(self.plan.groups[group].path.clone(), transition);
-                let due = self.now.saturating_add(after);
+                // The timers of an activity have an order, so they are as long as on a robot.
+                let least = if self.chart_of(group).is_some() { TIMER_LEAST } else { Duration::ZERO };
+                let due = self.now.saturating_add(after.max(least));
                 self.note_wait(timer, &Transition::Started);
                 self.timers.insert((due, self.counter), timer);
             }

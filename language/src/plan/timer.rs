@@ -1,6 +1,10 @@
 //! The timers of an expression: pauses, limits and shields.
 
 use super::{DEADLINE, Expression};
+use std::time::Duration;
+
+/// The shortest time that a supervisor waits for: a shorter `wait` takes as long.
+pub const TIMER_LEAST: Duration = Duration::from_millis(10);
 
 /// The purpose of a timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -72,11 +72,7 @@ fn default(
     let names: Vec<Name> = asking.names().collect();
     let word = names.iter().position(|name| name.text == "default")?;
     let (name, constant) = (names.get(word + 1)?, asking.child(Constant)?);
-    let after = reader.group.reader().duration(&constant)?;
-    if after.is_zero() {
-        reader.report(Diagnostic::new(Code::E0009, constant.span(), "a deadline of no time"));
-        return None;
-    }
+    let after = reader.timer(&constant, "default")?;
     let Some((_, target)) = answers.iter().find(|(answer, _)| answer.text == name.text) else {
         let message = format!("`{}` is not an answer to this question", name.text);
         let diagnostic = Diagnostic::new(Code::E0903, name.span, message);

@@ -4,9 +4,11 @@ use super::{ActivityReader, TransitionText, formula, notice, question};
 use crate::algebra::Value;
 use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::TIMER_LEAST;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Text};
 use crate::syntax::ast::{Name, Node};
+use std::time::Duration;
 
 /// The causes of aborts that have a word of their own.
 const CAUSES: [(&str, Failure); 5] = [
@@ -137,13 +139,7 @@ impl ActivityReader<'_, '_> {
                 Some(Awaited { trigger: Trigger::Message { port, filter }, value: Some(name) })
             }
             "after" | "every" => {
-                let constant = trigger.child(Constant)?;
-                let time = self.group.reader().duration(&constant)?;
-                if time.is_zero() {
-                    let message = "a timer of no time";
-                    self.report(Diagnostic::new(Code::E0009, constant.span(), message).help("write `on always`"));
-                    return None;
-                }
+                let time = self.timer(&trigger.child(Constant)?, word)?;
                 plain(if word == "after" { Trigger::After(time) } else { Trigger::Every(time) })
             }
             "signal" => {
@@ -162,6 +158,24 @@ impl ActivityReader<'_, '_> {
                 None
             }
         }
+    }
+
+    /// The time of a timer: none is shorter than what a supervisor waits for.
+    pub(super) fn timer(&mut self, constant: &Node, word: &str) -> Option<Duration> {
+        let time = self.group.reader().duration(constant)?;
+        let diagnostic = match time {
+            Duration::ZERO if word == "after" => {
+                Diagnostic::new(Code::E0009, constant.span(), "a timer of no time").help("write `on always`")
+            }
+            _ if time < TIMER_LEAST => {
+                let message = "a supervisor keeps no timer shorter than 10 ms";
+                let word = if word == "every" { word } else { "after" };
+                Diagnostic::new(Code::E0904, constant.span(), message).help(format!("write `{word} 10 ms`"))
+            }
+            _ => return Some(time),
+        };
+        self.report(diagnostic);
+        None
     }
 
     fn misfit(&mut self, place: Span, state: usize, why: &str) -> Option<Awaited> {
