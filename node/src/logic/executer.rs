@@ -7,6 +7,7 @@
 
 mod actions;
 mod activity;
+mod clock;
 mod fence;
 mod lost;
 mod places;
@@ -21,10 +22,11 @@ use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
 use activity::News;
+use clock::Clock;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::Plan;
+use language::plan::{Plan, TIMER_LEAST};
 pub use places::{group_host, leaf_host, member_path};
 use places::{member_host, member_target};
 use serde::{Deserialize, Serialize};
@@ -41,7 +43,9 @@ use wires::{Unconfirmed, consumers, wires_of_sets};
 pub(super) const SWITCH_WITHIN: Duration = Duration::from_secs(1);
 /// The shortest time between two activations of one member, and the shortest wait: a loop whose rounds end at once must
 /// not keep a node from everything else.
-pub(super) const PACE: Duration = Duration::from_millis(10);
+pub(super) const PACE: Duration = TIMER_LEAST;
+/// So many timers run out in one turn of the node at most.
+const ALARMS_MAX: usize = 256;
 /// So many steps are recorded at once, or as many as there were when the group ends.
 const STEPS_MAX: usize = 32;
 /// The most bytes that a process may be initialised with.
@@ -100,7 +104,7 @@ pub struct Executer {
     /// Activations that wait, by slot.
     waiting: BTreeMap<u32, Waiting>,
     activated: BTreeMap<u32, Time>,
-    timers: BTreeSet<(Time, u32, u32)>,
+    clock: Clock,
     active: BTreeMap<u32, u32>,
     failures: BTreeMap<u32, Failure>,
     fences: Fences,
@@ -157,7 +161,7 @@ impl Executer {
             checks_in: false,
             waiting: BTreeMap::new(),
             activated: BTreeMap::new(),
-            timers: BTreeSet::new(),
+            clock: Clock::default(),
             active: BTreeMap::new(),
             failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
@@ -192,6 +196,7 @@ impl Executer {
         }
         (self.activation, self.running) = (activation, true);
         self.renew_actions(context.plan);
+        self.clock.start(self.program.automaton().is_some());
         self.failures.clear();
         self.forget_restarts();
         self.react(Event::Start(Value::new(value)), context, out)
@@ -272,13 +277,10 @@ impl Executer {
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
         self.tick_switches(context, out);
-        let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
-        for (due, timer, number) in due {
-            // An earlier timer may have cancelled it.
-            if !self.timers.remove(&(due, timer, number)) {
-                continue;
-            }
-            let ending = self.react(Event::Elapsed { timer, activation: Activation(number) }, context, out);
+        for _ in 0..ALARMS_MAX {
+            let alarm = self.clock.ring(out.now)?;
+            let (timer, activation) = (alarm.timer, Activation(alarm.number));
+            let ending = self.react_now(Event::Elapsed { timer, activation }, context, out);
             if ending.is_some() {
                 return ending;
             }
@@ -288,7 +290,7 @@ impl Executer {
 
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let timer = earliest(self.timers.first().map(|(due, ..)| *due), self.switch_deadline());
+        let timer = earliest(self.clock.deadline(), self.switch_deadline());
         let is_open = |slot: &u32| !self.checks_in && self.fences.against(*slot).is_none();
         let open = self.waiting.iter().filter(|(slot, _)| is_open(slot));
         open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
@@ -306,6 +308,12 @@ impl Executer {
     }
 
     fn react(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        self.clock.read(out.now);
+        self.react_now(event, context, out)
+    }
+
+    /// Reacts at the time that the clock shows.
+    fn react_now(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         if self.is_abandoned {
             return None;
         }
@@ -428,10 +436,10 @@ impl Executer {
                 out.send(host, context.deployment.to_participant(ToParticipant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
-                self.timers.insert((out.now.max(context.start) + after.max(PACE), timer, number));
+                self.clock.arm(timer, number, after, context.start);
             }
             Command::Cancel { timer, activation: Activation(number) } => {
-                self.timers.retain(|(_, other, armed)| (*other, *armed) != (timer, number));
+                self.clock.cancel(timer, number);
             }
             Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => self.say(&command, context, out),
         }

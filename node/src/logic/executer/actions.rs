@@ -80,14 +80,12 @@ impl Executer {
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
+        self.clock.read(out.now);
         self.connect(&carried.ended, context, out);
         for command in carried.ended {
             self.carry_out(command, context, out);
         }
-        let timers = std::mem::take(&mut self.timers);
-        let kept =
-            timers.into_iter().filter_map(|(due, timer, number)| Some((due, *carried.timers.get(&timer)?, number)));
-        self.timers = kept.collect();
+        self.clock.renumber(&carried.timers);
         (self.program, self.state) = (next, carried.state);
         self.connect(&carried.begun, context, out);
         for command in carried.begun {
