@@ -45,7 +45,7 @@ pub use system::FaultKind;
 pub use threads::{Alone, Threads};
 
 use catalogue::Catalogue;
-use language::plan::Plan;
+use language::plan::{Expression, Plan};
 use language::sites::{Sentence, Sites};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -89,7 +89,7 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
     let mut assumptions = vec![
         "a program that is asked to stop does so, or is killed".to_owned(),
         "a program that can end does so at some time, unless its `service;` says that it never does".to_owned(),
-        "timers may run out in any order".to_owned(),
+        timers(model.plan).to_owned(),
     ];
     if model.plan.hosts.len() > 1 {
         let lost = "no host is lost, where a sentence does not say so: `on loss of host(c1): ...`, and `dca fmea`";
@@ -97,6 +97,15 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
     }
     let Catalogue { states, transitions, memory, .. } = catalogue;
     Report { findings, states, transitions, memory, is_limited, assumptions }
+}
+
+/// The assumption about timers.
+fn timers(plan: &Plan) -> &'static str {
+    let has_activities = plan.groups.iter().any(|group| matches!(group.expression, Expression::Chart(_)));
+    match has_activities {
+        true => "timers may run out in any order, but those of one activity in the order of their times",
+        false => "timers may run out in any order",
+    }
 }
 
 /// Answers the sentences of `verify` blocks alone.

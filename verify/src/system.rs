@@ -14,6 +14,7 @@ mod pending;
 mod reaction;
 mod restart;
 mod transit;
+mod zone;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Event, Packing, Program, Steps, Value, Words};
@@ -27,6 +28,7 @@ use restart::Restarts;
 pub(crate) use restart::{crashes, escalates, is_never_done, is_restarted, taken_along};
 use std::collections::BTreeSet;
 use transit::Transit;
+use zone::Zones;
 
 /// Something that happens to a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,6 +110,8 @@ pub(crate) struct Unit {
     start: usize,
     /// The messages that it tells apart, if it is an activity.
     messages: Vec<Event>,
+    /// The possible orders of its timers, if it is an activity.
+    zones: Option<Zones>,
 }
 
 /// The occupant of a member slot of a unit.
@@ -157,8 +161,23 @@ pub(crate) struct Frame {
     pub(crate) restarts: Vec<u8>,
     /// The messages in transit between hosts: see `transit`.
     pub(crate) transit: Vec<u8>,
+    /// The due times of the timers of each activity: see `zone`.
+    pub(crate) zones: Vec<u64>,
     /// The notes of observers.
     pub(crate) notes: Vec<u8>,
+}
+
+impl Frame {
+    /// Makes everything but the states like that of another configuration.
+    fn take_rest_of(&mut self, other: &Self) {
+        self.ordered.clone_from(&other.ordered);
+        self.rift.clone_from(&other.rift);
+        self.restarts.clone_from(&other.restarts);
+        self.transit.clone_from(&other.transit);
+        self.zones.clone_from(&other.zones);
+        self.notes.clone_from(&other.notes);
+        (self.phase, self.is_faulty, self.is_twice_faulty) = (other.phase, other.is_faulty, other.is_twice_faulty);
+    }
 }
 
 /// Parts together.
@@ -208,8 +227,8 @@ impl<'a> System<'a> {
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
-        let messages = messages::of(&source.expression);
-        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
+        let (messages, zones) = (messages::of(&source.expression), Zones::of(&source.expression));
+        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages, zones });
         // A part has a slot for each member of its group, including the members that its pieces run: those are never
         // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
@@ -280,6 +299,7 @@ impl<'a> System<'a> {
             + self.rift_length()
             + self.restarts_length()
             + self.transit_length()
+            + self.zones_length()
             + self.notes
     }
 
@@ -297,6 +317,7 @@ impl<'a> System<'a> {
             rift: vec![0; self.rift_length()],
             restarts: vec![0; self.restarts_length()],
             transit: vec![0; self.transit_length()],
+            zones: vec![0; self.zoned().count()],
             notes: vec![0; self.notes],
         }
     }
@@ -328,7 +349,11 @@ impl<'a> System<'a> {
         rest[0] = frame.phase as u8 | u8::from(frame.is_twice_faulty) << 6 | u8::from(frame.is_faulty) << 7;
         let (rift, rest) = rest[1..].split_at_mut(frame.rift.len());
         let (restarts, rest) = rest.split_at_mut(frame.restarts.len());
-        let (transit, notes) = rest.split_at_mut(frame.transit.len());
+        let (transit, rest) = rest.split_at_mut(frame.transit.len());
+        let (zones, notes) = rest.split_at_mut(self.zones_length());
+        for (number, bytes) in frame.zones.iter().zip(zones.chunks_exact_mut(size_of::<u64>())) {
+            bytes.copy_from_slice(&number.to_le_bytes());
+        }
         rift.copy_from_slice(&frame.rift);
         restarts.copy_from_slice(&frame.restarts);
         transit.copy_from_slice(&frame.transit);
@@ -351,7 +376,11 @@ impl<'a> System<'a> {
         frame.is_faulty = rest[0] >> 7 == 1;
         let (rift, rest) = rest[1..].split_at(frame.rift.len());
         let (restarts, rest) = rest.split_at(frame.restarts.len());
-        let (transit, notes) = rest.split_at(frame.transit.len());
+        let (transit, rest) = rest.split_at(frame.transit.len());
+        let (zones, notes) = rest.split_at(self.zones_length());
+        for (number, bytes) in frame.zones.iter_mut().zip(zones.chunks_exact(size_of::<u64>())) {
+            *number = bytes.try_into().map_or(0, u64::from_le_bytes);
+        }
         frame.rift.copy_from_slice(rift);
         frame.restarts.copy_from_slice(restarts);
         frame.transit.copy_from_slice(transit);

@@ -17,14 +17,8 @@ pub(crate) struct Stepper<'s> {
     queue: VecDeque<(usize, Event)>,
     /// The changes of the last event: unit, item, and the previous word.
     journal: Vec<(usize, u32, u64)>,
-    ordered: Vec<bool>,
-    notes: Vec<u8>,
-    rift: Vec<u8>,
-    restarts: Vec<u8>,
-    transit: Vec<u8>,
-    phase: Phase,
-    is_faulty: bool,
-    is_twice_faulty: bool,
+    /// Everything but the states, as it was before.
+    before: Frame,
 }
 
 /// An effect of noting a loss on a unit.
@@ -42,20 +36,8 @@ pub(super) enum Blow {
 
 impl<'s> Stepper<'s> {
     pub(super) fn new(system: &'s System<'s>, steps: Vec<Steps<'s>>) -> Self {
-        Self {
-            system,
-            steps,
-            queue: VecDeque::new(),
-            journal: Vec::new(),
-            ordered: Vec::new(),
-            notes: Vec::new(),
-            rift: Vec::new(),
-            restarts: Vec::new(),
-            transit: Vec::new(),
-            phase: Phase::Idle,
-            is_faulty: false,
-            is_twice_faulty: false,
-        }
+        let before = Frame { states: Vec::new(), ..system.initial() };
+        Self { system, steps, queue: VecDeque::new(), journal: Vec::new(), before }
     }
 
     /// Applies a label. Writes the changes to `changes`, if given.
@@ -64,12 +46,7 @@ impl<'s> Stepper<'s> {
             changes.clear();
         }
         self.journal.clear();
-        self.ordered.clone_from(&frame.ordered);
-        self.notes.clone_from(&frame.notes);
-        self.rift.clone_from(&frame.rift);
-        self.restarts.clone_from(&frame.restarts);
-        self.transit.clone_from(&frame.transit);
-        (self.phase, self.is_faulty, self.is_twice_faulty) = (frame.phase, frame.is_faulty, frame.is_twice_faulty);
+        self.before.take_rest_of(frame);
         let Self { system, steps, queue, journal, .. } = self;
         let mut reaction = Reaction { system, frame, changes, queue, journal, blows: VecDeque::new() };
         let mut next = reaction.begin(label);
@@ -99,12 +76,7 @@ impl<'s> Stepper<'s> {
         for (unit, item, word) in self.journal.drain(..).rev() {
             frame.states[unit].set(item, word);
         }
-        frame.ordered.clone_from(&self.ordered);
-        frame.notes.clone_from(&self.notes);
-        frame.rift.clone_from(&self.rift);
-        frame.restarts.clone_from(&self.restarts);
-        frame.transit.clone_from(&self.transit);
-        (frame.phase, frame.is_faulty, frame.is_twice_faulty) = (self.phase, self.is_faulty, self.is_twice_faulty);
+        frame.take_rest_of(&self.before);
     }
 }
 
@@ -339,10 +311,12 @@ impl Reaction<'_, '_> {
     }
 
     fn react(&mut self, steps: &mut Steps<'_>, unit: usize, event: Event) {
+        let elapsed = if let Event::Elapsed { timer, .. } = event { Some(timer) } else { None };
         let effect = steps.step(&self.frame.states[unit], event);
         for &(item, word) in &effect.writes {
             self.journal.push((unit, item, self.frame.states[unit].set(item, word)));
         }
+        self.system.follow_timers(self.frame, unit, elapsed, &effect.commands);
         for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {

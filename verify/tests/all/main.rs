@@ -11,4 +11,5 @@ mod repairs;
 mod replay;
 mod rewriting;
 mod threads;
+mod timers;
 mod times;

@@ -1,0 +1,328 @@
+//! The order in which the timers of an activity may run out.
+//!
+//! A supervisor lets the timers of an activity run out in the order of their due times. Of timers that are due together,
+//! the one that began first runs out first. A *zone* is the set of due times that are possible: an upper bound for each
+//! difference of two due times, and of a due time and now. Between two events any time may pass, up to the next due time.
+//! Source: D. L. Dill, "Timing assumptions and verification of finite-state concurrent systems", 1989.
+//!
+//! Bounds far from 0 are rounded up, so that a short period beside a long time does not give a zone for each tick.
+
+use super::{Frame, System};
+use language::algebra::Command;
+use language::automaton::{Action, Target, Transition};
+use language::plan::{Expression, TIMER_LEAST};
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// Longer times count as this long: 36 years, in nanoseconds.
+const LONGEST: u64 = 1 << 60;
+/// For a number of timers that are armed together, the significant bits of a bound. Every sign is exact.
+const BITS: [u32; 6] = [8, 8, 8, 6, 5, 5];
+
+/// An upper bound of a difference: twice the bound, plus 1 if the difference may be equal to it.
+type Bound = i64;
+
+const fn at_most(bound: i64) -> Bound {
+    bound << 1 | 1
+}
+
+const LESS: Bound = 0;
+
+fn sum(one: Bound, other: Bound) -> Bound {
+    (one >> 1).saturating_add(other >> 1) << 1 | one & other & 1
+}
+
+/// The possible due times of the armed timers. In `bounds`, row 0 and column 0 are now, and the others are the timers in the
+/// order in which they began.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Zone {
+    timers: Vec<u32>,
+    bounds: Vec<Bound>,
+}
+
+impl Zone {
+    fn new() -> Self {
+        Self { timers: Vec::new(), bounds: vec![at_most(0)] }
+    }
+
+    fn size(&self) -> usize {
+        self.timers.len() + 1
+    }
+
+    fn bound(&self, row: usize, column: usize) -> Bound {
+        self.bounds[row * self.size() + column]
+    }
+
+    fn tighten(&mut self, row: usize, column: usize, bound: Bound) {
+        let place = row * self.size() + column;
+        self.bounds[place] = self.bounds[place].min(bound);
+    }
+
+    /// Makes each bound as tight as the others imply.
+    fn close(&mut self) {
+        for middle in 0..self.size() {
+            for row in 0..self.size() {
+                for column in 0..self.size() {
+                    let through = sum(self.bound(row, middle), self.bound(middle, column));
+                    self.tighten(row, column, through);
+                }
+            }
+        }
+    }
+
+    fn is_possible(&self) -> bool {
+        (0..self.size()).all(|row| self.bound(row, row) >= at_most(0))
+    }
+
+    fn place(&self, timer: u32) -> Option<usize> {
+        self.timers.iter().position(|other| *other == timer).map(|place| place + 1)
+    }
+
+    /// Keeps some timers alone.
+    fn retain(&mut self, keeps: impl Fn(u32) -> bool) {
+        let places: Vec<usize> =
+            (0..self.size()).filter(|&place| place == 0 || keeps(self.timers[place - 1])).collect();
+        let pairs = places.iter().flat_map(|&row| places.iter().map(move |&column| (row, column)));
+        self.bounds = pairs.map(|(row, column)| self.bound(row, column)).collect();
+        self.timers.retain(|&timer| keeps(timer));
+    }
+
+    /// The zone just after a timer has run out; none if another timer runs out before it.
+    fn elapsed(&self, timer: u32) -> Option<Self> {
+        let (own, mut zone) = (self.place(timer)?, self.clone());
+        for other in 1..self.size() {
+            zone.tighten(own, other, if own <= other { at_most(0) } else { LESS });
+        }
+        zone.tighten(own, 0, at_most(0));
+        zone.tighten(0, own, at_most(0));
+        zone.close();
+        zone.is_possible().then(|| {
+            zone.retain(|other| other != timer);
+            zone
+        })
+    }
+
+    /// A timer begins now.
+    fn arm(&mut self, timer: u32, time: i64) {
+        self.retain(|other| other != timer);
+        let (size, old) = (self.size(), self.clone());
+        let bound = |row: usize, column: usize| match (row == size, column == size) {
+            (true, true) => at_most(0),
+            (true, false) => sum(at_most(time), old.bound(0, column)),
+            (false, true) => sum(old.bound(row, 0), at_most(-time)),
+            (false, false) => old.bound(row, column),
+        };
+        self.bounds = (0..=size).flat_map(|row| (0..=size).map(move |column| bound(row, column))).collect();
+        self.timers.push(timer);
+    }
+
+    /// Any time passes in which no timer runs out.
+    fn pass(&mut self) {
+        for column in 1..self.size() {
+            self.bounds[column] = at_most(0);
+        }
+        self.close();
+        let bits = BITS[self.timers.len().min(BITS.len() - 1)];
+        self.bounds.iter_mut().for_each(|bound| *bound = rounded(*bound, bits));
+    }
+}
+
+/// A bound with at most so many significant bits, rounded up.
+fn rounded(bound: Bound, bits: u32) -> Bound {
+    let value = bound >> 1;
+    let shift = (u64::BITS - value.unsigned_abs().leading_zeros()).saturating_sub(bits);
+    let round = (value + (1 << shift) - 1) >> shift << shift;
+    if round == value { bound } else { at_most(round) }
+}
+
+/// The zones of one activity that were met, by number.
+#[derive(Debug)]
+pub(super) struct Zones {
+    /// Whether the order of each timer matters.
+    matters: Vec<bool>,
+    /// The greatest time of which all times of the activity are multiples, in nanoseconds.
+    unit: u64,
+    known: Mutex<BTreeMap<u64, Known>>,
+}
+
+/// A zone, and the timers that may run out next.
+#[derive(Clone, Debug)]
+struct Known {
+    zone: Zone,
+    next: Vec<u32>,
+}
+
+impl Zones {
+    /// The zones of an activity; none for another expression, or if it has no two timers whose order matters.
+    pub(super) fn of(expression: &Expression) -> Option<Self> {
+        let Expression::Chart(chart) = expression else { return None };
+        let timed = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some());
+        let mut matters: Vec<bool> = timed.map(has_effect).collect();
+        let times: Vec<Duration> = (0..).map_while(|timer| crate::story::timer_of(expression, timer)).collect();
+        matters.resize(times.len(), true);
+        let unit = times.iter().map(|time| nanoseconds(*time)).fold(0, common);
+        let is_ordered = matters.iter().filter(|matters| **matters).count() > 1;
+        is_ordered.then(|| Self { matters, unit: unit.max(1), known: Mutex::default() })
+    }
+
+    fn matters(&self, timer: u32) -> bool {
+        self.matters.get(timer as usize).is_some_and(|matters| *matters)
+    }
+
+    /// The zone of a number. Number 0 is that of no timers.
+    fn known(&self, number: u64) -> Option<Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).get(&number).cloned()
+    }
+
+    fn number(&self, zone: Zone) -> u64 {
+        if zone.timers.is_empty() {
+            return 0;
+        }
+        let mut hasher = DefaultHasher::new();
+        zone.hash(&mut hasher);
+        let mut number = hasher.finish().max(1);
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        while known.get(&number).is_some_and(|other| other.zone != zone) {
+            number = number.wrapping_add(1).max(1);
+        }
+        known.entry(number).or_insert_with(|| {
+            let next = zone.timers.iter().copied().filter(|&timer| zone.elapsed(timer).is_some()).collect();
+            Known { zone, next }
+        });
+        number
+    }
+}
+
+/// Whether anything but lines for people follows from a transition.
+fn has_effect(transition: &Transition) -> bool {
+    let is_shown = |action: &Action| matches!(action, Action::Log(_) | Action::Send { .. });
+    transition.target != Target::Stay || !transition.actions.iter().all(is_shown)
+}
+
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.max(TIMER_LEAST).as_nanos()).unwrap_or(LONGEST).min(LONGEST)
+}
+
+/// The greatest common divisor.
+fn common(one: u64, other: u64) -> u64 {
+    if other == 0 { one } else { common(other, one % other) }
+}
+
+impl System<'_> {
+    /// How many bytes the zones of a configuration take.
+    pub(super) fn zones_length(&self) -> usize {
+        size_of::<u64>() * self.zoned().count()
+    }
+
+    /// The units with zones.
+    pub(super) fn zoned(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.units.len()).filter(|&unit| self.units[unit].zones.is_some())
+    }
+
+    fn zone_place(&self, unit: usize) -> Option<(usize, &Zones)> {
+        let zones = self.units.get(unit)?.zones.as_ref()?;
+        Some((self.zoned().position(|other| other == unit)?, zones))
+    }
+
+    /// Whether no other timer of a unit runs out before this one.
+    pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, timer: u32) -> bool {
+        let Some((place, zones)) = self.zone_place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
+        let may = |known: &Known| known.next.contains(&timer) || known.zone.place(timer).is_none();
+        zones.known(frame.zones[place]).is_none_or(|known| may(&known))
+    }
+
+    /// Follows the timers of a unit through a reaction that has these commands, to an event that may be the end of a timer.
+    pub(super) fn follow_timers(&self, frame: &mut Frame, unit: usize, elapsed: Option<u32>, commands: &[Command]) {
+        let Some((place, zones)) = self.zone_place(unit) else { return };
+        let known = zones.known(frame.zones[place]);
+        let begins = commands.iter().any(|command| matches!(command, Command::Arm { .. }));
+        if known.is_none() && !begins {
+            return;
+        }
+        let mut zone = known.map_or_else(Zone::new, |known| known.zone);
+        zone.close();
+        if let Some(after) = elapsed.and_then(|timer| zone.elapsed(timer)) {
+            zone = after;
+        }
+        let (state, program) = (&frame.states[unit], self.program(unit));
+        zone.retain(|timer| state.is_armed(program, timer) && Some(timer) != elapsed);
+        for command in commands {
+            if let Command::Arm { timer, after, .. } = command
+                && zones.matters(*timer)
+                && state.is_armed(program, *timer)
+            {
+                let time = i64::try_from(nanoseconds(*after) / zones.unit).unwrap_or(i64::MAX);
+                zone.arm(*timer, time);
+            }
+        }
+        zone.pass();
+        frame.zones[place] = zones.number(zone);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The timers that may run out next.
+    fn next(zone: &Zone) -> Vec<u32> {
+        zone.timers.iter().copied().filter(|&timer| zone.elapsed(timer).is_some()).collect()
+    }
+
+    fn armed(timers: &[(u32, i64)]) -> Zone {
+        let mut zone = Zone::new();
+        timers.iter().for_each(|&(timer, time)| zone.arm(timer, time));
+        zone.pass();
+        zone
+    }
+
+    /// Lets a timer run out, after which others begin.
+    fn after(zone: &Zone, timer: u32, then: &[(u32, i64)]) -> Zone {
+        let mut zone = zone.elapsed(timer).expect("it may run out");
+        then.iter().for_each(|&(timer, time)| zone.arm(timer, time));
+        zone.pass();
+        zone
+    }
+
+    #[test]
+    fn timers_that_begin_together_have_one_order() {
+        assert_eq!(next(&armed(&[(0, 5), (1, 3)])), [1]);
+        assert_eq!(next(&armed(&[(1, 3), (0, 3)])), [1]);
+        assert_eq!(next(&armed(&[(0, 100_000), (1, 1), (2, 99_999), (3, 7), (4, 8), (5, 9)])), [1]);
+    }
+
+    #[test]
+    fn times_on_a_way_add_up() {
+        let first = armed(&[(0, 5), (1, 2)]);
+        let second = after(&first, 1, &[(2, 2)]);
+        assert_eq!(next(&second), [2]);
+        assert_eq!(next(&after(&second, 2, &[(3, 2)])), [0]);
+        // Due together: the one that began first.
+        assert_eq!(next(&after(&second, 2, &[(3, 1)])), [0]);
+    }
+
+    /// A message comes at any time, so a timer that begins with it may be the earlier or the later one.
+    #[test]
+    fn an_event_without_a_time_leaves_the_order_open() {
+        let mut zone = armed(&[(0, 5)]);
+        zone.arm(1, 3);
+        zone.pass();
+        assert_eq!(next(&zone), [0, 1]);
+        let mut zone = armed(&[(0, 5)]);
+        zone.arm(1, 5);
+        zone.pass();
+        assert_eq!(next(&zone), [0]);
+    }
+
+    #[test]
+    fn a_bound_is_rounded_up_and_keeps_its_sign() {
+        for value in [-100_001, -257, -33, -1, 0, 1, 31, 255, 257, 70_000] {
+            for bits in 2..9 {
+                let round = rounded(at_most(value), bits) >> 1;
+                assert!(round >= value && round.signum() == value.signum(), "{value} {bits}: {round}");
+            }
+        }
+    }
+}
