@@ -88,7 +88,8 @@ fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
         StoryTest::read(&text).map(|test| test.script)
     };
     let script = script.map_err(|why| anyhow!("`{}` is not a story: {why}", file.display()))?;
-    let script = script.ok_or_else(|| anyhow!("`{}` tells no story that could be played", file.display()))?;
+    let script =
+        script.ok_or_else(|| anyhow!("`{}` has no events to play; `dca test` checks its spec", file.display()))?;
     let played = script.play(plan);
     console::say(&played.lines.iter().map(|line| format!("{line}\n")).collect::<String>());
     match played.result {

@@ -10,9 +10,11 @@ use crate::explore::{Found, Graph, Limits, Nobody, Reached, WorkDone, explore, i
 use crate::finding::{Finding, diagnostic, help};
 use crate::limits::late;
 use crate::model::{Ends, Model, Seat, run_nodes};
+use crate::story::inside::{self, Way};
 use crate::story::{place, story_to_the_end};
 use crate::system::MemberRef;
-use crate::system::{Changed, Frame, Label, Mode, Phase, System, escalates};
+use crate::system::{Changed, Frame, Label, Phase, System, escalates};
+use language::algebra::Value;
 use language::plan::Expression;
 use language::{Code, Span};
 use outside::Suspect;
@@ -80,9 +82,11 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
     let (mut ends, mut is_whole) = ([Ends::default(), Ends::default()], true);
     let holds = |seat: &Seat| matches!(seat, Seat::Part(inner) if model.parts[*inner].may_hang);
     let mut may_hang = model.parts[part].members.iter().any(holds);
+    let (has_activity, mut ends_at_once) = (inside::has_activity(&model.parts, part), false);
+    let mut ways = [Vec::new(), Vec::new()];
     for (index, aborts) in [true, false].into_iter().enumerate() {
         let mut system = System::new(model, part, &|_| false);
-        system.mode = Mode { aborts, stops: aborts, ..Mode::default() };
+        system.mode = inside::mode(aborts);
         let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         catalogue.states += u64::from(graph.store.count());
         catalogue.transitions += graph.transitions;
@@ -96,7 +100,12 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
             continue;
         }
         let over = graph.which(&system, is_over);
-        ends[index] = ends_of(&system, &graph, &over);
+        (ends[index], ways[index]) = ends_of(&system, &graph, &over);
+        if has_activity {
+            ends_at_once = graph.from(0).any(|(_, started)| over[started as usize]);
+        } else {
+            ways[index].clear();
+        }
         // From its start it can end, and from somewhere else it cannot.
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
         may_hang |= can.first() == Some(&true) && can.contains(&false);
@@ -111,6 +120,7 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
     ends[0].aborts |= is_taken_down(model, part);
     let own = &mut model.parts[part];
     (own.ends, own.is_whole, own.may_hang) = (ends, is_whole, may_hang);
+    (own.ways, own.ends_at_once) = (ways, ends_at_once);
 }
 
 /// Whether a group can fail in spite of its expression: its programs die too often, or the supervisor around it runs on
@@ -123,16 +133,27 @@ fn is_taken_down(model: &Model<'_>, part: usize) -> bool {
     !source.is_piece && (is_away || escalates(model, source.group))
 }
 
-/// How the whole of a system ends, of all that was seen.
-fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> Ends {
-    let mut ends = Ends::default();
+/// How the whole of a system ends, of all that was seen, and a way to each end that no stop causes.
+fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> (Ends, Vec<Way>) {
+    let (mut ends, mut ways) = (Ends::default(), Vec::<Way>::new());
     let (mut frame, mut changes) = (system.initial(), Vec::new());
     let mut stepper = system.stepper();
     for state in 0..graph.store.count() {
         for (label, _) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
             system.unpack(graph.store.get(state), &mut frame);
+            let is_asked = frame.phase == Phase::Stopping;
             stepper.apply(&mut frame, label, Some(&mut changes));
             for change in changes.drain(..).filter(|change| change.member.is_none()) {
+                let value = match &change.what {
+                    Changed::Done(value) => Some(Some(value.clone())),
+                    Changed::Aborted => Some(None),
+                    Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => None,
+                };
+                let is_new = |value: &Option<Value>| !is_asked && ways.iter().all(|way| way.value != *value);
+                if let Some(value) = value.filter(is_new) {
+                    let labels = graph.way(state).into_iter().chain([label]).collect();
+                    ways.push(Way { value, labels });
+                }
                 match change.what {
                     Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
                     Changed::Aborted => ends.aborts = true,
@@ -142,7 +163,7 @@ fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> Ends {
             }
         }
     }
-    ends
+    (ends, ways)
 }
 
 fn judge(
@@ -191,8 +212,9 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Ca
             let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
             let found = help(found, "what stands before it never ends in the way that would start it");
             asked.unreached = true;
-            let story = nearest(system, graph, part, *node).map(|state| story_to_the_end(system, graph, state));
-            catalogue.findings.push(Finding::fails(found, story));
+            // A group that ends at once is active in no state: its end is the whole story.
+            let state = nearest(system, graph, part, *node).unwrap_or(1).min(graph.store.count() - 1);
+            catalogue.findings.push(Finding::fails(found, Some(story_to_the_end(system, graph, state))));
         }
     }
 }

@@ -5,6 +5,7 @@
 //! the product. The same holds for the operands of a `,` that share nothing with the rest of their group: where there
 //! are many, they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
 
+use crate::story::inside::Way;
 use language::algebra::{Program, Value};
 use language::plan::{Expression, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
@@ -48,6 +49,10 @@ pub(crate) struct Part {
     /// Whether it can end, and can also reach a state where it never does; known after `ends`. Such a part is not used
     /// as a box.
     pub(crate) may_hang: bool,
+    /// Whether it is an activity, or has one inside, and ends in the reaction that starts it; known after `ends`.
+    pub(crate) ends_at_once: bool,
+    /// A way to each of its `ends`, if it is an activity or has one inside.
+    pub(crate) ways: [Vec<Way>; 2],
 }
 
 /// The content of a member slot of a part.
@@ -211,6 +216,8 @@ impl Outline<'_> {
             ends: [Ends::default(), Ends::default()],
             is_whole: false,
             may_hang: false,
+            ends_at_once: false,
+            ways: [Vec::new(), Vec::new()],
         }
     }
 

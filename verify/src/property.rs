@@ -81,7 +81,12 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         if !why.is_empty() {
             diagnostic = help(diagnostic, why);
         }
-        Finding::fails(diagnostic, found.map(|(system, graph, state)| story(system, graph, state)))
+        let told = |(system, graph, state): (&System<'_>, &Graph, u32)| match state {
+            // It was never possible: a run shows what happens instead.
+            0 => tell(system, &a_run(system, graph)),
+            state => story(system, graph, state),
+        };
+        Finding::fails(diagnostic, found.map(told))
     }
 
     fn open(&self, why: &str) -> Finding {
@@ -156,14 +161,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
         let done = graph.which(&system, |frame| frame.phase == Phase::Done);
         if !done.contains(&true) {
-            // A run that stops without an end, or an endless one.
-            let mut way = graph.dead_end(&system, 0);
-            if way.is_empty() {
-                way = graph.way(graph.store.count() - 1);
-            }
-            let mut found = self.fails("it is never done, whatever happens", None);
-            found.story = Some(tell(&system, &way));
-            return found;
+            return self.fails("it is never done, whatever happens", Some((&system, &graph, 0)));
         }
         let over = graph.which(&system, |frame| frame.phase.is_over());
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
@@ -396,4 +394,10 @@ pub(crate) fn is_running(system: &System<'_>, frame: &Frame, who: ProcessRef) ->
     let Some(slot) = who.member else { return frame.phase == Phase::Running && !system.is_silent(frame, 0) };
     let seat = system.find(who.group, slot).filter(|_| frame.phase == Phase::Running || system.is_split(frame));
     seat.is_some_and(|seat| system.is_running(frame, seat))
+}
+
+/// A run that ends or comes to a standstill; if every run is endless, the beginning of one.
+fn a_run(system: &System<'_>, graph: &Graph) -> Vec<Label> {
+    let way = graph.dead_end(system, 0);
+    if way.is_empty() { graph.way(graph.store.count() - 1) } else { way }
 }

@@ -57,10 +57,10 @@ pub struct ScriptError {
 const ENDS: [(&str, Became); 3] = [("done", Became::Done), ("failed", Became::Failed), ("stopped", Became::Stopped)];
 
 impl Script {
-    /// Returns the script of a story; none if an event has no name, or if the story goes on for ever.
+    /// Returns the script of a story; none if an event has no name. Of a part that repeats for ever, it has one round.
     pub fn of(story: &Story) -> Option<Self> {
         let is_named = story.steps.iter().all(|step| !step.events.is_empty());
-        (is_named && story.again.is_none_or(|again| again == story.steps.len())).then(|| Self {
+        (is_named && !story.steps.is_empty()).then(|| Self {
             events: story.steps.iter().flat_map(|step| step.events.clone()).collect(),
             travels: story.travels.clone(),
             running: story.running.clone(),

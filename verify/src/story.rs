@@ -1,6 +1,8 @@
 //! Tells the events on a way through a system, in words of the spec.
 
 mod event;
+pub(crate) mod inside;
+mod states;
 
 use crate::explore::Graph;
 use crate::model::{Model, Seat};
@@ -95,12 +97,23 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
             story.again = Some(story.steps.len());
         }
         let cause = cause(system, label);
+        let before = states::names(system, &frame);
+        let inside = inside::steps(system, &frame, label);
         stepper.apply(&mut frame, label, Some(&mut changes));
-        let effects = effects(system, label, &changes);
+        let mut effects = effects(system, label, &changes);
+        effects.extend(states::entered(system, &before, &frame));
         let sent = changes.iter().filter(|change| change.what == Changed::Sent);
         story.travels.extend(sent.filter_map(|change| event::path(system, change.unit, change.member?)));
         let event = event(system, label);
         let moves: Vec<Move> = changes.iter().filter_map(|change| move_of(system, change)).collect();
+        if let Some(mut steps) = inside {
+            if let Some(last) = steps.last_mut() {
+                last.effects.extend(effects);
+                last.moves.extend(moves);
+            }
+            story.steps.append(&mut steps);
+            continue;
+        }
         match story.steps.last_mut() {
             // Answers to stops are one step, as long as nothing else follows from them.
             Some(last)
@@ -239,7 +252,10 @@ fn cause(system: &System<'_>, label: Label) -> String {
         Label::Elapsed(unit, timer) => {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
             let time = timer_of(&part.expression, usize::from(timer));
-            format!("{} have passed", time.map_or_else(|| "some seconds".to_owned(), seconds))
+            let time = time.map_or_else(|| "some seconds".to_owned(), seconds);
+            let name = system.model.group_name(part.group);
+            states::timer(&part.expression, usize::from(timer), &name, &time)
+                .unwrap_or_else(|| format!("{time} have passed"))
         }
         Label::Reached(unit) => {
             let part = &system.model.parts[system.units[usize::from(unit)].part];

@@ -18,6 +18,7 @@ mod zone;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Event, Packing, Program, Steps, Value, Words};
+use language::automaton::Configuration;
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -235,7 +236,9 @@ impl<'a> System<'a> {
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
-                Seat::Part(inner) if runs.contains(&slot) && is_open(inner) => {
+                Seat::Part(inner)
+                    if runs.contains(&slot) && (is_open(inner) || self.model.parts[inner].ends_at_once) =>
+                {
                     Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open))
                 }
                 Seat::Part(inner) => {
@@ -404,8 +407,14 @@ impl<'a> System<'a> {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index)?.tag())
     }
 
-    fn value(&self, number: u8) -> Value {
+    /// The value of a number.
+    pub(crate) fn value(&self, number: u8) -> Value {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index).cloned()).unwrap_or_default()
+    }
+
+    /// Where the activity of a unit is; none if it is not an activity.
+    pub(crate) fn place(&self, frame: &Frame, unit: usize) -> Option<Box<Configuration>> {
+        self.units[unit].packing.chart(self.program(unit), &frame.states[unit])
     }
 
     /// A stepper, which applies labels to the units.

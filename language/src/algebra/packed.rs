@@ -306,8 +306,8 @@ impl Packing {
         self.nodes + self.members + self.places + self.resources
     }
 
-    /// Where an activity is.
-    pub(super) fn chart(&self, program: &Program, words: &Words) -> Option<Box<Configuration>> {
+    /// Returns where an activity is; none if the program is not one.
+    pub fn chart(&self, program: &Program, words: &Words) -> Option<Box<Configuration>> {
         let word = words.words.get(self.chart_start()).copied().unwrap_or(0);
         Some(Box::new(self.charts.as_ref()?.configuration(program.automaton()?, word)))
     }

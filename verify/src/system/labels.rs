@@ -48,6 +48,12 @@ impl System<'_> {
         }
     }
 
+    /// Whether a member that is active runs, so that its end is its own.
+    pub(crate) fn ends_by_itself(&self, frame: &Frame, unit: usize, member: u32) -> bool {
+        let seat = MemberRef { unit, member };
+        !self.is_refused(frame, seat) && !self.is_unheard(frame, seat) && !self.is_under_way(frame, seat)
+    }
+
     fn member_labels(&self, frame: &Frame, seat: MemberRef, ends: &[Ends; 2], labels: &mut Vec<Label>) {
         let MemberRef { unit, member } = seat;
         let (at, slot) = (small(unit), small(member as usize));

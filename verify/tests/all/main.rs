@@ -10,6 +10,7 @@ mod mistakes;
 mod repairs;
 mod replay;
 mod rewriting;
+mod stories;
 mod threads;
 mod timers;
 mod times;

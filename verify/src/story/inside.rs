@@ -1,0 +1,61 @@
+//! The way of a group with activities to its end, where a story only says that it ends.
+//!
+//! A system treats such a group as a box that may end in certain ways. Its own exploration has found a shortest way to
+//! each of them. The steps of that way stand in the story before the end, so that it names the cause, such as a time.
+
+use super::{Step, tell};
+use crate::model::{Part, Seat};
+use crate::system::{Frame, Label, Mode, Occupant, System};
+use language::algebra::{Activity, Value};
+use language::plan::Expression;
+
+/// A way through a part to an end, from its start on.
+#[derive(Clone, Debug)]
+pub(crate) struct Way {
+    /// The value that it leaves; none if it fails.
+    pub(crate) value: Option<Value>,
+    pub(crate) labels: Vec<Label>,
+}
+
+/// The behaviour of a part that is explored alone.
+pub(crate) fn mode(aborts: bool) -> Mode {
+    Mode { aborts, stops: aborts, ..Mode::default() }
+}
+
+/// The steps of a box to its end, which is the last of them; none if the box is told of by its end alone.
+pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<Vec<Step>> {
+    let (unit, member, value) = if let Label::Done(unit, member, value) = label {
+        (usize::from(unit), usize::from(member), Some(system.value(value)))
+    } else if let Label::Aborted(unit, member) = label {
+        (usize::from(unit), usize::from(member), None)
+    } else {
+        return None;
+    };
+    let own = system.units.get(unit)?;
+    let (Occupant::Box(_), Seat::Part(inner)) = (own.seats.get(member)?, system.model.parts[own.part].members[member])
+    else {
+        return None;
+    };
+    let slot = u32::try_from(member).ok()?;
+    if frame.states[unit].activity(slot) != Activity::Active || !system.ends_by_itself(frame, unit, slot) {
+        return None;
+    }
+    let aborts = system.mode.aborts;
+    let ways = &system.model.parts[inner].ways[usize::from(!aborts)];
+    let is_it = |way: &&Way| match (&way.value, &value) {
+        (Some(one), Some(other)) => one.tag() == other.tag(),
+        (one, other) => one.is_none() && other.is_none(),
+    };
+    let way = ways.iter().find(is_it)?;
+    let mut inside = System::new(system.model, inner, &|_| false);
+    inside.mode = mode(aborts);
+    let steps: Vec<Step> = tell(&inside, &way.labels).steps.into_iter().skip(1).collect();
+    (!steps.is_empty()).then_some(steps)
+}
+
+/// Whether a part is an activity, or has one inside.
+pub(crate) fn has_activity(parts: &[Part], part: usize) -> bool {
+    let own = &parts[part];
+    let is_inside = |seat: &Seat| matches!(seat, Seat::Part(inner) if has_activity(parts, *inner));
+    matches!(own.expression, Expression::Chart(_)) || own.members.iter().any(is_inside)
+}
