@@ -108,7 +108,7 @@ pub struct Simulation<'a> {
     outcome: Option<Transition>,
     /// The states that each activity was last seen in.
     states_seen: BTreeMap<usize, String>,
-    /// How each group has last ended, with its tag, while a story is played.
+    /// How each group has last ended, with its tag.
     last_ends: BTreeMap<usize, (Transition, Option<String>)>,
     /// The story's open statements, while one is played.
     pending: Option<Pending>,
@@ -384,10 +384,7 @@ impl<'a> Simulation<'a> {
             Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed && self.pending.is_some() => {
                 Event::StopUnconfirmed { member, activation }
             }
-            Outcome::Aborted(_) => {
-                let text = if let Transition::Aborted(text) = &transition { text.as_str() } else { "" };
-                Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }
-            }
+            Outcome::Aborted(reason) => Event::Aborted { member, activation, report: reason.report() },
             Outcome::Stopped => Event::Stopped { member, activation },
         };
         if !self.is_reported(own, &(group, event.clone())) {
@@ -395,9 +392,19 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    /// Why a member that is a group has failed, if it has.
+    fn last_words(&self, group: usize, member: u32) -> Option<String> {
+        let MemberKind::Group(inner) = self.plan.groups[group].members[member as usize].kind else { return None };
+        let (Transition::Aborted(text), _) = self.last_ends.get(&(inner as usize))? else { return None };
+        Some(text.clone())
+    }
+
     fn explain(&self, group: usize, reason: &Reason) -> String {
         let cause = match &reason.cause {
-            Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
+            Cause::Reported(report) => match reason.member.and_then(|member| self.last_words(group, member)) {
+                Some(text) => text,
+                None => String::from_utf8_lossy(report.bytes()).into_owned(),
+            },
             Cause::Busy => "it was running already".to_owned(),
             Cause::StopUnconfirmed => "its stop could not be confirmed".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),

@@ -13,12 +13,14 @@ mod mode;
 mod pending;
 mod reaction;
 mod restart;
+mod texts;
 mod transit;
 mod zone;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Event, Packing, Program, Steps, Value, Words};
 use language::automaton::Configuration;
+use language::plan::text_value;
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -213,7 +215,7 @@ impl<'a> System<'a> {
             transit: Transit::default(),
             is_whole: true,
         };
-        system.add(root, None, is_open);
+        system.add(root, None, is_open, &BTreeSet::new());
         system.follow_messages(&[]);
         system
     }
@@ -223,7 +225,14 @@ impl<'a> System<'a> {
         self.is_whole
     }
 
-    fn add(&mut self, part: usize, parent: Option<MemberRef>, is_open: &dyn Fn(usize) -> bool) -> usize {
+    /// Adds a part. Activities around it wait for failures with the texts `awaited`.
+    fn add(
+        &mut self,
+        part: usize,
+        parent: Option<MemberRef>,
+        is_open: &dyn Fn(usize) -> bool,
+        awaited: &BTreeSet<&str>,
+    ) -> usize {
         let source = &self.model.parts[part];
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
@@ -233,13 +242,15 @@ impl<'a> System<'a> {
         // A part has a slot for each member of its group, including the members that its pieces run: those are never
         // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
+        let awaited: BTreeSet<&str> = awaited.iter().copied().chain(texts::awaited(&source.expression)).collect();
+        let is_box = |model: &Model<'_>, inner: usize| {
+            !is_open(inner) && !model.parts[inner].ends_at_once && !texts::may_fail_with(model, inner, &awaited)
+        };
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
-                Seat::Part(inner)
-                    if runs.contains(&slot) && (is_open(inner) || self.model.parts[inner].ends_at_once) =>
-                {
-                    Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open))
+                Seat::Part(inner) if runs.contains(&slot) && !is_box(self.model, inner) => {
+                    Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open, &awaited))
                 }
                 Seat::Part(inner) => {
                     // A member that nothing runs has no behaviour.
@@ -397,8 +408,8 @@ impl<'a> System<'a> {
 
     /// Of a value with a tag only that counts, as in a packed state.
     fn number(&self, value: &Value) -> u8 {
-        let is_same_tag = |other: &Value| other.tag() == value.tag();
-        let known = value.tag().and_then(|_| self.values.iter().position(is_same_tag));
+        let is_same = |other: &Value| if value.tag().is_some() { other.tag() == value.tag() } else { other == value };
+        let known = self.values.iter().position(is_same);
         known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 
@@ -433,7 +444,15 @@ fn all_values(model: &Model<'_>) -> Vec<Value> {
     tags.extend(model.plan.groups.iter().flat_map(|group| group.expression.tags()));
     tags.sort_unstable();
     tags.dedup();
-    tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect()
+    let mut values: Vec<Value> = tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect();
+    let awaited = model.plan.groups.iter().flat_map(|group| texts::awaited(&group.expression));
+    for text in awaited.map(text_value) {
+        // The bytes of a short text are those of a tag.
+        if !values.contains(&text) {
+            values.push(text);
+        }
+    }
+    values
 }
 
 pub(crate) fn small(index: usize) -> u16 {

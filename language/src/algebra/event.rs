@@ -1,5 +1,6 @@
 //! The events and commands of the algebra.
 
+use crate::plan::text_value;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -240,6 +241,20 @@ pub enum Outcome {
     Aborted(Reason),
     /// Because it was asked to.
     Stopped,
+}
+
+impl Reason {
+    /// Returns the report of this abort to the supervisor around the group: the text of a `fail` or an `abort`, also of
+    /// one further inside; else the empty value.
+    pub fn report(&self) -> Value {
+        match &self.cause {
+            Cause::Failed(why) => text_value(why),
+            Cause::Reported(report) if report.text().is_some() => report.clone(),
+            Cause::Reported(_) | Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
+                Value::EMPTY
+            }
+        }
+    }
 }
 
 /// Why a group aborted.

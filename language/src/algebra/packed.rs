@@ -342,7 +342,7 @@ impl Packing {
         let outcome = match held {
             Held::Nothing => None,
             Held::Done => Some(Outcome::Done(self.values.get(value).cloned().unwrap_or_default())),
-            Held::Aborted => Some(aborted(Cause::Reported(Value::EMPTY))),
+            Held::Aborted => Some(aborted(Cause::Reported(self.values.get(value).cloned().unwrap_or_default()))),
             Held::Unconfirmed => Some(aborted(Cause::StopUnconfirmed)),
             Held::Stopped => Some(Outcome::Stopped),
         };
@@ -365,7 +365,7 @@ impl Packing {
             None => (Held::Nothing, 0),
             Some(Outcome::Done(value)) => (Held::Done, self.number(value)),
             Some(Outcome::Aborted(reason)) if reason.cause == Cause::StopUnconfirmed => (Held::Unconfirmed, 0),
-            Some(Outcome::Aborted(_)) => (Held::Aborted, 0),
+            Some(Outcome::Aborted(reason)) => (Held::Aborted, self.number(&reason.report())),
             Some(Outcome::Stopped) => (Held::Stopped, 0),
         };
         let code = CODE_OF[cell.phase as usize][held as usize];

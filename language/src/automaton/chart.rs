@@ -129,7 +129,7 @@ pub enum Failure {
     StopUnconfirmed,
     /// A service has ended.
     ServiceEnded,
-    /// `fail` with this text.
+    /// `fail` or `abort` with this text, here or inside.
     Failed(String),
     /// No arm of a `match` has the tag.
     NoMatch,
@@ -140,6 +140,8 @@ impl Failure {
     pub(super) fn is_of(&self, cause: &Cause) -> bool {
         match (self, cause) {
             (Self::Failed(text), Cause::Failed(why)) => **text == **why,
+            // A group or an activity inside says why it has failed.
+            (Self::Failed(text), Cause::Reported(report)) => report.text() == Some(text),
             (Self::Reported, Cause::Reported(_))
             | (Self::Busy, Cause::Busy)
             | (Self::StopUnconfirmed, Cause::StopUnconfirmed)

@@ -4,7 +4,7 @@ use super::chart::{Target, Transition, Trigger};
 use super::configuration::Configuration;
 use super::enter::effective_targets;
 use super::shape::Automaton;
-use crate::algebra::{Reason, Value};
+use crate::algebra::{Cause, Reason, Value};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -44,8 +44,14 @@ impl Cue {
 
     /// Replaces the value that it carries.
     pub(super) fn change_value(&mut self, change: &dyn Fn(&Value) -> Value) {
-        if let Self::Message { value, .. } | Self::Done { value, .. } = self {
-            *value = change(value);
+        match self {
+            Self::Message { value, .. } | Self::Done { value, .. } => *value = change(value),
+            Self::Aborted { reason, .. } => {
+                if let Cause::Reported(report) = &mut reason.cause {
+                    *report = change(report);
+                }
+            }
+            Self::Always | Self::Signal(_) | Self::Notice(_) | Self::Complete(_) | Self::Timer(_) => {}
         }
     }
 

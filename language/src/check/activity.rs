@@ -48,7 +48,8 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     }
     reader.transitions(node);
     reader.remarks(node);
-    let labels = std::mem::take(&mut reader.places).into_iter().map(|written| written.label).collect();
+    let written = std::mem::take(&mut reader.places).into_iter();
+    let (places, labels) = written.map(|written| (written.span, written.label)).unzip();
     let run_labels = runs.iter().map(|(state, _)| reader.run_label(*state)).collect();
     let (is_sound, chart) = (reader.is_sound, reader.chart());
     let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
@@ -58,7 +59,7 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     if is_sound && let Err(error) = Automaton::new(chart.chart.clone()) {
         group.diagnostics().push(Diagnostic::new(Code::E0902, span, error.to_string()));
     }
-    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, labels, run_labels })) })
+    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, places, labels, run_labels })) })
 }
 
 /// Everything that the transitions of an activity wait for by a number.

@@ -5,6 +5,7 @@ mod ends;
 mod instant;
 mod notice;
 mod outcome;
+mod reason;
 mod resource;
 mod service;
 mod value;
@@ -29,6 +30,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         value::check(spec, process, actions, diagnostics);
         resource::check(process, actions, diagnostics);
         notice::check(spec, process, diagnostics);
+        reason::check(spec, process, diagnostics);
         resource::kept(process, &service::members(spec, process), actions, diagnostics);
     }
     instant::check(spec, diagnostics);

@@ -406,6 +406,8 @@ pub(crate) struct ChartModel {
     pub(crate) runs: Vec<(usize, Expr)>,
     /// Where each notice of the chart is first waited for.
     pub(crate) notices: Vec<Span>,
+    /// Where each transition stands.
+    pub(crate) places: Vec<Span>,
     /// The trigger and the condition of each transition, as the text writes them.
     pub(crate) labels: Vec<String>,
     /// The expression of each run, as the text writes it.

@@ -398,8 +398,9 @@ impl<'a> Simulation<'a> {
     }
 
     pub(super) fn note_end(&mut self, group: usize, transition: &Transition, outcome: &Outcome) {
-        let Some(pending) = &mut self.pending else { return };
-        pending.ordered.remove(&group);
+        if let Some(pending) = &mut self.pending {
+            pending.ordered.remove(&group);
+        }
         let tag = if let Outcome::Done(value) = outcome { value.tag().map(str::to_owned) } else { None };
         self.last_ends.insert(group, (transition.clone(), tag));
     }

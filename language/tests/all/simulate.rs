@@ -1,6 +1,6 @@
 //! Every file of `specs/` and every good file of the corpus runs in simulation, with and without faults.
 
-use language::{Options, RandomRun, Simulation, Source, Transition, compile};
+use language::{Ending, Options, RandomRun, Simulation, Source, Transition, compile};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -94,4 +94,45 @@ fn a_loop_that_takes_no_time_ends_the_run() {
         assert_eq!(why, "more than 100000 events at one instant: a loop takes no time");
         assert_eq!(simulation.running(), Vec::<&str>::new());
     }
+}
+
+/// `on aborted("TEXT")` takes the failure of an activity and of a group inside that end with this text, however deep.
+#[test]
+fn the_text_of_a_failure_inside_chooses_the_transition() {
+    let text = "module Work(host) { done; }
+        activity Inner(h: Host){
+            w instof Work(h);
+            initial state s { run w; on done -> done; on after 2 s -> abort(\"told\"); }
+        }
+        process group(h){
+            host{h}
+            instantiated_processes{ w instof Work(h); }
+            internal_event_actions{ w ; fail(\"no way\") }
+        }
+        process around(h){
+            host{h}
+            instantiated_processes{ g instof group(h); }
+            internal_event_actions{ g }
+        }
+        activity A(h: Host){
+            a instof Inner(h);
+            g instof around(h);
+            b instof Work(h);
+            initial state one { run a; on aborted(\"no way\") -> abort(\"wrong\"); on aborted(\"told\") -> two; on aborted -> abort(\"other\"); }
+            state two { run g; on aborted(\"no way\") -> three; on aborted -> abort(\"other\"); }
+            state three { run b; on aborted(\"told\") -> abort(\"wrong\"); on aborted -> done; }
+        }
+        process main(){
+            host{\"c1\"}
+            instantiated_processes{ x instof A(\"c1\"); }
+            internal_event_actions{ x }
+        }";
+    let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.expect("it compiles");
+    let mut simulation = Simulation::start(&plan);
+    simulation.pass(Duration::from_secs(3));
+    simulation.end("x/g/g/w", Ending::Done).expect("it runs");
+    // The report of a program is not such a text.
+    simulation.end("x/b", Ending::Aborted("told".to_owned())).expect("it runs");
+    let happenings = simulation.take_happenings();
+    assert_eq!(simulation.outcome(), Some(&Transition::Done), "{happenings:?}");
 }

@@ -26,7 +26,7 @@ use clock::Clock;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Plan, TIMER_LEAST};
+use language::plan::{Plan, TIMER_LEAST, text_value};
 pub use places::{group_host, leaf_host, member_path};
 use places::{member_host, member_target};
 use serde::{Deserialize, Serialize};
@@ -258,13 +258,15 @@ impl Executer {
                 }
                 // An unconfirmed stop inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
+                // Activities may wait for the text of a `fail` or an `abort` inside.
+                let report = if let FailureCause::Failed(why) = &failure.cause { text_value(why) } else { Value::EMPTY };
                 if current {
                     self.failures.insert(slot, failure);
                 }
                 if unconfirmed {
                     Event::StopUnconfirmed { member, activation }
                 } else {
-                    Event::Aborted { member, activation, report: Value::EMPTY }
+                    Event::Aborted { member, activation, report }
                 }
             }
             Ending::Stopped => Event::Stopped { member, activation },

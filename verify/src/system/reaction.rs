@@ -290,7 +290,7 @@ impl Reaction<'_, '_> {
         let MemberRef { unit, member } = seat;
         let Some(Arrival::End(outcome)) = self.system.receive(self.frame, seat) else { return None };
         let is_awaited = self.frame.states[unit].activity(member) != Activity::Idle;
-        (is_awaited && !self.system.is_silent(self.frame, unit)).then(|| (unit, event_of(member, outcome)))
+        (is_awaited && !self.system.is_silent(self.frame, unit)).then(|| (unit, self.event_of(member, outcome)))
     }
 
     /// Handles the end of a member. Returns the event for the unit.
@@ -301,7 +301,21 @@ impl Reaction<'_, '_> {
         if !self.system.is_severed(self.frame, MemberRef { unit, member }) {
             self.system.receive(self.frame, MemberRef { unit, member });
         }
-        event_of(member, outcome)
+        self.event_of(member, outcome)
+    }
+
+    /// The event of a unit when a member has ended.
+    fn event_of(&self, member: u32, outcome: Outcome) -> Event {
+        let activation = ACTIVATION;
+        match outcome {
+            Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Stopped => Event::Stopped { member, activation },
+            Outcome::Aborted(_) if is_unconfirmed(&outcome) => Event::StopUnconfirmed { member, activation },
+            Outcome::Aborted(reason) => {
+                let report = self.system.value(self.system.number(&reason.report()));
+                Event::Aborted { member, activation, report }
+            }
+        }
     }
 
     fn change(&mut self, unit: usize, member: Option<u32>, what: impl FnOnce() -> Changed) {
@@ -396,17 +410,6 @@ impl Reaction<'_, '_> {
     }
 }
 
-/// The event of a unit when a member has ended.
-fn event_of(member: u32, outcome: Outcome) -> Event {
-    let activation = ACTIVATION;
-    match outcome {
-        Outcome::Done(value) => Event::Done { member, activation, value },
-        Outcome::Stopped => Event::Stopped { member, activation },
-        Outcome::Aborted(_) if is_unconfirmed(&outcome) => Event::StopUnconfirmed { member, activation },
-        Outcome::Aborted(_) => Event::Aborted { member, activation, report: Value::EMPTY },
-    }
-}
-
 /// The change that an observer sees at an end. A member with an order to stop has stopped, however it ends.
 fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     match outcome {
@@ -426,5 +429,10 @@ pub(super) fn unconfirmed() -> Outcome {
 }
 
 pub(super) fn failed() -> Outcome {
-    Outcome::Aborted(Reason { member: None, cause: Cause::Reported(Value::EMPTY) })
+    failed_with(Value::EMPTY)
+}
+
+/// A failure with this report.
+pub(super) fn failed_with(report: Value) -> Outcome {
+    Outcome::Aborted(Reason { member: None, cause: Cause::Reported(report) })
 }

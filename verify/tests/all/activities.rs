@@ -268,3 +268,43 @@ fn faults_of_the_runs_of_an_activity_have_rows() {
         | c1 - c2 | loss of link | a/walk | a/walk fails; starts a/back; a/walk has stopped | a/back |  | can be done | handled |
     "#]].assert_eq(&table.markdown());
 }
+
+/// The failure of a group inside has a text, also if the group has to stop something first, or fails on another host.
+#[test]
+fn the_text_of_a_failure_inside_is_known() {
+    let text = |host: &str, wanted: &str| {
+        format!(
+            "{MODULES}
+process deep(h){{
+    host{{h}}
+    instantiated_processes{{ w instof Go(h); v instof Go(h); }}
+    internal_event_actions{{ v & (w ; fail(\"no way\")) }}
+}}
+process group(h){{
+    host{{h}}
+    instantiated_processes{{ d instof deep(h); }}
+    internal_event_actions{{ d }}
+}}
+activity A(h: Host){{
+    g instof group(\"{host}\");
+    walk instof Go(h);
+    back instof Go(h);
+    initial state s {{ run g; on done -> done; on aborted({wanted}) -> t; on aborted -> u; }}
+    state t {{ run walk; on done -> done; }}
+    state u {{ run back; on done -> done; }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); }}
+    internal_event_actions{{ a }}
+}}"
+        )
+    };
+    for host in ["c1", "c2"] {
+        assert_eq!(codes(&text(host, "\"no way\"")), Vec::<String>::new(), "on {host}");
+        // Nothing here is running already.
+        assert_eq!(codes(&text(host, "busy")), ["E0812"], "on {host}");
+    }
+    // A text that nothing has is never taken.
+    assert_eq!(codes(&text("c1", "\"no wayy\"")), ["E0812", "W0905"]);
+}

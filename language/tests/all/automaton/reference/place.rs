@@ -249,6 +249,7 @@ impl Place<'_> {
             (Trigger::Done(Some(tag)), Heard::Done(_, value)) => value.tag() == Some(tag),
             (Trigger::Aborted(Some(failure)), Heard::Aborted(_, reason)) => match (failure, &reason.cause) {
                 (Failure::Failed(text), Cause::Failed(why)) => text.as_str() == &**why,
+                (Failure::Failed(text), Cause::Reported(report)) => report.text() == Some(text),
                 (Failure::StopUnconfirmed, cause) => *cause == Cause::StopUnconfirmed,
                 (Failure::Reported, cause) => matches!(cause, Cause::Reported(_)),
                 (Failure::Busy, cause) => *cause == Cause::Busy,
