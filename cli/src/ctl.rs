@@ -10,7 +10,9 @@ use anyhow::{anyhow, bail};
 use clap_complete::ArgValueCompleter;
 use language::plan::Notice;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{ActivityInput, ActivityStatus, Answer, OpenQuestion, ProcessStatus, Request, TellRequest};
+use node::logic::protocol::{
+    ActivityInput, ActivityStatus, Answer, Delivery, OpenQuestion, ProcessStatus, Request, Taken, TellRequest,
+};
 use std::time::Duration;
 
 /// How long the home of the deployment has to answer.
@@ -161,10 +163,26 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
-    let path = told.map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
-    // The home has it; a lost host or a full queue may still lose it, and the events say so.
-    console::say(&format!("{} is on its way to `{path}`\n", order.name()));
-    Ok(())
+    match told {
+        Delivery::Taken { path, taken } => {
+            console::say(&format!("{}\n", confirmed(order.name(), &path, taken)));
+            Ok(())
+        }
+        Delivery::Refused(why) => Err(anyhow!("cannot give {}: {why}", order.name()).into()),
+        Delivery::Unconfirmed(why) => Err(Failure::Unreachable(anyhow!(
+            "{} is not confirmed: {why}; `dca status` shows the activity",
+            order.name()
+        ))),
+    }
+}
+
+/// The reaction of an activity to an order.
+fn confirmed(order: &str, path: &str, taken: Taken) -> String {
+    match taken {
+        Taken::Reacted => format!("`{path}` has taken {order}"),
+        Taken::Waits => format!("`{path}` has {order}, and takes it when what is being stopped has stopped"),
+        Taken::Ignored => format!("`{path}` has {order}, and no transition takes it in the present states"),
+    }
 }
 
 /// The states of an activity, its questions, and the orders that it waits for.

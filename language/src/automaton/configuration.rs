@@ -108,6 +108,15 @@ impl Configuration {
         self.pending.is_some()
     }
 
+    /// Returns whether a message of this priority at this port would be lost: rule 51.
+    pub fn has_no_room(&self, automaton: &Automaton, port: usize, priority: u8) -> bool {
+        let is_here = |cue: &Cue| matches!(cue, Cue::Message { port: other, .. } if *other == port);
+        let waiting: Vec<&Queued> = self.queue.iter().filter(|queued| is_here(&queued.cue)).collect();
+        let limit = automaton.chart().ports.get(port).copied().unwrap_or(0);
+        let is_last = waiting.iter().all(|queued| queued.priority >= u16::from(priority));
+        self.is_waiting() && waiting.len() >= limit && is_last
+    }
+
     /// Returns the value of a finite variable.
     pub fn variable(&self, variable: usize) -> Option<i32> {
         self.variables.get(variable).copied()

@@ -28,8 +28,8 @@ pub use mission::Requested;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::{Audience, History};
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision, Signed,
-    StartMode, SwitchRequest, Target, ToCoordinator, ToParticipant, Why, unreached,
+    Answer, ChangeRequest, Delivery, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision,
+    Signed, StartMode, SwitchRequest, Target, TellRequest, ToCoordinator, ToParticipant, Why, unreached,
 };
 use crate::logic::wiring::Registrations;
 use change::Changes;
@@ -43,6 +43,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use stop::{Stop, StopBy};
 use switching::Switches;
+use telling::Orders;
 
 /// How long all hosts have to start their programs, if none may take longer than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
@@ -60,6 +61,7 @@ pub struct Coordinator {
     phase: Phase,
     changes: Changes,
     switches: Switches,
+    orders: Orders,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -107,7 +109,7 @@ impl Coordinator {
         out.effects.push(Effect::PersistEpoch { deployment: deployment.clone(), hosts });
         mission.report(Report::Accepted { deployment }, out);
         let phase = Phase::Starting(Start::new(&mission, start, out));
-        Self { mission, phase, changes: Changes::default(), switches: Switches::default() }
+        Self { mission, phase, changes: Changes::default(), switches: Switches::default(), orders: Orders::default() }
     }
 
     /// Takes a message of a host.
@@ -136,6 +138,7 @@ impl Coordinator {
             ToCoordinator::Happened { target, change } => mission.happened(target, change, out),
             ToCoordinator::Change(reply) => self.changes.reply(mission, reply, from, out),
             ToCoordinator::SetsSwitched { call, switched } => self.switches.switched(call, switched, out),
+            ToCoordinator::Told { call, taken } => self.orders.told(call, taken, out),
             ToCoordinator::BeganLate { by } => mission.report(Report::BeganLate { host: from.to_owned(), by }, out),
             ToCoordinator::Stepped { group, number, steps } => mission.stepped(group, number, steps, out),
         }
@@ -317,6 +320,7 @@ impl Coordinator {
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.changes.tick(&mut self.mission, out);
         self.switches.tick(out);
+        self.orders.tick(&self.mission, out);
         self.mission.tick_rejoins(!self.changes.is_busy(), out);
         match &mut self.phase {
             Phase::Starting(start) if start.until <= out.now => {
@@ -336,7 +340,8 @@ impl Coordinator {
             Phase::Running | Phase::Over(_) => None,
         };
         let rejoins = self.mission.rejoin_deadline(!self.changes.is_busy());
-        [self.changes.deadline(), rejoins, self.switches.deadline()].into_iter().fold(phase, earliest)
+        let calls = [self.switches.deadline(), self.orders.deadline()];
+        [self.changes.deadline(), rejoins].into_iter().chain(calls).fold(phase, earliest)
     }
 
     /// Returns the plan that runs, for a user who wants to change it.
@@ -363,6 +368,18 @@ impl Coordinator {
         };
         if let Err(why) = asked {
             out.answer_last(call, Answer::Switched(Err(why)));
+        }
+    }
+
+    /// Gives an order to an activity; `call` is answered when the activity has confirmed it.
+    pub fn tell(&mut self, call: u64, request: &TellRequest, out: &mut Out<'_>) {
+        let asked = if matches!(self.phase, Phase::Running) {
+            self.orders.give(&self.mission, call, request, out)
+        } else {
+            Err(Delivery::Refused(format!("`{}` does not run", self.mission.deployment.name)))
+        };
+        if let Err(answer) = asked {
+            out.answer_last(call, Answer::Delivered(answer));
         }
     }
 
@@ -426,6 +443,7 @@ impl Coordinator {
         mission.hosts.values_mut().for_each(|host| host.rejoin = None);
         self.changes.abandon(out);
         self.switches.abandon(&mission.deployment.name, out);
+        self.orders.abandon(&mission.deployment.name, out);
         let slowest = mission.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         // A node that left has reported that already, and does not hear this any more.
         let awaited: BTreeSet<String> = self.taking_part().cloned().collect();

@@ -22,6 +22,7 @@ use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
 use activity::News;
+pub use activity::Told;
 use clock::Clock;
 use comms::logic::time::Time;
 use fence::Fences;
@@ -259,7 +260,8 @@ impl Executer {
                 // An unconfirmed stop inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
                 // Activities may wait for the text of a `fail` or an `abort` inside.
-                let report = if let FailureCause::Failed(why) = &failure.cause { text_value(why) } else { Value::EMPTY };
+                let report =
+                    if let FailureCause::Failed(why) = &failure.cause { text_value(why) } else { Value::EMPTY };
                 if current {
                     self.failures.insert(slot, failure);
                 }

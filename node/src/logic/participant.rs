@@ -243,9 +243,7 @@ impl Participant {
             | ToParticipant::Taken { .. }
             | ToParticipant::Succeeding { .. }
             | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
-            ToParticipant::Tell { group, told, by } => {
-                self.with_executer(group, out, |executer, at, out| executer.tell_by(&told, by.as_deref(), at, out));
-            }
+            ToParticipant::Tell { group, told, by, call } => self.tell_activity(group, &told, by.as_deref(), call, out),
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
                 self.tell_executer(group, out, |executer, at, out| {

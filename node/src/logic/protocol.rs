@@ -28,7 +28,7 @@ pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
 use comms::logic::object::Access;
-pub use deploying::{ActivityInput, StartMode, ToCoordinator, ToParticipant};
+pub use deploying::{ActivityInput, StartMode, Taken, ToCoordinator, ToParticipant};
 pub use estop::{Estop, Estopped};
 pub use event::Event;
 pub use facts::LeafFacts;
@@ -236,7 +236,8 @@ pub enum Request {
     Revocations(Vec<Vec<u8>>),
     /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
     Call(Box<CallRequest>),
-    /// Gives an order to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], at once.
+    /// Gives an order to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], once the
+    /// activity has confirmed it.
     Tell(Box<TellRequest>),
 }
 
@@ -346,8 +347,24 @@ pub enum Answer {
     /// To `Events`, as its last one: the hosts of which the node may not have heard everything that had happened by the question,
     /// itself included.
     Behind(Vec<String>),
-    /// To `Tell`: the absolute path of the activity, or why it takes no such message.
-    Delivered(Result<String, String>),
+    /// To `Tell`.
+    Delivered(Delivery),
+}
+
+/// The result of an order for an activity.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Delivery {
+    /// The activity has taken it.
+    Taken {
+        /// The absolute path of the activity.
+        path: String,
+        /// The reaction of the activity.
+        taken: Taken,
+    },
+    /// The activity has not taken it, for this reason.
+    Refused(String),
+    /// Whether the activity takes it is not known, for this reason.
+    Unconfirmed(String),
 }
 
 impl Enveloped for Request {

@@ -38,7 +38,7 @@ fn a_lost_host_sends_an_activity_home() {
     runs("main/guard/back", true);
     runs("main/guard/away", false);
     let told = hosts[0].ask(&["ctl", "guard", "guard", "suspend"]);
-    assert_eq!((told.code, told.out.trim()), (Some(0), "the order to suspend is on its way to `main/guard`"), "{told}");
+    assert_eq!((told.code, told.out.trim()), (Some(0), "`main/guard` has taken the order to suspend"), "{told}");
     runs("main/guard/back", false);
     assert_eq!(hosts[0].ask(&["ctl", "guard", "guard", "resume"]).code, Some(0));
     runs("main/guard/back", true);

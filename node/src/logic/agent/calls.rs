@@ -7,7 +7,8 @@ use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::history::Audience;
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
+    Answer, ChangeRequest, Delivery, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
+    TellRequest,
 };
 use language::plan::Plan;
 use std::sync::Arc;
@@ -61,11 +62,7 @@ impl Agent {
             Request::Revision { name } => out.answer(call, self.revision(&name)),
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
-            Request::Tell(request) => {
-                let told = self.home_of(&request.name).map(|home| home.tell(&request, out));
-                let told = told.unwrap_or_else(|| Err(format!("`{}` does not run here", request.name)));
-                out.answer(call, Answer::Delivered(told));
-            }
+            Request::Tell(request) => return self.tell(call, &request, out),
             Request::Estop(estop) => return self.estop(call, &estop, out),
             Request::ReleaseEstop => return self.release_estop(call, out),
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
@@ -132,6 +129,17 @@ impl Agent {
             None => {
                 let why = format!("`{}` does not run here", request.name);
                 out.answer_last(call, Answer::Switched(Err(why)));
+            }
+        }
+    }
+
+    /// Has the home of a deployment give an order to an activity.
+    fn tell(&mut self, call: u64, request: &TellRequest, out: &mut Out<'_>) {
+        match self.home_of(&request.name) {
+            Some(home) => home.tell(call, request, out),
+            None => {
+                let why = format!("`{}` does not run here", request.name);
+                out.answer_last(call, Answer::Delivered(Delivery::Refused(why)));
             }
         }
     }

@@ -1,34 +1,100 @@
-//! Orders of people for an activity: finds the activity that they mean, and passes the order on.
+//! Orders of people for an activity: the home finds the activity that they mean, and passes on the answer of its supervisor.
 
-use super::{Coordinator, Phase};
+use super::mission::Mission;
 use crate::logic::effect::Out;
 use crate::logic::executer::group_host;
-use crate::logic::protocol::{ActivityInput, TellRequest, ToParticipant};
+use crate::logic::protocol::{ActivityInput, Answer, Delivery, Taken, TellRequest, ToParticipant};
+use comms::logic::time::Time;
 use language::plan::{Expression, Notice, Plan, StateChart};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// The longest text of a message, in bytes.
 const TEXT_MAX: usize = 4096;
+/// How long a supervisor has to confirm an order: less than its user waits.
+const CONFIRM_WITHIN: Duration = Duration::from_secs(3);
+/// How many calls may wait at one time.
+const CALLS_MAX: usize = 256;
 
-impl Coordinator {
-    /// Passes an order on to the supervisor of an activity; returns the path of the activity.
+/// The calls that wait for the answer of an activity.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Orders(BTreeMap<u64, Handed>);
+
+/// An order that the host of an activity was handed.
+#[derive(Debug, Serialize, Deserialize)]
+struct Handed {
+    path: String,
+    host: String,
+    until: Time,
+}
+
+impl Orders {
+    /// Hands an order to the supervisor of an activity; `call` is answered when the supervisor has confirmed it.
     ///
     /// # Errors
-    /// The sentence says why no activity takes the order.
-    pub fn tell(&self, request: &TellRequest, out: &mut Out<'_>) -> Result<String, String> {
-        let mission = &self.mission;
-        if !matches!(self.phase, Phase::Running) {
-            return Err(format!("`{}` does not run", mission.deployment.name));
+    /// The answer, if no supervisor was handed the order.
+    pub(super) fn give(
+        &mut self,
+        mission: &Mission,
+        call: u64,
+        request: &TellRequest,
+        out: &mut Out<'_>,
+    ) -> Result<(), Delivery> {
+        if self.0.len() >= CALLS_MAX {
+            return Err(Delivery::Refused(format!("{CALLS_MAX} orders wait for an answer at this moment")));
         }
-        let (group, path, chart) = activity(&mission.plan, &request.process)?;
-        check(chart, &path, &request.order)?;
-        let host = group_host(&mission.plan, group).unwrap_or_default();
-        if mission.hosts.get(host).is_some_and(|part| part.has_failed()) {
-            return Err(format!("host `{host}`, which runs `{path}`, is lost"));
+        let (group, path, chart) = activity(&mission.plan, &request.process).map_err(Delivery::Refused)?;
+        check(chart, &path, &request.order).map_err(Delivery::Refused)?;
+        let host = group_host(&mission.plan, group).unwrap_or_default().to_owned();
+        if is_lost(mission, &host) {
+            return Err(Delivery::Unconfirmed(format!("host `{host}`, which runs `{path}`, is lost")));
         }
         let (told, by) = (request.order.clone(), Some(request.by.clone()));
-        out.send(host, mission.deployment.to_participant(ToParticipant::Tell { group, told, by }));
-        Ok(path)
+        mission.tell(&host, ToParticipant::Tell { group, told, by, call: Some(call) }, out);
+        self.0.insert(call, Handed { path, host, until: out.now + CONFIRM_WITHIN });
+        Ok(())
     }
+
+    /// Passes on the answer of a supervisor.
+    pub(super) fn told(&mut self, call: u64, taken: Result<Taken, String>, out: &mut Out<'_>) {
+        if let Some(Handed { path, .. }) = self.0.remove(&call) {
+            let taken = taken.map(|taken| Delivery::Taken { path, taken });
+            out.answer_last(call, Answer::Delivered(taken.unwrap_or_else(Delivery::Refused)));
+        }
+    }
+
+    /// Returns when [`Orders::tick`] wants to be called.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.0.values().map(|handed| handed.until).min()
+    }
+
+    /// Gives up supervisors that do not answer.
+    pub(super) fn tick(&mut self, mission: &Mission, out: &mut Out<'_>) {
+        let now = out.now;
+        let is_over = |handed: &mut Handed| handed.until <= now || is_lost(mission, &handed.host);
+        for (call, Handed { path, host, .. }) in self.0.extract_if(.., |_, handed| is_over(handed)) {
+            let why = match is_lost(mission, &host) {
+                true => format!("it was handed to host `{host}`, which is lost; `{path}` has not confirmed it"),
+                false => format!(
+                    "it was handed to host `{host}`, and `{path}` has not confirmed it within {} s; it may still arrive",
+                    CONFIRM_WITHIN.as_secs()
+                ),
+            };
+            out.answer_last(call, Answer::Delivered(Delivery::Unconfirmed(why)));
+        }
+    }
+
+    /// Answers all calls: the deployment ends.
+    pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
+        for (call, _) in std::mem::take(&mut self.0) {
+            out.answer_last(call, Answer::Delivered(Delivery::Refused(format!("`{name}` ends"))));
+        }
+    }
+}
+
+fn is_lost(mission: &Mission, host: &str) -> bool {
+    mission.hosts.get(host).is_some_and(|part| part.has_failed())
 }
 
 /// Whether an activity takes an order of a person.

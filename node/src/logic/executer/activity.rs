@@ -4,7 +4,9 @@
 use super::{ExecContext, Executer};
 use crate::logic::effect::Out;
 use crate::logic::printable::printable;
-use crate::logic::protocol::{ActivityInput, ActivityStatus, Change, Ending, OpenQuestion, Target, ToCoordinator};
+use crate::logic::protocol::{
+    ActivityInput, ActivityStatus, Change, Ending, OpenQuestion, Taken, Target, ToCoordinator,
+};
 use language::algebra::{Command, Event, StepRecord};
 use language::automaton::{Configuration, Trigger};
 use language::plan::{DefaultAnswer, Expression, Notice, Plan, Question, StateChart};
@@ -29,6 +31,15 @@ pub(super) struct News {
     open: BTreeMap<u32, u64>,
 }
 
+/// The result of an order for an activity.
+#[derive(Debug)]
+pub struct Told {
+    /// How the activity has ended by it, if it has.
+    pub ending: Option<Ending>,
+    /// The reaction of the activity, or why the activity has not taken the order.
+    pub taken: Result<Taken, String>,
+}
+
 /// Where an activity was before an event.
 pub(super) type Seen = Option<Vec<String>>;
 
@@ -51,46 +62,88 @@ impl Executer {
         Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
     }
 
-    /// An activity gets a message, a notice or an answer of a person, and people are told of the answer.
+    /// An activity gets a message, a notice or an answer, perhaps of a person. People are told of answers and notices.
     pub fn tell_by(
         &mut self,
         told: &ActivityInput,
         by: Option<&str>,
         context: ExecContext<'_>,
         out: &mut Out<'_>,
-    ) -> Option<Ending> {
+    ) -> Told {
         let by = by.map_or_else(|| "a node".to_owned(), printable);
-        match told {
-            ActivityInput::Answer { question, option } => {
-                let open = self.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
-                let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
-                let Some(event) = notice.and_then(|notice| chart(context.plan, self.group)?.notice(&notice)) else {
+        match self.event_of(told, context.plan) {
+            Err(why) => {
+                if let ActivityInput::Answer { question, option } = told {
                     let text =
                         format!("does not take the answer `{option}` of {by} to question {question}: it is not open");
                     self.tell_people(text, context, out);
-                    return None;
-                };
-                self.tell_people(format!("gets the answer `{option}` of {by} to question {question}"), context, out);
-                self.react(event, context, out)
+                }
+                Told { ending: None, taken: Err(why) }
             }
-            ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) => {
-                self.tell_people(format!("gets the order of {by}: {notice}"), context, out);
-                self.tell(told, context, out)
+            Ok(event) => {
+                if let ActivityInput::Answer { question, option } = told {
+                    self.tell_people(
+                        format!("gets the answer `{option}` of {by} to question {question}"),
+                        context,
+                        out,
+                    );
+                } else if let ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) = told {
+                    self.tell_people(format!("gets the order of {by}: {notice}"), context, out);
+                }
+                self.take(event, context, out)
             }
-            ActivityInput::Notice(_) | ActivityInput::Message { .. } => self.tell(told, context, out),
         }
     }
 
-    /// An activity gets a message or a notice. Returns how it ended by that, if it did. An activity that does not run, or
-    /// does not wait for such a thing, drops it.
+    /// An activity gets a notice. Returns how it ended by that, if it did. An activity that does not run, or does not wait
+    /// for such a thing, drops it.
     pub fn tell(&mut self, told: &ActivityInput, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        let chart = chart(context.plan, self.group).filter(|_| self.running)?;
-        let event = match told {
-            ActivityInput::Message { port, text, priority } => chart.message(port, text, *priority),
-            ActivityInput::Notice(notice) => chart.notice(notice),
-            ActivityInput::Answer { .. } => None,
+        let event = self.event_of(told, context.plan).ok()?;
+        self.react(event, context, out)
+    }
+
+    /// The event that an order is for the activity, or why there is none.
+    fn event_of(&self, told: &ActivityInput, plan: &Plan) -> Result<Event, String> {
+        let path = plan.groups.get(self.group as usize).map_or("", |group| group.path.as_str());
+        let idle = || format!("`{path}` is not active");
+        let (chart, place) =
+            chart(plan, self.group).zip(self.state.chart()).filter(|_| self.running).ok_or_else(idle)?;
+        match told {
+            ActivityInput::Message { port, text, priority } => {
+                let event = chart.message(port, text, *priority);
+                let has_no_room = |automaton| {
+                    let number = chart.inputs.iter().position(|name| name == port);
+                    number.is_some_and(|number| place.has_no_room(automaton, number, *priority))
+                };
+                if self.program.automaton().is_some_and(has_no_room) {
+                    return Err(format!("too many messages wait at `{port}` of `{path}`"));
+                }
+                event.ok_or_else(|| format!("`{path}` has no input port `{port}`"))
+            }
+            ActivityInput::Notice(notice) => {
+                chart.notice(notice).ok_or_else(|| format!("`{path}` has no transition `on {notice}`"))
+            }
+            ActivityInput::Answer { question, option } => {
+                let open = self.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
+                let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
+                let event = notice.and_then(|notice| chart.notice(&notice));
+                event.ok_or_else(|| format!("question {question} of `{path}` is not open"))
+            }
+        }
+    }
+
+    /// Takes an order of a person.
+    fn take(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Told {
+        let before = self.state.chart().cloned();
+        let waits = before.as_ref().is_some_and(Configuration::is_waiting);
+        let ending = self.react(event, context, out);
+        let is_unmoved = ending.is_none() && before.as_ref() == self.state.chart();
+        let taken = match (waits, is_unmoved) {
+            (true, _) => Taken::Waits,
+            (false, true) => Taken::Ignored,
+            (false, false) => Taken::Reacted,
         };
-        self.react(event?, context, out)
+        Told { ending, taken: Ok(taken) }
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.

@@ -1,7 +1,7 @@
 //! The outcome of an accepted request, derived from the answers to it.
 
 use crate::logic::database::question::Reply;
-use crate::logic::protocol::{Answer, ChangeReply, Report, StopReply, ToCoordinator};
+use crate::logic::protocol::{Answer, ChangeReply, Delivery, Report, StopReply, ToCoordinator};
 
 /// The outcome of a request: done, or the reason why not, for a user.
 pub type Outcome = Result<(), String>;
@@ -10,12 +10,14 @@ pub type Outcome = Result<(), String>;
 pub fn outcome(answer: &Answer) -> Option<Outcome> {
     match answer {
         Answer::Report(report) => of_report(report),
-        Answer::Refused(why) | Answer::Switched(Err(why)) | Answer::Delivered(Err(why)) => Some(Err(why.clone())),
+        Answer::Refused(why)
+        | Answer::Switched(Err(why))
+        | Answer::Delivered(Delivery::Refused(why) | Delivery::Unconfirmed(why)) => Some(Err(why.clone())),
         Answer::Stop(StopReply::Unknown) => Some(Err("no such deployment has its home here".to_owned())),
         Answer::Database(reply) => of_reply(reply),
         Answer::Stop(StopReply::Stopped)
         | Answer::Switched(Ok(_))
-        | Answer::Delivered(Ok(_))
+        | Answer::Delivered(Delivery::Taken { .. })
         | Answer::Estopped(_)
         | Answer::Released { .. } => Some(Ok(())),
         // To questions, which change nothing.
@@ -58,6 +60,7 @@ pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
         | ToCoordinator::MainEnded { .. }
         | ToCoordinator::Happened { .. }
         | ToCoordinator::SetsSwitched { .. }
+        | ToCoordinator::Told { .. }
         | ToCoordinator::ClockRead { .. }
         | ToCoordinator::BeganLate { .. }
         | ToCoordinator::Stepped { .. } => None,

@@ -3,7 +3,7 @@
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
-use crate::logic::executer::wants_restarts;
+use crate::logic::executer::{Told, wants_restarts};
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{
     ActivityInput, Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant,
@@ -46,6 +46,31 @@ impl Participant {
         }
     }
 
+    /// Gives an order to an activity. If a user waits, the home gets the answer.
+    pub(super) fn tell_activity(
+        &mut self,
+        group: u32,
+        told: &ActivityInput,
+        by: Option<&str>,
+        call: Option<u64>,
+        out: &mut Out<'_>,
+    ) {
+        let first = out.messages.len();
+        let mut answer = Err("its supervisor is not here".to_owned());
+        self.with_executer(group, out, |executer, at, out| {
+            let Told { ending, taken } = executer.tell_by(told, by, at, out);
+            answer = taken;
+            ending
+        });
+        if let Some(call) = call {
+            self.site.tell_home(ToCoordinator::Told { call, taken: answer }, out);
+            // The deployment may end by the order, and the answer comes before that.
+            if let Some(consequences) = out.messages.get_mut(first..) {
+                consequences.rotate_right(1);
+            }
+        }
+    }
+
     /// Tells the activity that supervises a program of a parameter with another value, if it waits for that.
     fn tell_parameter(&self, leaf: u32, parameter: &str, out: &mut Out<'_>) {
         let Some(&(number, slot)) = self.site.supervisors.get(&Target::Leaf(leaf)) else { return };
@@ -57,7 +82,7 @@ impl Participant {
         if let Some(host) = self.site.plan.hosts.get(group.host as usize).filter(|_| chart.notice(&notice).is_some()) {
             self.site.tell(
                 host,
-                ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice), by: None },
+                ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice), by: None, call: None },
                 out,
             );
         }

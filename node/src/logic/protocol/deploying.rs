@@ -81,6 +81,13 @@ pub enum ToCoordinator {
         /// By how much.
         by: Duration,
     },
+    /// The answer of an activity to [`ToParticipant::Tell`].
+    Told {
+        /// As ordered.
+        call: u64,
+        /// The reaction of the activity, or why the activity has not taken the order.
+        taken: Result<Taken, String>,
+    },
 }
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.
@@ -300,7 +307,20 @@ pub enum ToParticipant {
         told: ActivityInput,
         /// The user who gives it; none if a node noticed it.
         by: Option<String>,
+        /// The call that waits for [`ToCoordinator::Told`]; none if no user waits.
+        call: Option<u64>,
     },
+}
+
+/// The reaction of an activity to an order that it has taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Taken {
+    /// It has reacted.
+    Reacted,
+    /// The order waits, because a transition waits for a stop.
+    Waits,
+    /// No transition takes the order in the present states.
+    Ignored,
 }
 
 /// A message or a notice for an activity.

@@ -3,7 +3,7 @@
 use super::world::World;
 use language::plan::Notice;
 use node::logic::agent::Input;
-use node::logic::protocol::{ActivityInput, Answer, Change, Ending, Report, Request, TellRequest};
+use node::logic::protocol::{ActivityInput, Answer, Change, Delivery, Ending, Report, Request, Taken, TellRequest};
 use std::time::Duration;
 
 /// A robot that looks, waits for a word, and goes home. The activity runs on another host than the home of the deployment.
@@ -52,7 +52,8 @@ fn order(world: &mut World, process: &str, order: ActivityInput) -> Result<Strin
     let call = world.ask("c1", Request::Tell(Box::new(request)));
     world.run_for(Duration::from_millis(100));
     match world.answers[&call].as_slice() {
-        [Answer::Delivered(told)] => told.clone(),
+        [Answer::Delivered(Delivery::Taken { path, .. })] => Ok(path.clone()),
+        [Answer::Delivered(Delivery::Refused(why) | Delivery::Unconfirmed(why))] => Err(why.clone()),
         other => panic!("{other:?}"),
     }
 }
@@ -286,7 +287,7 @@ fn a_question_without_an_answer_gets_its_default_or_waits() {
     assert!(said(&world, call).contains(&"closes question 1: no answer came in time, so it is `no`".to_owned()));
     wait_for(&mut world, call, "asks, as question 2: Go on? (yes, no, wait; no after 20 s)");
     // An answer to the first question is not one to the second.
-    answer(&mut world, 1, "yes").unwrap();
+    assert_eq!(answer(&mut world, 1, "yes").unwrap_err(), "question 1 of `main/round` is not open");
     assert_eq!(status(&mut world), "running; in out?");
     answer(&mut world, 2, "wait").unwrap();
     wait_for(&mut world, call, "asks, as question 3: And now? (yes, no)");
@@ -316,4 +317,119 @@ fn a_node_that_is_started_again_still_waits_for_the_answer() {
     answer(&mut world, 1, "yes").unwrap();
     wait_for(&mut world, call, "is in moving");
     assert_eq!(said(&world, call).iter().filter(|said| said.starts_with("asks")).count(), 1);
+}
+
+/// Two activities, the second after the first. The stop of the program of the first takes 3 s.
+const CONFIRMING: &str = r#"
+activity First(here: Host) {
+    host { here }
+    in m: Text queue 2;
+    move instof Stubborn(here);
+    look instof Long(here);
+    var n: 0..9 = 0;
+    initial state out { run move; on message m where text == "next" -> next; on message m where text == "end" -> done; }
+    state next { run look; on message m where text == "count" { n += 1; } on message m where text == "end" -> done; }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof First("c2"); after instof First("c2"); }
+    internal_event_actions { round ; after }
+}
+"#;
+
+/// Gives a message to an activity. Returns the answer, once there is one.
+fn delivered(world: &mut World, process: &str, text: &str) -> Delivery {
+    let order = ActivityInput::Message { port: "m".into(), text: text.into(), priority: 0 };
+    let request = TellRequest { name: "test".into(), process: process.into(), order, by: "ann".into() };
+    let call = world.ask("c1", Request::Tell(Box::new(request)));
+    for _ in 0..1000 {
+        world.run_for(Duration::from_millis(10));
+        if let Some([Answer::Delivered(told)]) = world.answers.get(&call).map(Vec::as_slice) {
+            return told.clone();
+        }
+    }
+    panic!("no answer: {:?}", world.answers.get(&call));
+}
+
+fn taken(path: &str, taken: Taken) -> Delivery {
+    Delivery::Taken { path: path.into(), taken }
+}
+
+#[test]
+fn an_activity_confirms_what_it_does_with_a_message() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", CONFIRMING);
+    wait_for(&mut world, call, "is in out");
+    let idle = |path: &str| Delivery::Refused(format!("`{path}` is not active"));
+    assert_eq!(delivered(&mut world, "after", "next"), idle("main/after"));
+    assert_eq!(delivered(&mut world, "round", "what"), taken("main/round", Taken::Ignored));
+    world.suspended = true;
+    assert_eq!(delivered(&mut world, "round", "next"), taken("main/round", Taken::Reacted));
+    // Its transition waits for a stop that no shim carries out.
+    assert_eq!(delivered(&mut world, "round", "count"), taken("main/round", Taken::Waits));
+    assert_eq!(delivered(&mut world, "round", "count"), taken("main/round", Taken::Waits));
+    let full = Delivery::Refused("too many messages wait at `m` of `main/round`".to_owned());
+    assert_eq!(delivered(&mut world, "round", "count"), full);
+}
+
+#[test]
+fn an_activity_that_has_ended_takes_no_message() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", CONFIRMING);
+    wait_for(&mut world, call, "is in out");
+    assert_eq!(delivered(&mut world, "round", "end"), taken("main/round", Taken::Reacted));
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(delivered(&mut world, "round", "end"), Delivery::Refused("`main/round` is not active".to_owned()));
+    // The answer to the order that ends the deployment comes before its end.
+    assert_eq!(delivered(&mut world, "after", "end"), taken("main/after", Taken::Reacted));
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
+
+#[test]
+fn a_message_to_a_host_that_is_cut_off_is_not_confirmed() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", CONFIRMING);
+    wait_for(&mut world, call, "is in out");
+    world.cut.insert("c2".to_owned());
+    let why = "it was handed to host `c2`, and `main/round` has not confirmed it within 3 s; it may still arrive";
+    assert_eq!(delivered(&mut world, "round", "next"), Delivery::Unconfirmed(why.to_owned()));
+}
+
+/// It counts ticks, and fails unless there were 20 of them before another timer.
+const TICKING: &str = r#"
+activity Ticker(here: Host) {
+    host { here }
+    look instof Long(here);
+    var n: 0..100 = 0;
+    initial state counting {
+        run look;
+        on every 100 ms { n += 1; }
+        on after 2050 ms when n == 20 -> done;
+        on after 2050 ms -> abort("other");
+    }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof Ticker("c2"); }
+    internal_event_actions { round }
+}
+"#;
+
+/// Ticks of the time in which the node was away come before a timer that is due after them.
+#[test]
+fn an_activity_makes_up_for_ticks_that_its_node_has_missed() {
+    for away in [0, 700, 1900] {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", TICKING);
+        wait_for(&mut world, call, "is in counting");
+        world.run_for(Duration::from_millis(330));
+        if away > 0 {
+            world.crash("c2");
+            world.run_for(Duration::from_millis(away));
+            world.adopt("c2");
+        }
+        world.run_for(Duration::from_secs(20));
+        assert_eq!(world.ending(call), &Ending::Done(Vec::new()), "away for {away} ms");
+    }
 }
