@@ -38,6 +38,11 @@ pub(super) fn carry_out(
                 let text = |fragment: &Fragment| match fragment {
                     Fragment::Text(text) => text.clone(),
                     Fragment::Number(formula) => formula.value(configuration).to_string(),
+                    Fragment::Name(formula, names) => {
+                        let value = formula.value(configuration);
+                        let name = usize::try_from(value).ok().and_then(|value| names.get(value));
+                        name.cloned().unwrap_or_else(|| value.to_string())
+                    }
                 };
                 commands.push(Command::Log(fragments.iter().map(text).collect()));
             }

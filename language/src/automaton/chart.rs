@@ -223,6 +223,8 @@ pub enum Fragment {
     Text(String),
     /// The value of a formula.
     Number(Formula),
+    /// The name of the value of a formula: the first one is that of 0.
+    Name(Formula, Vec<String>),
 }
 
 /// A finite variable. A `bool` is 0 or 1, and an enumeration counts from 0.

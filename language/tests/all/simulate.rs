@@ -136,3 +136,15 @@ fn the_text_of_a_failure_inside_chooses_the_transition() {
     let happenings = simulation.take_happenings();
     assert_eq!(simulation.outcome(), Some(&Transition::Done), "{happenings:?}");
 }
+
+/// A line for people has the names of values.
+#[test]
+fn a_line_of_an_activity_names_values() {
+    let text = include_str!("../corpus/log_of_names.dca");
+    let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.expect("it compiles");
+    let mut simulation = Simulation::start(&plan);
+    simulation.end("x/w", Ending::Done).expect("it runs");
+    let says = Transition::Says("says: mode=fast near=true n=2 sum=3".to_owned());
+    let happenings = simulation.take_happenings();
+    assert!(happenings.iter().any(|happening| happening.transition == says), "{happenings:?}");
+}

@@ -1,6 +1,7 @@
 //! The actions of transitions: assignments, values that are kept and sent, signals, and lines for people.
 
 use super::ActivityReader;
+use super::domain::Domain;
 use super::formula::{Infix, infixes};
 use crate::automaton::{Action, Formula, Fragment};
 use crate::diagnostic::{Code, Diagnostic};
@@ -54,6 +55,16 @@ impl ActivityReader<'_, '_> {
         Some(Action::Assign { variable, formula })
     }
 
+    /// The names of the values of a variable, if a formula is such a variable alone.
+    fn names_of(&self, node: &Node) -> Option<Vec<String>> {
+        let (_, domain) = self.variables.get(&node.compact_text())?;
+        match domain {
+            Domain::Truth => Some(["false", "true"].map(str::to_owned).to_vec()),
+            Domain::Names(names) => Some(names.clone()),
+            Domain::Range(..) | Domain::Opaque => None,
+        }
+    }
+
     /// `raise found;`
     fn raised(&mut self, name: &Name) -> Option<Action> {
         let Some(signal) = self.heard.signals.iter().position(|(known, _)| known.text == name.text) else {
@@ -80,7 +91,11 @@ impl ActivityReader<'_, '_> {
                 let text = part.child(Constant)?.token(Text)?.content();
                 return Some(Fragment::Text(text));
             }
-            Some(Fragment::Number(self.formula(part)?.0))
+            let formula = self.formula(part)?.0;
+            Some(match self.names_of(part) {
+                Some(names) => Fragment::Name(formula, names),
+                None => Fragment::Number(formula),
+            })
         };
         parts.iter().map(fragment).collect()
     }

@@ -186,6 +186,9 @@ impl Maker<'_> {
             2 => Action::Keep { slot: self.random.below(SLOTS), value: self.value() },
             // Signals that raise signals fill whole reactions, and each costs as much as a thousand other events.
             3 if self.random.one_in(4) => Action::Raise(self.random.below(SIGNALS)),
+            4 if self.random.one_in(2) => {
+                Action::Log(vec![Fragment::Name(self.formula(2), vec!["slow".into(), "fast".into()])])
+            }
             4 => Action::Log(vec![Fragment::Text("n ".into()), Fragment::Number(self.formula(2))]),
             _ => Action::Send { output: self.random.below(9), value: self.value() },
         }

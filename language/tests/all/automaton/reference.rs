@@ -432,6 +432,11 @@ impl<'a> Machine<'a> {
                         line += &match fragment {
                             Fragment::Text(text) => text.clone(),
                             Fragment::Number(formula) => self.place().number(formula).to_string(),
+                            Fragment::Name(formula, names) => {
+                                let number = self.place().number(formula);
+                                let name = names.iter().zip(0..).find(|(_, other)| *other == number);
+                                name.map_or_else(|| number.to_string(), |(name, _)| name.clone())
+                            }
                         };
                     }
                     self.commands.push(Command::Log(line));
