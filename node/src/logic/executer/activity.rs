@@ -46,6 +46,9 @@ pub(super) type Seen = Option<Vec<String>>;
 impl Executer {
     /// Returns the states that an activity is in, for a person; none if the group is not an activity, or does not run.
     pub fn states(&self) -> Option<String> {
+        if self.running && self.state.chart().is_some_and(Configuration::is_waiting) {
+            return Some("between two states".to_owned());
+        }
         let names = self.states_seen()?;
         (!names.is_empty()).then(|| format!("in {}", names.join(", ")))
     }

@@ -368,6 +368,7 @@ fn an_activity_confirms_what_it_does_with_a_message() {
     // Its transition waits for a stop that no shim carries out.
     assert_eq!(delivered(&mut world, "round", "count"), taken("main/round", Taken::Waits));
     assert_eq!(delivered(&mut world, "round", "count"), taken("main/round", Taken::Waits));
+    assert_eq!(status(&mut world), "running; between two states");
     let full = Delivery::Refused("too many messages wait at `m` of `main/round`".to_owned());
     assert_eq!(delivered(&mut world, "round", "count"), full);
 }
