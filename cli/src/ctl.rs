@@ -101,7 +101,7 @@ struct Message {
     /// The content
     text: String,
     /// The priority; of messages that wait, a greater one comes first
-    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0, allow_negative_numbers = true)]
     priority: u8,
     #[command(flatten)]
     connect: ConnectArgs,

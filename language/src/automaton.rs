@@ -47,5 +47,5 @@ pub use chart::{
 pub use configuration::Configuration;
 pub use event::{Command, Event};
 pub use formula::{Formula, Relation};
-pub use shape::{Automaton, ChartError, STATES_MAX};
+pub use shape::{Automaton, ChartError, ChartPlace, STATES_MAX};
 pub use step::step;

@@ -20,6 +20,24 @@ pub struct Automaton {
     transitions_of: Vec<Vec<usize>>,
 }
 
+/// A place in a chart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChartPlace {
+    /// A state.
+    State(usize),
+    /// A transition.
+    Transition(usize),
+}
+
+impl std::fmt::Display for ChartPlace {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::State(number) => write!(f, "state {number}"),
+            Self::Transition(number) => write!(f, "transition {number}"),
+        }
+    }
+}
+
 /// Why a chart is not an automaton.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ChartError {
@@ -46,7 +64,7 @@ pub enum ChartError {
     #[error("the targets of {place} {why}")]
     Targets {
         /// The state or transition that names them.
-        place: String,
+        place: ChartPlace,
         /// The predicate of the sentence that says the error.
         why: &'static str,
     },
@@ -167,7 +185,7 @@ impl Automaton {
         let is_region = state.parent.is_some_and(|parent| *self.kind(parent) == StateKind::Parallel);
         match &state.kind {
             StateKind::Compound { .. } | StateKind::Parallel if is_empty => return wrong("has no inner state"),
-            StateKind::Compound { initial } => self.check_targets(initial, number, &format!("state {number}"))?,
+            StateKind::Compound { initial } => self.check_targets(initial, number, ChartPlace::State(number))?,
             StateKind::Parallel => {}
             StateKind::Atomic if inner.is_empty() => {}
             StateKind::Atomic => return wrong("is atomic and has inner states"),
@@ -186,7 +204,7 @@ impl Automaton {
                     return wrong("is a history and can have neither a run, nor actions, nor a transition");
                 }
                 let parent = state.parent.unwrap_or(0);
-                self.check_targets(default, parent, &format!("state {number}"))?;
+                self.check_targets(default, parent, ChartPlace::State(number))?;
                 if default.iter().any(|&target| matches!(self.kind(target), StateKind::History { .. })) {
                     return wrong("is a history and cannot lead to another history");
                 }
@@ -207,8 +225,8 @@ impl Automaton {
     }
 
     /// Targets are inside a state, and they can be active together: each two are in different regions.
-    fn check_targets(&self, targets: &[usize], around: usize, place: &str) -> Result<(), ChartError> {
-        let wrong = |why| Err(ChartError::Targets { place: place.into(), why });
+    fn check_targets(&self, targets: &[usize], around: usize, place: ChartPlace) -> Result<(), ChartError> {
+        let wrong = |why| Err(ChartError::Targets { place, why });
         if targets.is_empty() {
             return wrong("are missing");
         }
@@ -259,7 +277,7 @@ impl Automaton {
         }
         match &transition.target {
             Target::Stay | Target::Abort(_) => {}
-            Target::States(targets) => self.check_targets(targets, 0, &format!("transition {number}"))?,
+            Target::States(targets) => self.check_targets(targets, 0, ChartPlace::Transition(number))?,
             Target::Resume if source.kind == StateKind::Suspended => {}
             Target::Resume => return wrong("resumes, and its state is not suspended"),
             Target::Done(value) => self.check_value(value)?,
@@ -282,7 +300,7 @@ impl Automaton {
             Action::Send { value, .. } => self.check_value(value),
             Action::Log(fragments) => fragments.iter().try_for_each(|fragment| match fragment {
                 Fragment::Text(_) => Ok(()),
-                Fragment::Number(formula) => self.check_formula(formula, 1),
+                Fragment::Number(formula) | Fragment::Name(formula, _) => self.check_formula(formula, 1),
             }),
         })
     }

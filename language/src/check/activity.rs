@@ -8,6 +8,7 @@ mod formula;
 mod notice;
 mod question;
 mod remarks;
+mod shape;
 mod state;
 mod transition;
 
@@ -49,17 +50,22 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     reader.transitions(node);
     reader.remarks(node);
     let written = std::mem::take(&mut reader.places).into_iter();
-    let (places, labels) = written.map(|written| (written.span, written.label)).unzip();
+    let (places, labels): (Vec<Span>, Vec<String>) = written.map(|written| (written.span, written.label)).unzip();
     let run_labels = runs.iter().map(|(state, _)| reader.run_label(*state)).collect();
+    let states: BTreeMap<usize, Span> = reader.names.values().map(|(state, name)| (*state, name.span)).collect();
     let (is_sound, chart) = (reader.is_sound, reader.chart());
     let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
     if let Some(diagnostic) = useless_labels(group) {
         group.diagnostics().push(diagnostic);
     }
     if is_sound && let Err(error) = Automaton::new(chart.chart.clone()) {
-        group.diagnostics().push(Diagnostic::new(Code::E0902, span, error.to_string()));
+        let (place, message) = shape::explained(&error, &chart.chart, &states, &places);
+        group.diagnostics().push(Diagnostic::new(Code::E0902, place.unwrap_or(span), message));
     }
-    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, places, labels, run_labels })) })
+    Some(Expr {
+        span,
+        kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, places, labels, run_labels })),
+    })
 }
 
 /// Everything that the transitions of an activity wait for by a number.
@@ -195,7 +201,14 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 continue;
             }
             known.insert(name.text.clone(), name.span);
-            let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else { continue };
+            let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else {
+                // The name is known, so its uses are not mistakes of their own.
+                let any = Domain::Range(i32::MIN, i32::MAX);
+                self.variables.insert(name.text.clone(), (self.chart.variables.len(), any));
+                self.chart.variables.push(Variable { name: name.text, min: i32::MIN, max: i32::MAX, initial: 0 });
+                self.is_sound = false;
+                continue;
+            };
             let initial = node.child(SyntaxKind::Formula);
             if domain == Domain::Opaque {
                 self.slots.insert(name.text, self.chart.slots);

@@ -177,8 +177,14 @@ impl Reader<'_> {
             return None;
         };
         if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
-            let diagnostic = count::wrong(span, named, format!("`{}` is not a time", node.compact_text()));
-            self.diagnostics.push(diagnostic.help("a time has a unit, and is not negative: `5 s`, `20 ms`"));
+            let is_long = dimension == Some(Dimension::TIME) && seconds > SECONDS_MAX;
+            let why = if is_long { "is longer than any time here" } else { "is not a time" };
+            let help = match is_long {
+                true => format!("the longest time is {SECONDS_MAX} s"),
+                false => "a time has a unit, and is not negative: `5 s`, `20 ms`".to_owned(),
+            };
+            let diagnostic = count::wrong(span, named, format!("`{}` {why}", node.compact_text()));
+            self.diagnostics.push(diagnostic.help(help));
             return None;
         }
         Duration::try_from_secs_f64(seconds).ok()

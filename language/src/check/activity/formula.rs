@@ -128,6 +128,11 @@ impl ActivityReader<'_, '_> {
         if operators.is_empty() {
             return self.operand(node, &operands);
         }
+        if let [infix @ (Infix::Or | Infix::And), rest @ ..] = operators.as_slice()
+            && rest.iter().all(|other| other == infix)
+        {
+            return self.joined_all(*infix, operands, node);
+        }
         let mut operands = operands.into_iter();
         let first = operands.next()?;
         let (formula, sort) = self.formula(&first)?;
@@ -139,6 +144,27 @@ impl ActivityReader<'_, '_> {
             left = Operand { formula, sort, node: node.clone() };
         }
         Some((left.formula, left.sort))
+    }
+
+    /// Conditions with one operator between them, as a tree that is as low as possible.
+    fn joined_all(&mut self, infix: Infix, nodes: Vec<Node>, whole: &Node) -> Option<(Formula, Sort)> {
+        let mut level = Vec::new();
+        for node in nodes {
+            let (formula, sort) = self.formula(&node)?;
+            level.push(Operand { formula, sort, node });
+        }
+        while level.len() > 1 {
+            let mut operands = std::mem::take(&mut level).into_iter();
+            while let Some(left) = operands.next() {
+                let Some(right) = operands.next() else {
+                    level.push(left);
+                    break;
+                };
+                let (formula, sort) = self.joined(infix, left, right)?;
+                level.push(Operand { formula, sort, node: whole.clone() });
+            }
+        }
+        level.pop().map(|operand| (operand.formula, operand.sort))
     }
 
     fn joined(&mut self, operator: Infix, left: Operand, right: Operand) -> Option<(Formula, Sort)> {

@@ -160,7 +160,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// The time of a timer: none is shorter than what a supervisor waits for.
+    /// The time of a timer, which is at least the shortest time of a supervisor.
     pub(super) fn timer(&mut self, constant: &Node, word: &str) -> Option<Duration> {
         let time = self.group.reader().duration(constant)?;
         let diagnostic = match time {
@@ -234,7 +234,8 @@ impl ActivityReader<'_, '_> {
         match first.text.as_str() {
             "resume" if self.names.contains_key("resume") => {}
             "resume" if self.chart.states[state].kind != StateKind::Suspended => {
-                let message = "`resume` stands in a `suspended state`";
+                let message =
+                    format!("only a `suspended state` resumes, and `{}` is not one", self.chart.states[state].name);
                 self.report(Diagnostic::new(Code::E0902, first.span, message));
                 return None;
             }
