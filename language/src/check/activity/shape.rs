@@ -1,4 +1,4 @@
-//! What is wrong with a chart as a whole, in the words of the text.
+//! Errors of a chart as a whole, in the words of the text.
 
 use crate::automaton::{Chart, ChartError, ChartPlace};
 use crate::source::Span;
