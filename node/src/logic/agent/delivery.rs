@@ -286,6 +286,7 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Taken { .. }
         | ToParticipant::SwitchSets { .. }
         | ToParticipant::Tell { .. }
+        | ToParticipant::Repeat { .. }
         | ToParticipant::Succeeding { .. }
         | ToParticipant::Change(_) => None,
     }

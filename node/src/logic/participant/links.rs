@@ -14,7 +14,7 @@ use crate::logic::protocol::{LeafFacts, ToParticipant};
 use crate::logic::wiring::{Registrations, calls, dialers, links, partnered, relink, shapes};
 use comms::logic::control::{Order, Partner};
 use comms::logic::switch::{Expect, Flip, Opening};
-use language::plan::LeafKind;
+use language::plan::{LeafKind, Retention};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -158,13 +158,44 @@ impl Participant {
         }
     }
 
-    /// Opens the wires again that were open when the program died.
+    /// Opens the wires again that were open when the program died, and has the producers of its latched inputs send
+    /// their last values again.
     pub(super) fn resume(&mut self, leaf: u32, out: &mut Out<'_>) {
         let is_own = |wire: &u32| self.site.plan.wires.get(*wire as usize).is_some_and(|wire| wire.from.leaf == leaf);
         let wires: Vec<u32> = self.links.open.iter().copied().filter(is_own).collect();
         self.links.ticket += 1;
         let open = (!wires.is_empty()).then_some(Order::Open { wires, generation: self.links.ticket });
         self.with_instance(leaf, out, |instance, moment| instance.resume(open, moment));
+        let mut latched: BTreeMap<&str, Vec<u32>> = BTreeMap::new();
+        for (number, wire) in (0..).zip(&self.site.plan.wires) {
+            let is_latched = wire.to.leaf == leaf && wire.quality.retention == Retention::Latch;
+            if let Some(host) = leaf_host(&self.site.plan, wire.from.leaf).filter(|_| is_latched) {
+                latched.entry(host).or_default().push(number);
+            }
+        }
+        for (host, wires) in latched {
+            self.site.tell(host, ToParticipant::Repeat { wires }, out);
+        }
+    }
+
+    /// Has producers of this host send the last values of open wires again. A wire that is closed and opened between two
+    /// values does that.
+    pub(super) fn repeat(&mut self, wires: &[u32], out: &mut Out<'_>) {
+        let mut by_producer: BTreeMap<u32, Flip> = BTreeMap::new();
+        for number in wires.iter().filter(|number| self.links.open.contains(number)) {
+            let Some(wire) = self.site.plan.wires.get(*number as usize) else { continue };
+            let flip = by_producer.entry(wire.from.leaf).or_default();
+            flip.close.push(*number);
+            flip.open.push(Opening { wire: *number, after: Vec::new() });
+        }
+        for (producer, flip) in by_producer {
+            self.links.ticket += 1;
+            let order = Order::Flip { ticket: self.links.ticket, flip };
+            // Nothing waits for the answer.
+            self.with_instance(producer, out, |instance, moment| {
+                instance.switch(order, moment);
+            });
+        }
     }
 
     /// Opens or closes wires whose producers are here, outside of a switch.

@@ -310,6 +310,11 @@ pub enum ToParticipant {
         /// The call that waits for [`ToCoordinator::Told`]; none if no user waits.
         call: Option<u64>,
     },
+    /// The consumer of these wires was started again: send it their last values.
+    Repeat {
+        /// Numbers of latched wires.
+        wires: Vec<u32>,
+    },
 }
 
 /// The reaction of an activity to an order that it has taken.

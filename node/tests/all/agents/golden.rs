@@ -76,6 +76,7 @@ fn golden_switches() {
     check(&ToParticipant::ExpectAnd { group: 1, leaf: 2, expect, then: flip }, "170102ac02010300ac02010500");
     check(&ToParticipant::Succeed { group: 1, leaf: 2, activation: 300, value: vec![7] }, "180102ac020107");
     check(&ToParticipant::Succeeding { group: 1, leaf: 2, is_handed_over: true }, "19010201");
+    check(&ToParticipant::Repeat { wires: vec![3, 300] }, "1d0203ac02");
     let switched = || SetsSwitched {
         closed: vec!["a".into()],
         opened: vec!["b".into()],

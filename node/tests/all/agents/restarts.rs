@@ -1,6 +1,7 @@
 //! Programs that die and are started again, on virtual time.
 
 use super::world::{Draw, World};
+use comms::logic::switch::{Flip, Opening};
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
 use shim::protocol::{EndReason, ProgramEnd, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
@@ -80,6 +81,26 @@ fn a_program_that_dies_goes_on_where_it_was() {
     assert_eq!(["sensor", "first", "second"].map(|name| restarts(&changes[&format!("main/{name}")])), [1, 1, 1]);
     assert!(changes["main/first"].contains(&Change::Resumed) && !changes["main/second"].contains(&Change::Resumed));
     assert_eq!(world.alive, BTreeSet::new());
+}
+
+/// As a consumer that is connected late does.
+#[test]
+fn a_consumer_that_was_started_again_gets_the_last_values_of_latched_wires() {
+    let latched = RELAY.replace("first, In;", "first, In latch;");
+    for (text, host, expected) in
+        [(latched.clone(), "c2", 1), (latched.replace("\"c2\"", "\"c1\""), "c1", 1), (RELAY.to_owned(), "c2", 0)]
+    {
+        let mut world = World::new(&["c1", "c2"]);
+        world.deploy("c1", &text);
+        world.run_for(Duration::from_secs(1));
+        world.traffic.flips.clear();
+        world.kill(host, 1);
+        world.run_for(Duration::from_millis(200));
+        let again = Flip { close: vec![0], open: vec![Opening { wire: 0, after: Vec::new() }], ..Flip::default() };
+        let found = world.traffic.flips.iter().filter(|(producer, flip)| *producer == 0 && *flip == again).count();
+        assert_eq!(found, expected, "{host}: {:?}", world.traffic.flips);
+        assert!(world.wires_open.contains(&0));
+    }
 }
 
 #[test]

@@ -41,6 +41,8 @@ pub(super) struct Traffic {
     got: BTreeMap<u32, Vec<(u32, u64)>>,
     /// Programs that are suspended.
     suspended: BTreeSet<u32>,
+    /// The flips of each producer.
+    pub(super) flips: Vec<(u32, Flip)>,
 }
 
 impl Traffic {
@@ -63,6 +65,7 @@ impl World {
     }
 
     fn flip_wires(&mut self, process: &ProcessId, flip: Flip) {
+        self.traffic.flips.push((process.leaf, flip.clone()));
         let Flip { generation, close, open } = flip;
         for wire in close {
             self.wires_open.remove(&wire);
