@@ -217,7 +217,13 @@ impl<'a> Call<'a> {
                     is_known = false;
                     let message = format!("`{kind}` has no parameter `{}`", name.text);
                     let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
-                    let near = diagnostics.near(&name.text, params.iter().map(|param| param.name.text.as_str()));
+                    // A parameter that another argument names is not meant.
+                    let is_named = |param: &&Param| {
+                        let mut names = self.args.iter().filter_map(|arg| arg.name.as_ref());
+                        names.any(|other| other.text == param.name.text)
+                    };
+                    let open = params.iter().skip(positional).filter(|param| !is_named(param));
+                    let near = diagnostics.near(&name.text, open.map(|param| param.name.text.as_str()));
                     diagnostics.push(match near {
                         Some(near) => diagnostic.rename(name.span, &near),
                         None => diagnostic,
