@@ -34,7 +34,8 @@ fuzz_target!(|bytes: &[u8]| {
             assert_eq!(routes.as_ref().and_then(|routes| Route::list(&Route::text(routes))), routes);
         }
         kind => {
-            let Some(name) = library::messages().nth(usize::from(kind - 4)) else { return };
+            let mut types = library::messages().chain(library::parts());
+            let Some(name) = types.nth(usize::from(kind - 4)) else { return };
             let schema = library::schema(&name).expect("every standard type has a schema");
             let read = cdr::read(&schema, bytes);
             assert_eq!(cdr::check(&schema, bytes), read.as_ref().map(drop).map_err(|why| *why));

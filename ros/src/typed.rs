@@ -1,4 +1,4 @@
-//! The standard messages as structs of Rust, for programs that are written with them.
+//! The standard messages, and the parts of services and actions, as structs of Rust.
 //!
 //! A test of this room writes the modules from the definitions: `tests/all/typed.rs`.
 
@@ -9,8 +9,10 @@ mod field;
 pub mod action_msgs;
 pub mod builtin_interfaces;
 pub mod diagnostic_msgs;
+pub mod example_interfaces;
 pub mod geometry_msgs;
 pub mod lifecycle_msgs;
+pub mod nav2_msgs;
 pub mod nav_msgs;
 pub mod rcl_interfaces;
 pub mod rosgraph_msgs;
@@ -18,6 +20,7 @@ pub mod sensor_msgs;
 pub mod service_msgs;
 pub mod shape_msgs;
 pub mod std_msgs;
+pub mod std_srvs;
 pub mod tf2_msgs;
 pub mod trajectory_msgs;
 pub mod unique_identifier_msgs;

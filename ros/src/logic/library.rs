@@ -1,4 +1,4 @@
-//! The standard messages and services of ROS 2, as data.
+//! The standard messages and services of ROS 2, and some actions, as data.
 //!
 //! `ros/generate/messages.py` has written the messages. Nothing is parsed before it is used.
 
@@ -28,7 +28,9 @@ const PACKAGES: [(&str, &str); 16] = [
 ];
 /// The definitions of services.
 const SERVICES: &str = include_str!("../../messages/services.srvs");
-/// The line between the request and the response of a service.
+/// The definitions of actions.
+const ACTIONS: &str = include_str!("../../messages/actions.actions");
+/// The line between the parts of a service or an action.
 const MIDDLE: &str = "---";
 
 /// Returns the names of all standard messages, in the order of their packages.
@@ -42,15 +44,37 @@ pub fn services() -> impl Iterator<Item = TypeName> {
     names.flatten()
 }
 
-/// Returns the standard message or service that a spec means: `ros.sensor.LaserScan`.
+/// Returns the names of all known actions.
+pub fn actions() -> impl Iterator<Item = TypeName> {
+    let names = sections(ACTIONS).map(|(name, _)| TypeName::new(name.package(), Folder::Action, name.name()));
+    names.flatten()
+}
+
+/// Returns the parts that programs use: requests and responses of services; goals, results and feedback of actions.
+pub fn parts() -> impl Iterator<Item = TypeName> {
+    let of_services = services().flat_map(|service| [service.request(), service.response()]);
+    let of_actions = actions().flat_map(|action| ["_Goal", "_Result", "_Feedback"].map(|ending| action.with(ending)));
+    of_services.chain(of_actions)
+}
+
+/// Returns the standard message, service or action, or the part of one, that a spec means: `ros.sensor.LaserScan`,
+/// `ros.std_srvs.Trigger_Request`.
 pub fn by_spec(text: &str) -> Option<TypeName> {
     let (package, name) = spec_words(text)?;
     let is_meant = |found: &TypeName| spec_package(found.package()) == package && found.name() == name;
-    messages().chain(services()).find(is_meant)
+    messages().chain(services()).chain(actions()).chain(parts()).find(is_meant)
 }
 
-/// Returns the schema of a standard message, of a standard service, or of the request, the response or the event of one:
-/// `std_srvs/srv/Trigger_Request`.
+/// Returns the standard service whose request and response a spec means: `ros.std_srvs.Trigger_Request` and
+/// `ros.std_srvs.Trigger_Response`.
+pub fn service_of(request: &str, response: &str) -> Option<TypeName> {
+    let request = by_spec(request)?;
+    let service = services().find(|service| service.request() == request)?;
+    (service.response().spec() == response).then_some(service)
+}
+
+/// Returns the schema of a standard message, of a standard service, or of a part of a service or an action:
+/// `std_srvs/srv/Trigger_Request`, `example_interfaces/action/Fibonacci_SendGoal`.
 ///
 /// # Errors
 /// There is no such type in the library.
@@ -67,8 +91,45 @@ fn definition(name: &TypeName) -> Option<Cow<'static, str>> {
             found.map(|(_, lines)| Cow::Borrowed(lines))
         }
         Folder::Srv => service(name),
-        Folder::Action => None,
+        Folder::Action => action(name),
     }
+}
+
+/// Returns the lines that define a part of an action. Source: `rosidl_parser`, `Action`.
+fn action(name: &TypeName) -> Option<Cow<'static, str>> {
+    let (base, part) = name.name().split_once('_')?;
+    let (_, lines) = sections(ACTIONS).find(|(one, _)| one.package() == name.package() && one.name() == base)?;
+    let (goal, rest) = halves(lines)?;
+    let (result, feedback) = halves(rest)?;
+    let whole = TypeName::new(name.package(), Folder::Action, base)?;
+    let part_of = |ending: &str| whole.with(ending);
+    let id = "unique_identifier_msgs/UUID goal_id\n";
+    Some(match part {
+        "Goal" => Cow::Borrowed(goal),
+        "Result" => Cow::Borrowed(result),
+        "Feedback" => Cow::Borrowed(feedback),
+        "SendGoal_Request" => Cow::Owned(format!("{id}{} goal\n", part_of("_Goal"))),
+        "SendGoal_Response" => Cow::Borrowed("bool accepted\nbuiltin_interfaces/Time stamp\n"),
+        "GetResult_Request" => Cow::Borrowed(id),
+        "GetResult_Response" => Cow::Owned(format!("int8 status\n{} result\n", part_of("_Result"))),
+        "FeedbackMessage" => Cow::Owned(format!("{id}{} feedback\n", part_of("_Feedback"))),
+        "SendGoal" | "GetResult" => Cow::Owned(parts_of(name)),
+        "SendGoal_Event" => Cow::Owned(event_of(&part_of("_SendGoal"))),
+        "GetResult_Event" => Cow::Owned(event_of(&part_of("_GetResult"))),
+        _ => return None,
+    })
+}
+
+/// Returns the lines that define a service as a whole.
+fn parts_of(service: &TypeName) -> String {
+    let (asked, answered, event) = (service.request(), service.response(), service.with("_Event"));
+    format!("{asked} request_message\n{answered} response_message\n{event} event_message\n")
+}
+
+/// Returns the lines that define the event of a service.
+fn event_of(service: &TypeName) -> String {
+    let (asked, answered) = (service.request(), service.response());
+    format!("service_msgs/ServiceEventInfo info\n{asked}[<=1] request\n{answered}[<=1] response\n")
 }
 
 /// Returns the lines that define a service, or a part of one. Source: `rosidl_parser`, `Service`.
@@ -77,19 +138,16 @@ fn service(name: &TypeName) -> Option<Cow<'static, str>> {
     let (_, lines) = sections(SERVICES).find(|(one, _)| one.package() == name.package() && one.name() == base)?;
     let (request, response) = halves(lines)?;
     let whole = TypeName::new(name.package(), Folder::Srv, base)?;
-    let [asked, answered, event] = ["_Request", "_Response", "_Event"].map(|ending| whole.with(ending));
     Some(match part {
         Some("Request") => Cow::Borrowed(request),
         Some("Response") => Cow::Borrowed(response),
-        Some("Event") => {
-            Cow::Owned(format!("service_msgs/ServiceEventInfo info\n{asked}[<=1] request\n{answered}[<=1] response\n"))
-        }
+        Some("Event") => Cow::Owned(event_of(&whole)),
         Some(_) => return None,
-        None => Cow::Owned(format!("{asked} request_message\n{answered} response_message\n{event} event_message\n")),
+        None => Cow::Owned(parts_of(&whole)),
     })
 }
 
-/// Returns the request and the response of a service.
+/// Returns the lines before the first line between parts, and the lines behind it.
 fn halves(lines: &str) -> Option<(&str, &str)> {
     let at = lines.lines().position(|line| line == MIDDLE)?;
     let before: usize = lines.split_inclusive('\n').take(at).map(str::len).sum();
@@ -104,7 +162,7 @@ mod tests {
 
     #[test]
     fn every_type_has_a_schema_and_a_name_of_its_own() {
-        let all: Vec<TypeName> = messages().chain(services()).collect();
+        let all: Vec<TypeName> = messages().chain(services()).chain(parts()).collect();
         assert!(all.len() > 150, "{}", all.len());
         for name in &all {
             let schema = schema(name).unwrap();
@@ -113,6 +171,18 @@ mod tests {
             if name.folder() == Folder::Msg {
                 assert_eq!(Schema::parse(name, &schema.text()), Ok(schema), "{name}");
             }
+        }
+        let trigger = TypeName::parse("std_srvs/srv/Trigger").unwrap();
+        for name in [trigger.request(), trigger.response()] {
+            assert_eq!(by_spec(&name.spec()).as_ref(), Some(&name));
+            assert_eq!(schema(&name).unwrap().name(), &name);
+        }
+        let [request, response] = ["ros.std_srvs.Trigger_Request", "ros.std_srvs.Trigger_Response"];
+        assert_eq!(service_of(request, response), Some(trigger));
+        for (request, response) in
+            [(request, request), (response, request), (request, "ros.std_srvs.Empty_Response"), ("", "")]
+        {
+            assert_eq!(service_of(request, response), None, "{request} {response}");
         }
         for text in ["ros.sensor.LaserScam", "ros.sensor_msgs.LaserScan", "ros.sensor", "sensor.LaserScan", "ros..", ""]
         {

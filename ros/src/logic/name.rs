@@ -98,8 +98,21 @@ impl TypeName {
         format!("{PREFIX}{}.{}", spec_package(&self.package), self.name)
     }
 
-    /// Returns the same type with something behind its name: `Trigger_Request`.
-    pub(crate) fn with(&self, ending: &str) -> Self {
+    /// Returns the request of a service: `std_srvs/srv/Trigger_Request`.
+    #[must_use]
+    pub fn request(&self) -> Self {
+        self.with("_Request")
+    }
+
+    /// Returns the response of a service: `std_srvs/srv/Trigger_Response`.
+    #[must_use]
+    pub fn response(&self) -> Self {
+        self.with("_Response")
+    }
+
+    /// Returns the same type with something behind its name: `Trigger_Request`, `Fibonacci_Goal`.
+    #[must_use]
+    pub fn with(&self, ending: &str) -> Self {
         Self { name: format!("{}{ending}", self.name), ..self.clone() }
     }
 }

@@ -81,18 +81,23 @@ impl Span {
     pub const INFINITE: Self = Self { seconds: 9_223_372_036, nanos: 854_775_807 };
 }
 
+impl Qos {
+    /// The default of `rmw_zenoh`.
+    pub const DEFAULT: Self = Self {
+        reliability: Reliability::Reliable,
+        durability: Durability::Volatile,
+        history: History::KeepLast,
+        depth: DEPTH,
+        deadline: Span::INFINITE,
+        lifespan: Span::INFINITE,
+        liveliness: Liveliness::Automatic,
+        lease: Span::INFINITE,
+    };
+}
+
 impl Default for Qos {
     fn default() -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::Volatile,
-            history: History::KeepLast,
-            depth: DEPTH,
-            deadline: Span::INFINITE,
-            lifespan: Span::INFINITE,
-            liveliness: Liveliness::Automatic,
-            lease: Span::INFINITE,
-        }
+        Self::DEFAULT
     }
 }
 

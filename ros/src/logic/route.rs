@@ -1,10 +1,12 @@
-//! Routes: the topics that a bridge carries, each with its type, its direction and its quality of service.
+//! Routes: the topics and services that a bridge carries, each with its type, its direction and its quality of service.
 //!
 //! A bridge gets its routes as one text, `>/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,`.
+//! The sign in front is that of its [`Way`].
 
 use super::key::GraphName;
-use super::name::TypeName;
+use super::name::{Folder, TypeName};
 use super::qos::{Durability, Qos, Reliability};
+use super::token::Role;
 use std::fmt;
 
 /// The most routes of one bridge.
@@ -14,30 +16,69 @@ pub const DEPTH_MAX: u64 = 1000;
 /// Stands between two routes.
 const END: char = ';';
 
-/// A topic that a bridge carries.
+/// The quality of service of a service without another one, as in ROS 2.
+pub const SERVICE: Qos = Qos { depth: 10, ..Qos::DEFAULT };
+
+/// A topic or a service that a bridge carries.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Route {
-    /// The name of the topic.
+    /// The name of the topic or service.
     pub name: GraphName,
-    /// The type of its messages.
+    /// The type of the messages, or of the service.
     pub of: TypeName,
-    /// The direction in which they go.
+    /// The direction of the messages or calls.
     pub way: Way,
-    /// The quality of service of the bridge's publisher or subscriber.
+    /// The quality of service of the bridge's endpoint.
     pub qos: Qos,
 }
 
-/// The direction of messages.
+/// The direction of messages and calls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Way {
-    /// The bridge publishes them.
+    /// The bridge publishes messages.
     ToRos,
-    /// The bridge subscribes to them.
+    /// The bridge subscribes to messages.
     FromRos,
+    /// The bridge is the client of a service.
+    Call,
+    /// The bridge is the server of a service.
+    Serve,
+}
+
+impl Way {
+    const SIGNS: [(Self, char); 4] = [(Self::ToRos, '>'), (Self::FromRos, '<'), (Self::Call, '?'), (Self::Serve, '!')];
+
+    /// Returns whether calls and not messages go this way.
+    pub fn is_service(self) -> bool {
+        matches!(self, Self::Call | Self::Serve)
+    }
+
+    /// Returns whether the messages or calls go from a mission to ROS 2.
+    pub fn is_outward(self) -> bool {
+        matches!(self, Self::ToRos | Self::Call)
+    }
+
+    /// Returns the role of the endpoint in ROS 2 at the other end.
+    pub fn partner(self) -> Role {
+        match self {
+            Self::ToRos => Role::Subscriber,
+            Self::FromRos => Role::Publisher,
+            Self::Call => Role::Server,
+            Self::Serve => Role::Client,
+        }
+    }
+
+    fn of(sign: char) -> Option<Self> {
+        Self::SIGNS.into_iter().find(|(_, other)| *other == sign).map(|(way, _)| way)
+    }
+
+    fn sign(self) -> char {
+        Self::SIGNS.into_iter().find(|(way, _)| *way == self).map_or('>', |(_, sign)| sign)
+    }
 }
 
 impl Route {
-    /// Returns the name of the port of the bridge that stands for the topic: `robot1.cmd_vel`.
+    /// Returns the name of the port of the bridge that stands for the topic or service: `robot1.cmd_vel`.
     pub fn port(&self) -> String {
         self.name.words().replace('/', ".")
     }
@@ -59,21 +100,19 @@ impl Route {
     fn parse(text: &str) -> Option<Self> {
         let mut words = text.split(' ');
         let (name, of, qos) = (words.next()?, words.next()?, words.next()?);
-        let (way, name) = match name.strip_prefix('>') {
-            Some(name) => (Way::ToRos, name),
-            None => (Way::FromRos, name.strip_prefix('<')?),
-        };
+        let way = Way::of(name.chars().next()?)?;
+        let name = GraphName::parse(name.get(1..)?)?;
+        let folder = if way.is_service() { Folder::Srv } else { Folder::Msg };
+        let of = TypeName::parse(of).filter(|of| of.folder() == folder)?;
         let qos = Qos::parse(qos).filter(|qos| (1..=DEPTH_MAX).contains(&qos.depth))?;
-        let route = Self { name: GraphName::parse(name)?, of: TypeName::parse(of)?, way, qos };
-        words.next().is_none().then_some(route)
+        words.next().is_none().then_some(Self { name, of, way, qos })
     }
 }
 
 impl fmt::Display for Route {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, of, way, qos } = self;
-        let way = if *way == Way::ToRos { '>' } else { '<' };
-        write!(f, "{way}{name} {of} {qos}")
+        write!(f, "{}{name} {of} {qos}", way.sign())
     }
 }
 
@@ -107,14 +146,17 @@ pub fn quality(word: &str, depth: Option<u64>) -> Result<Qos, String> {
 mod tests {
     use super::*;
 
-    const TEXT: &str = ">/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</a/scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,";
+    const TEXT: &str = ">/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</a/scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,;\
+                        ?/reset std_srvs/srv/Empty ::,10:,:,:,,;!/set std_srvs/srv/SetBool ::,10:,:,:,,";
 
     #[test]
     fn routes_are_one_text() {
         let routes = Route::list(TEXT).unwrap();
         assert_eq!(Route::text(&routes), TEXT);
         let ports: Vec<(String, Way)> = routes.iter().map(|route| (route.port(), route.way)).collect();
-        assert_eq!(ports, [("cmd_vel".to_owned(), Way::ToRos), ("a.scan".to_owned(), Way::FromRos)]);
+        let expected = [("cmd_vel", Way::ToRos), ("a.scan", Way::FromRos), ("reset", Way::Call), ("set", Way::Serve)];
+        assert_eq!(ports, expected.map(|(port, way)| (port.to_owned(), way)));
+        assert_eq!(routes[2].qos, SERVICE);
     }
 
     #[test]
@@ -124,6 +166,11 @@ mod tests {
         let deep = one.replace(",1:", ",1001:");
         let many: Vec<String> = (0..=ROUTES_MAX).map(|number| one.replace("/a", &format!("/a{number}"))).collect();
         let twice = format!("{one};{}", one.replace('<', ">"));
+        let service = "?/a std_srvs/srv/Empty ::,1:,:,:,,";
+        assert!(Route::list(service).is_some());
+        for text in [&service.replace("?", "<"), &service.replace("srv/", "msg/"), &one.replace("<", "?"), "ä"] {
+            assert_eq!(Route::list(text), None, "{text}");
+        }
         for text in
             ["", ";", &one[1..], &one.replace("/a", "/1"), &one.replace("std_msgs/msg/", ""), &format!("{one} x")]
         {

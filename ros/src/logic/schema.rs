@@ -156,7 +156,7 @@ fn size_min(structs: &[Struct], element: &Element<usize>) -> usize {
 pub(crate) fn sections(text: &str) -> impl Iterator<Item = (TypeName, &str)> {
     text.split(SEPARATOR).filter_map(|section| {
         let (title, body) = section.trim_start().split_once('\n')?;
-        let title = title.strip_prefix("MSG:").or_else(|| title.strip_prefix("SRV:"))?;
+        let title = ["MSG:", "SRV:", "ACTION:"].iter().find_map(|kind| title.strip_prefix(kind))?;
         Some((TypeName::parse(title.trim())?, body))
     })
 }

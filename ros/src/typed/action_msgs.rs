@@ -24,3 +24,19 @@ super::message! {
     GoalStatusArray, "action_msgs/msg/GoalStatusArray", "ros.action.GoalStatusArray";
     status_list: Vec<GoalStatus>,
 }
+
+super::message! {
+    CancelGoalRequest, "action_msgs/srv/CancelGoal_Request", "ros.action.CancelGoal_Request";
+    goal_info: GoalInfo,
+}
+
+super::message! {
+    CancelGoalResponse, "action_msgs/srv/CancelGoal_Response", "ros.action.CancelGoal_Response";
+    return_code: i8,
+    goals_canceling: Vec<GoalInfo>,
+    ;
+    const ERROR_NONE: i8 = 0;
+    const ERROR_REJECTED: i8 = 1;
+    const ERROR_UNKNOWN_GOAL_ID: i8 = 2;
+    const ERROR_GOAL_TERMINATED: i8 = 3;
+}

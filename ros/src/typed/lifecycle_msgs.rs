@@ -69,3 +69,40 @@ super::message! {
     start_state: State,
     goal_state: State,
 }
+
+super::message! {
+    ChangeStateRequest, "lifecycle_msgs/srv/ChangeState_Request", "ros.lifecycle.ChangeState_Request";
+    transition: Transition,
+}
+
+super::message! {
+    ChangeStateResponse, "lifecycle_msgs/srv/ChangeState_Response", "ros.lifecycle.ChangeState_Response";
+    success: bool,
+}
+
+super::message! {
+    GetStateRequest, "lifecycle_msgs/srv/GetState_Request", "ros.lifecycle.GetState_Request";
+}
+
+super::message! {
+    GetStateResponse, "lifecycle_msgs/srv/GetState_Response", "ros.lifecycle.GetState_Response";
+    current_state: State,
+}
+
+super::message! {
+    GetAvailableStatesRequest, "lifecycle_msgs/srv/GetAvailableStates_Request", "ros.lifecycle.GetAvailableStates_Request";
+}
+
+super::message! {
+    GetAvailableStatesResponse, "lifecycle_msgs/srv/GetAvailableStates_Response", "ros.lifecycle.GetAvailableStates_Response";
+    available_states: Vec<State>,
+}
+
+super::message! {
+    GetAvailableTransitionsRequest, "lifecycle_msgs/srv/GetAvailableTransitions_Request", "ros.lifecycle.GetAvailableTransitions_Request";
+}
+
+super::message! {
+    GetAvailableTransitionsResponse, "lifecycle_msgs/srv/GetAvailableTransitions_Response", "ros.lifecycle.GetAvailableTransitions_Response";
+    available_transitions: Vec<TransitionDescription>,
+}

@@ -124,3 +124,86 @@ super::message! {
     successful: bool,
     reason: String,
 }
+
+super::message! {
+    DescribeParametersRequest, "rcl_interfaces/srv/DescribeParameters_Request", "ros.rcl.DescribeParameters_Request";
+    names: Vec<String>,
+}
+
+super::message! {
+    DescribeParametersResponse, "rcl_interfaces/srv/DescribeParameters_Response", "ros.rcl.DescribeParameters_Response";
+    descriptors: Vec<ParameterDescriptor>,
+}
+
+super::message! {
+    GetParameterTypesRequest, "rcl_interfaces/srv/GetParameterTypes_Request", "ros.rcl.GetParameterTypes_Request";
+    names: Vec<String>,
+}
+
+super::message! {
+    GetParameterTypesResponse, "rcl_interfaces/srv/GetParameterTypes_Response", "ros.rcl.GetParameterTypes_Response";
+    types: Vec<u8>,
+}
+
+super::message! {
+    GetParametersRequest, "rcl_interfaces/srv/GetParameters_Request", "ros.rcl.GetParameters_Request";
+    names: Vec<String>,
+}
+
+super::message! {
+    GetParametersResponse, "rcl_interfaces/srv/GetParameters_Response", "ros.rcl.GetParameters_Response";
+    values: Vec<ParameterValue>,
+}
+
+super::message! {
+    ListParametersRequest, "rcl_interfaces/srv/ListParameters_Request", "ros.rcl.ListParameters_Request";
+    prefixes: Vec<String>,
+    depth: u64,
+    ;
+    const DEPTH_RECURSIVE: u64 = 0;
+}
+
+super::message! {
+    ListParametersResponse, "rcl_interfaces/srv/ListParameters_Response", "ros.rcl.ListParameters_Response";
+    result: ListParametersResult,
+}
+
+super::message! {
+    SetParametersRequest, "rcl_interfaces/srv/SetParameters_Request", "ros.rcl.SetParameters_Request";
+    parameters: Vec<Parameter>,
+}
+
+super::message! {
+    SetParametersResponse, "rcl_interfaces/srv/SetParameters_Response", "ros.rcl.SetParameters_Response";
+    results: Vec<SetParametersResult>,
+}
+
+super::message! {
+    SetParametersAtomicallyRequest, "rcl_interfaces/srv/SetParametersAtomically_Request", "ros.rcl.SetParametersAtomically_Request";
+    parameters: Vec<Parameter>,
+}
+
+super::message! {
+    SetParametersAtomicallyResponse, "rcl_interfaces/srv/SetParametersAtomically_Response", "ros.rcl.SetParametersAtomically_Response";
+    result: SetParametersResult,
+}
+
+super::message! {
+    GetLoggerLevelsRequest, "rcl_interfaces/srv/GetLoggerLevels_Request", "ros.rcl.GetLoggerLevels_Request";
+    names: Vec<String>,
+}
+
+super::message! {
+    GetLoggerLevelsResponse, "rcl_interfaces/srv/GetLoggerLevels_Response", "ros.rcl.GetLoggerLevels_Response";
+    levels: Vec<LoggerLevel>,
+}
+
+super::message! {
+    SetLoggerLevelsRequest, "rcl_interfaces/srv/SetLoggerLevels_Request", "ros.rcl.SetLoggerLevels_Request";
+    levels: Vec<LoggerLevel>,
+}
+
+super::message! {
+    SetLoggerLevelsResponse, "rcl_interfaces/srv/SetLoggerLevels_Response", "ros.rcl.SetLoggerLevels_Response";
+    results: Vec<SetLoggerLevelsResult>,
+}

@@ -302,3 +302,14 @@ super::message! {
     time_ref: super::builtin_interfaces::Time,
     source: String,
 }
+
+super::message! {
+    SetCameraInfoRequest, "sensor_msgs/srv/SetCameraInfo_Request", "ros.sensor.SetCameraInfo_Request";
+    camera_info: CameraInfo,
+}
+
+super::message! {
+    SetCameraInfoResponse, "sensor_msgs/srv/SetCameraInfo_Response", "ros.sensor.SetCameraInfo_Response";
+    success: bool,
+    status_message: String,
+}

@@ -18,3 +18,12 @@ super::message! {
     TFMessage, "tf2_msgs/msg/TFMessage", "ros.tf2.TFMessage";
     transforms: Vec<super::geometry_msgs::TransformStamped>,
 }
+
+super::message! {
+    FrameGraphRequest, "tf2_msgs/srv/FrameGraph_Request", "ros.tf2.FrameGraph_Request";
+}
+
+super::message! {
+    FrameGraphResponse, "tf2_msgs/srv/FrameGraph_Response", "ros.tf2.FrameGraph_Response";
+    frame_yaml: String,
+}

@@ -43,6 +43,16 @@ fn services_have_the_hashes_of_ros() {
     assert!(golden.lines().count() > 10);
 }
 
+/// Source: the tests of `zenoh-ros2-sdk`, which has them from stock ROS 2.
+#[test]
+fn actions_have_the_hashes_of_ros() {
+    for line in include_str!("../golden/actions.txt").lines() {
+        let (name, hash) = line.split_once(' ').unwrap();
+        let schema = library::schema(&TypeName::parse(name).unwrap()).unwrap();
+        assert_eq!(rihs01(&schema), hash, "{name}");
+    }
+}
+
 #[test]
 fn every_message_has_its_hash_and_values_of_21_types_are_read_and_written() {
     let (mut names, values) = each(text::check);

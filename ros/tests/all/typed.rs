@@ -80,10 +80,21 @@ fn constant(text: &mut String, Constant { name, of, value }: &Constant) {
     writeln!(text, "    const {name}: {of} = {value};").unwrap();
 }
 
+/// Returns the name of a struct: `TriggerRequest` for the request of a service.
+fn struct_name(name: &TypeName) -> String {
+    name.name().replace('_', "")
+}
+
+/// Returns the types with a struct: messages, and the parts of services and actions.
+fn types() -> impl Iterator<Item = TypeName> {
+    library::messages().chain(library::parts())
+}
+
 fn message(name: &TypeName) -> String {
     let schema = library::schema(name).unwrap();
     let root = schema.root();
-    let mut text = format!("\nsuper::message! {{\n    {}, \"{name}\", \"{}\";\n", name.name(), name.spec());
+    let own = struct_name(name);
+    let mut text = format!("\nsuper::message! {{\n    {own}, \"{name}\", \"{}\";\n", name.spec());
     for field in &root.fields {
         let raw = if KEYWORDS.contains(&field.name.as_str()) { "r#" } else { "" };
         let default = field.default.as_ref().map(|default| format!(" = {default}.0")).unwrap_or_default();
@@ -100,9 +111,9 @@ fn message(name: &TypeName) -> String {
 fn the_structs_are_those_of_the_definitions() {
     let mut modules: BTreeMap<String, String> = BTreeMap::new();
     let mut list = String::new();
-    for name in library::messages() {
+    for name in types() {
         let package = name.package();
-        writeln!(list, "            {package}::{},", name.name()).unwrap();
+        writeln!(list, "            {package}::{},", struct_name(&name)).unwrap();
         let title = || format!("//! The messages of `{package}`, written by `tests/all/typed.rs`.\n");
         *modules.entry(package.to_owned()).or_insert_with(title) += &message(&name);
     }
@@ -131,7 +142,7 @@ macro_rules! all {
 #[test]
 fn structs_have_the_bytes_of_rosbags() {
     let all: BTreeMap<&str, Again> = ros::for_each_message!(all);
-    assert_eq!(all.len(), library::messages().count());
+    assert_eq!(all.len(), types().count());
     let mut values = 0;
     super::golden::each(|schema, line| {
         let bytes = super::text::bytes(line.split_once(' ').unwrap().0);
