@@ -1,13 +1,15 @@
 //! The session with the router of ROS 2: publishers, subscribers and the tokens by which others see them.
 
-use crate::logic::arrivals::Arrivals;
+pub(crate) mod services;
+
+use crate::logic::arrivals::{Arrivals, Told};
 use crate::logic::network::Network;
+use crate::logic::others::Others;
 use comms::io::clock::{Wakeup, now, unix_time};
 use controllers::sdk::Waker;
 use ros::logic::attachment::{Attachment, Gid};
 use ros::logic::key::Topic;
 use ros::logic::qos::{Durability, History, Qos, Reliability};
-use ros::logic::route::Route;
 use ros::logic::token::{Endpoint, Node, Role, Token};
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,7 +18,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::CongestionControl;
-use zenoh::sample::Sample;
+use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 use zenoh_ext::{
     AdvancedPublisher, AdvancedPublisherBuilderExt, AdvancedSubscriber, AdvancedSubscriberBuilderExt, CacheConfig,
@@ -54,7 +56,11 @@ pub(crate) struct RosSession {
     domain: u32,
     node: Node,
     _token: LivelinessToken,
+    _tokens: zenoh::pubsub::Subscriber<()>,
 }
+
+/// The endpoints with other types, as far as the session knows them.
+pub(crate) type Graph = Arc<Mutex<Others>>;
 
 /// A publisher of a topic.
 #[derive(Debug)]
@@ -74,16 +80,17 @@ pub(crate) struct Subscriber {
 }
 
 impl RosSession {
-    /// Opens a session with the router, and shows a node of this name.
+    /// Opens a session with the router, and shows a node of this name. The tokens of others go to `graph`.
     ///
     /// # Errors
     /// A sentence for a person.
-    pub(crate) fn open(network: &Network, name: String) -> Result<Self, String> {
+    pub(crate) fn open(network: &Network, name: String, graph: Graph) -> Result<Self, String> {
         let session = open(network)?;
         let node = Node { id: NODE, namespace: None, name };
         let token = Token { domain: network.domain, session: session.zid().to_string(), node, endpoint: None };
         let shown = declare(&session, &token)?;
-        Ok(Self { session, domain: network.domain, node: token.node, _token: shown })
+        let tokens = watch(&session, network.domain, graph)?;
+        Ok(Self { session, domain: network.domain, node: token.node, _token: shown, _tokens: tokens })
     }
 
     /// Returns whether the router is connected.
@@ -138,7 +145,11 @@ impl RosSession {
             let taken = lock(&waiting).take(attachment.as_deref(), &message);
             match taken {
                 Ok(()) => waker.wake(),
-                Err(why) => tracing::warn!(topic = %name, %why, "a message of ROS 2 is refused"),
+                // Otherwise a publisher could fill the disk with lines.
+                Err(Told { why, refused }) if refused.is_power_of_two() => {
+                    tracing::warn!(topic = %name, %why, refused, "messages of ROS 2 are refused");
+                }
+                Err(_) => {}
             }
         };
         let mut subscriber = self.session.declare_subscriber(key(topic.key(self.domain))?).callback(hear).advanced();
@@ -179,8 +190,7 @@ impl Publisher {
     /// Publishes a message.
     pub(crate) fn publish(&self, message: Vec<u8>) {
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
-        let nanos = i64::try_from(unix_time().as_nanos()).unwrap_or(i64::MAX);
-        let attachment = Attachment { sequence, nanos, sender: self.sender };
+        let attachment = Attachment { sequence, nanos: now_nanos(), sender: self.sender };
         let put = self.publisher.put(message).attachment(attachment.encode().to_vec()).wait();
         if let Err(error) = put {
             tracing::debug!(%error, "a message of ROS 2 was not sent");
@@ -188,13 +198,12 @@ impl Publisher {
     }
 }
 
-/// Returns the topic of a route, with the hash of its type.
-pub(crate) fn topic(route: &Route, hash: String) -> Topic {
-    Topic { name: route.name.clone(), of: route.of.clone(), hash }
+fn now_nanos() -> i64 {
+    i64::try_from(unix_time().as_nanos()).unwrap_or(i64::MAX)
 }
 
-pub(crate) fn lock(waiting: &Waiting) -> std::sync::MutexGuard<'_, Arrivals> {
-    waiting.lock().unwrap_or_else(PoisonError::into_inner)
+pub(crate) fn lock<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn open(network: &Network) -> Result<Session, String> {
@@ -226,6 +235,22 @@ fn open(network: &Network) -> Result<Session, String> {
     }
 }
 
+/// Hears the tokens of all nodes, as every process of ROS 2 does.
+fn watch(session: &Session, domain: u32, graph: Graph) -> Result<zenoh::pubsub::Subscriber<()>, String> {
+    let hear = move |token: Sample| {
+        let mut graph = lock(&graph);
+        match token.kind() {
+            SampleKind::Put => {
+                let told = graph.appear(token.key_expr().as_str());
+                told.into_iter().for_each(|why| tracing::warn!(why, "a topic of ROS 2 has two types"));
+            }
+            SampleKind::Delete => graph.vanish(token.key_expr().as_str()),
+        }
+    };
+    let tokens = session.liveliness().declare_subscriber(key(Token::all(domain))?).history(true).callback(hear);
+    tokens.wait().map_err(|error| format!("cannot look for the nodes of ROS 2: {error}"))
+}
+
 fn declare(session: &Session, token: &Token) -> Result<LivelinessToken, String> {
     let why = |error| format!("cannot show `{}` to ROS 2: {error}", token.node.name);
     session.liveliness().declare_token(key(token.key())?).wait().map_err(why)
@@ -236,7 +261,7 @@ fn key(text: String) -> Result<KeyExpr<'static>, String> {
 }
 
 fn told(topic: &Topic, error: &dyn std::error::Error) -> String {
-    format!("cannot take part in topic `{}`: {error}", topic.name)
+    format!("cannot take part in `{}`: {error}", topic.name)
 }
 
 /// Returns how many messages wait at most; the text of a route limits it.

@@ -1,15 +1,18 @@
-//! The bridge between wires and topics of ROS 2: one program for each host whose ports are connected with topics.
+//! The bridge between a mission and ROS 2: one program for each host whose ports are connected with topics or services.
 //!
-//! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it. The
-//! bytes of a value are not changed: both sides have CDR. `logic` decides which values pass; `io` has the session with the router.
+//! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it, and each
+//! service an export or a call. The bytes of a value are not changed: both sides have CDR. `logic` decides which values and calls
+//! pass; `io` has the session with the router. An action of ROS 2 is another controller of the same program.
 
+mod carried;
 mod io;
 mod logic;
 mod module;
+mod setup;
 
 use controllers::sdk::Registry;
 
-/// Returns the controller type of the bridge.
+/// Returns the controller types of the program: the bridge, and an action as a task.
 pub fn registry() -> Registry {
     let mut registry = Registry::default();
     registry.add_module(module::interface(), |_, arguments| {

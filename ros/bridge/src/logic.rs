@@ -1,6 +1,8 @@
-//! Values, losses and the settings of the network, as pure functions.
+//! The decisions of the bridge, as pure functions: values, losses, calls, goals, and the network.
 
 pub(crate) mod arrivals;
 pub(crate) mod network;
+pub(crate) mod others;
+pub(crate) mod replies;
 pub(crate) mod senders;
 pub(crate) mod value;

@@ -25,6 +25,13 @@ pub(crate) enum Refused {
     Bytes(#[from] CdrError),
 }
 
+/// A message that was refused, and how many were by then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Told {
+    pub(crate) why: Refused,
+    pub(crate) refused: u64,
+}
+
 /// How many messages of a topic were received, lost and refused.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
@@ -62,12 +69,11 @@ impl Arrivals {
     ///
     /// # Errors
     /// It is not passed on.
-    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Refused> {
-        let checked = self.check(attachment, message);
-        let Ok(attachment) = checked else {
+    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Told> {
+        let attachment = self.check(attachment, message).map_err(|why| {
             self.counts.refused += 1;
-            return checked.map(drop);
-        };
+            Told { why, refused: self.counts.refused }
+        })?;
         self.counts.received += 1;
         let mut lost = self.senders.hear(&attachment);
         self.counts.lost += lost;
@@ -153,7 +159,7 @@ mod tests {
         let whole = attachment(1);
         let message = [0, 1, 0, 0, 7];
         let long = vec![0; MESSAGE_MAX + 1];
-        for (attachment, message, why) in [
+        for (refused, (attachment, message, why)) in (1..).zip([
             (None, &message[..], Refused::Attachment),
             (Some(&whole[..32]), &message, Refused::Attachment),
             (Some(&[&whole[..], &[0]].concat()[..]), &message, Refused::Attachment),
@@ -162,8 +168,8 @@ mod tests {
             (Some(&whole), &[0, 0, 0, 0, 7], Refused::Bytes(CdrError::Header)),
             (Some(&whole), &[0, 1, 0, 0, 7, 0, 0, 0, 0], Refused::Bytes(CdrError::Rest(4))),
             (Some(&whole), &long, Refused::Long(long.len())),
-        ] {
-            assert_eq!(arrivals.take(attachment, message), Err(why));
+        ]) {
+            assert_eq!(arrivals.take(attachment, message), Err(Told { why, refused }));
         }
         assert_eq!((arrivals.next(), arrivals.counts()), (None, Counts { refused: 8, ..Counts::default() }));
     }

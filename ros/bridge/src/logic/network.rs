@@ -1,5 +1,8 @@
 //! The network of ROS 2 that a bridge takes part in, from the variables that ROS 2 itself reads.
 
+use ros::logic::hash::rihs01;
+use ros::logic::schema::Schema;
+
 /// The router that ROS 2 looks for when nothing else is said.
 const ROUTER: &str = r#"["tcp/localhost:7447"]"#;
 /// The setting that names the router.
@@ -9,6 +12,11 @@ const MODE: &str = "mode";
 /// The most domains, as the ports of other middlewares limit them.
 const DOMAIN_MAX: u32 = 232;
 
+/// The distribution whose keys have no hash of a type.
+const HUMBLE: &str = "humble";
+/// The word in such keys.
+const NO_HASH: &str = "TypeHashNotSupported";
+
 /// The network, and the settings of a session in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Network {
@@ -16,14 +24,16 @@ pub(crate) struct Network {
     pub(crate) domain: u32,
     /// Settings of Zenoh: key and value in JSON5.
     pub(crate) settings: Vec<(String, String)>,
+    /// Whether the nodes are those of the distribution Humble.
+    is_humble: bool,
 }
 
 impl Network {
-    /// Reads `ROS_DOMAIN_ID` and `ZENOH_CONFIG_OVERRIDE`. Source: `rmw_zenoh`, `docs/design.md` and `zenoh_config.cpp`.
+    /// Reads `ROS_DOMAIN_ID`, `ZENOH_CONFIG_OVERRIDE` and `ROS_DISTRO`. Source: `rmw_zenoh`, `docs/design.md` and `zenoh_config.cpp`.
     ///
     /// # Errors
     /// A sentence for a person.
-    pub(crate) fn read(domain: &str, overrides: &str) -> Result<Self, String> {
+    pub(crate) fn read(domain: &str, overrides: &str, distribution: &str) -> Result<Self, String> {
         let number = if domain.is_empty() { Some(0) } else { domain.parse().ok() };
         let domain = number
             .filter(|domain| *domain <= DOMAIN_MAX)
@@ -38,7 +48,12 @@ impl Network {
                 settings.push((key.to_owned(), value.to_owned()));
             }
         }
-        Ok(Self { domain, settings })
+        Ok(Self { domain, settings, is_humble: distribution == HUMBLE })
+    }
+
+    /// Returns the hash of a type in keys.
+    pub(crate) fn hash(&self, of: &Schema) -> String {
+        if self.is_humble { NO_HASH.to_owned() } else { rihs01(of) }
     }
 
     /// Returns the addresses of the router, for people.
@@ -54,18 +69,25 @@ mod tests {
 
     #[test]
     fn the_variables_of_ros_are_read() {
-        let plain = Network::read("", "").unwrap();
+        let plain = Network::read("", "", "").unwrap();
         assert_eq!((plain.domain, plain.router()), (0, r#"["tcp/localhost:7447"]"#));
         let text = r#"mode="peer"; connect/endpoints=["tcp/10.0.0.3:7448"] ;"#;
-        let other = Network::read("42", text).unwrap();
+        let other = Network::read("42", text, "jazzy").unwrap();
         assert_eq!((other.domain, other.router()), (42, r#"["tcp/10.0.0.3:7448"]"#));
         assert!(other.settings.iter().all(|(key, _)| key != "mode"));
     }
 
     #[test]
+    fn humble_has_no_hashes() {
+        let schema = ros::logic::library::schema(&ros::logic::name::TypeName::parse("std_msgs/Bool").unwrap()).unwrap();
+        let hash = |distribution: &str| Network::read("", "", distribution).unwrap().hash(&schema);
+        assert_eq!((hash("humble"), hash("jazzy")), (NO_HASH.to_owned(), rihs01(&schema)));
+    }
+
+    #[test]
     fn mistakes_in_them_are_told() {
         for (domain, overrides) in [("x", ""), ("-1", ""), ("233", ""), ("0", "connect")] {
-            assert!(Network::read(domain, overrides).is_err(), "{domain} {overrides}");
+            assert!(Network::read(domain, overrides, "").is_err(), "{domain} {overrides}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Peers that send nonsense: nothing ends, and all of it is counted.
 
-use super::peer::{Bridge, Router, STRING, attachment, expect_reader, string, value};
+use super::peer::{Bridge, Router, SOON, STRING, attachment, expect_reader, string, value};
 use zenoh::Wait;
 
 #[test]
@@ -40,21 +40,60 @@ fn nonsense_is_counted_and_the_next_message_passes() {
     bridge.expect_signal("/chatter received", 1.0);
 }
 
+/// Neither its values nor its token end anything; both nodes are told of.
+#[test]
+fn a_topic_whose_type_changes_is_told_and_counted() {
+    let router = Router::new();
+    let node = router.node();
+    let token = |of: &str| {
+        let key = format!("@ros2_lv/7/aa/0/1/MP/%/%/n/%chatter/{of}/::,:,:,:,,");
+        node.liveliness().declare_token(key).wait().unwrap()
+    };
+    let bool = STRING.replace("String", "Bool");
+    let before = token(&bool);
+    let mut bridge = Bridge::new("</chatter std_msgs/msg/String ::,10:,:,:,,", &router);
+    bridge.expect_signal("/chatter of other types", 1.0);
+    let humble = token("std_msgs::msg::dds_::String_/TypeHashNotSupported");
+    bridge.expect_signal("/chatter of other types", 2.0);
+    drop((before, humble));
+    let same = token(STRING);
+    bridge.expect_signal("/chatter of other types", 0.0);
+    let key = format!("7/chatter/{STRING}");
+    expect_reader(&node, &key);
+    node.put(format!("7/chatter/{bool}"), vec![0, 1, 0, 0, 1]).attachment(attachment(1, 1)).wait().unwrap();
+    node.put(&key, string("a")).attachment(attachment(1, 1)).wait().unwrap();
+    assert_eq!(bridge.sent(1).values, [("chatter", value(&string("a")))]);
+    drop(same);
+}
+
+/// The publishers of one process.
+const PUBLISHERS: usize = 50;
+
 /// Shows so many publishers and a node with a long name, and sends a message beside them.
 fn check_tokens(count: usize) {
     let router = Router::new();
     let node = router.node();
     let tokens: Vec<_> = (0..count)
-        .map(|number| format!("@ros2_lv/7/aa/0/{number}/MP/%/%/n/%chatter/{STRING}/::,:,:,:,,"))
+        .map(|number| {
+            // As many processes as a large network has, each with some publishers.
+            let (process, publisher) = (number / PUBLISHERS, number % PUBLISHERS);
+            format!(
+                "@ros2_lv/7/{process:x}/0/{publisher}/MP/%/%/n/%chatter/{}/::,:,:,:,,",
+                STRING.replace("String", "Bool")
+            )
+        })
         .chain([format!("@ros2_lv/7/aa/0/0/NN/%/%/{}", "n".repeat(4096))])
         .map(|key| node.liveliness().declare_token(key).wait().expect("Zenoh takes any key"))
         .collect();
     let mut bridge = Bridge::new("</chatter std_msgs/msg/String ::,10:,:,:,,", &router);
+    // A limited number of them is known.
+    bridge.expect_signal("/chatter of other types", if count > 1000 { 1000.0 } else { 50.0 });
     let key = format!("7/chatter/{STRING}");
     expect_reader(&node, &key);
     let put = node.put(key, string("a")).attachment(attachment(1, 1));
     put.wait().expect("the router is there");
-    assert_eq!(bridge.sent(1).values, [("chatter", value(&string("a")))]);
+    // The message is behind all the tokens.
+    assert_eq!(bridge.sent_within(1, 4 * SOON).values, [("chatter", value(&string("a")))]);
     drop(tokens);
 }
 

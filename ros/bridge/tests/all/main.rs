@@ -4,4 +4,6 @@ mod hostile;
 mod peer;
 mod publishing;
 mod sdk;
+mod sdk_services;
+mod services;
 mod subscribing;

@@ -2,8 +2,11 @@
 //!
 //! The node has keys, tokens and attachments of its own, written down from the rules and not made by the code under test.
 
+use comms::logic::object::ObjectError;
 use comms::logic::time::Time;
-use controllers::sdk::{Module, Outlets, Waker};
+use controllers::sdk::{Activity, CallOrder, Module, Outlets, Progress, RawReply, Stopping, Waker};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use zenoh::sample::{Sample, SampleKind};
@@ -110,13 +113,15 @@ pub(crate) fn tokens(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber
     (subscriber.wait().expect("a peer of a test"), rx)
 }
 
-/// A bridge, and the values that it sends to wires.
+/// A bridge without a mission.
 pub(crate) struct Bridge {
     module: Box<dyn Module>,
     woken: Receiver<()>,
+    /// Whether the callers wait no more.
+    given_up: Arc<AtomicBool>,
 }
 
-/// The values that wires get, and how many numbers are left out.
+/// The values for wires, and how many numbers are left out.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sent {
     pub(crate) values: Vec<(&'static str, Vec<u8>)>,
@@ -140,12 +145,17 @@ impl Outlets for Sent {
 impl Bridge {
     /// Returns a bridge that does not run.
     pub(crate) fn idle(routes: &str, settings: &str) -> Self {
-        let arguments = [format!("routes={routes}"), format!("settings={settings}"), "domain=7".to_owned()];
-        let mut module =
-            bridge::registry().create_at("door", "main/ros", "RosBridge", &arguments).expect("a peer of a test");
+        Self::of("main/ros", "RosBridge", &[format!("routes={routes}")], settings)
+    }
+
+    /// Returns a program of the room that does not run.
+    pub(crate) fn of(path: &str, kind: &str, arguments: &[String], settings: &str) -> Self {
+        let shared = [format!("settings={settings}"), "domain=7".to_owned()];
+        let arguments = [arguments, &shared].concat();
+        let mut module = bridge::registry().create_at("door", path, kind, &arguments).expect("a peer of a test");
         let (tx, woken) = sync_channel(1);
         module.take_waker(Waker::new(move || tx.try_send(()).unwrap_or_default()));
-        Self { module, woken }
+        Self { module, woken, given_up: Arc::default() }
     }
 
     /// Returns a bridge that runs.
@@ -160,7 +170,47 @@ impl Bridge {
     }
 
     pub(crate) fn stop(&mut self) {
-        self.module.stop(Time::ZERO);
+        self.stop_once();
+    }
+
+    /// Asks it to stop, as its loop does until it has finished.
+    pub(crate) fn stop_once(&mut self) -> Stopping {
+        self.module.stop(comms::io::clock::now())
+    }
+
+    /// Starts it with a value.
+    pub(crate) fn start_with(&mut self, value: &[u8]) -> Result<(), String> {
+        self.module.init(value, comms::io::clock::now())
+    }
+
+    /// Calculates once, so long after the present.
+    pub(crate) fn calculate_after(&mut self, after: Duration) -> Progress {
+        self.module.calculate(comms::io::clock::now() + after)
+    }
+
+    /// Calculates until it ends.
+    pub(crate) fn ended(&mut self) -> Progress {
+        let until = comms::io::clock::now() + SOON;
+        loop {
+            match self.calculate_after(Duration::ZERO) {
+                Progress::Continue => self.woken.recv_timeout(Duration::from_millis(20)).unwrap_or_default(),
+                ended => return ended,
+            }
+            assert!(comms::io::clock::now() < until, "it does not end");
+        }
+    }
+
+    /// Calculates until something is there.
+    pub(crate) fn until<T>(&mut self, mut look: impl FnMut() -> Option<T>) -> T {
+        let until = comms::io::clock::now() + SOON;
+        loop {
+            assert_eq!(self.calculate_after(Duration::ZERO), Progress::Continue);
+            if let Some(found) = look() {
+                return found;
+            }
+            self.woken.recv_timeout(Duration::from_millis(20)).unwrap_or_default();
+            assert!(comms::io::clock::now() < until, "nothing comes");
+        }
     }
 
     /// Hands a value over as a wire does.
@@ -168,12 +218,56 @@ impl Bridge {
         self.module.deliver_from(port, &mut &*bytes, Time::ZERO).is_ok()
     }
 
+    /// Calls an export; the caller waits until [`Bridge::give_up`].
+    pub(crate) fn call(&mut self, name: &str, argument: &[u8]) -> Receiver<Result<Vec<u8>, ObjectError>> {
+        let (tx, answer) = sync_channel(1);
+        let given_up = Arc::clone(&self.given_up);
+        let reply = RawReply::new(
+            move |result| tx.try_send(result).unwrap_or_default(),
+            move || !given_up.load(Ordering::Acquire),
+        );
+        self.module.serve(name, argument, Activity::Running, reply);
+        answer
+    }
+
+    /// Waits for no answer to earlier calls any more.
+    pub(crate) fn give_up(&mut self) {
+        self.given_up.store(true, Ordering::Release);
+        self.given_up = Arc::default();
+        self.module.calculate(Time::ZERO);
+    }
+
+    /// Waits until so many calls of others are there: their names, numbers and arguments.
+    pub(crate) fn asked(&mut self, count: usize) -> Vec<(&'static str, u64, Vec<u8>)> {
+        let mut asked = Vec::new();
+        loop {
+            self.module.drain_calls(&mut |call, order| {
+                let CallOrder::Make { number, argument, .. } = order else { return };
+                asked.push((call, number, argument));
+            });
+            if asked.len() >= count {
+                return asked;
+            }
+            self.woken.recv_timeout(SOON).expect("calls come");
+        }
+    }
+
+    /// Hands over the answer to a call.
+    pub(crate) fn answer(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) {
+        self.module.answered(call, number, result);
+    }
+
     /// Waits until so many values have gone to wires.
     pub(crate) fn sent(&mut self, count: usize) -> Sent {
+        self.sent_within(count, SOON)
+    }
+
+    /// Waits until so many values have gone to wires, for so long before each of them.
+    pub(crate) fn sent_within(&mut self, count: usize, within: Duration) -> Sent {
         let mut sent = Sent::default();
         self.module.drain_to(&mut sent);
         while sent.values.len() < count {
-            self.woken.recv_timeout(SOON).expect("values come");
+            self.woken.recv_timeout(within).expect("values come");
             self.module.drain_to(&mut sent);
         }
         sent

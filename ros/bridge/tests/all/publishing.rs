@@ -3,9 +3,9 @@
 use super::peer::{Bridge, Router, SOON, STRING, attachment, hear, string, tokens, value};
 use ros::logic::attachment::Gid;
 use std::sync::mpsc::Receiver;
-use zenoh::Wait;
 use zenoh::sample::{Sample, SampleKind};
-use zenoh_ext::{AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
+use zenoh::{Session, Wait};
+use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
 
 const ROUTE: &str = ">/robot1/chatter std_msgs/msg/String ::,10:,:,:,,";
 
@@ -64,6 +64,16 @@ fn a_message_has_its_key_its_attachment_and_its_token() {
     assert_eq!(gone.map(|(kind, _)| kind), [SampleKind::Delete; 2]);
 }
 
+/// Subscribes to `/map` as a node of ROS 2 does that wants the last messages.
+fn subscribe_late(node: &Session) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
+    let (tx, heard) = std::sync::mpsc::sync_channel(8);
+    let subscriber =
+        node.declare_subscriber(format!("7/map/{STRING}")).callback(move |sample| drop(tx.try_send(sample)));
+    let history = HistoryConfig::default().detect_late_publishers().max_samples(2);
+    let late = subscriber.advanced().history(history).recovery(RecoveryConfig::default().heartbeat()).wait();
+    (late.expect("a peer of a test"), heard)
+}
+
 #[test]
 fn a_late_subscriber_gets_what_was_published() {
     let router = Router::new();
@@ -72,12 +82,8 @@ fn a_late_subscriber_gets_what_was_published() {
     for text in ["one", "two", "three"] {
         assert!(bridge.deliver("map", &value(&string(text))));
     }
-    let (tx, heard) = std::sync::mpsc::sync_channel(8);
     let node = router.node();
-    let subscriber =
-        node.declare_subscriber(format!("7/map/{STRING}")).callback(move |sample| drop(tx.try_send(sample)));
-    let history = HistoryConfig::default().detect_late_publishers().max_samples(2);
-    let late = subscriber.advanced().history(history).recovery(RecoveryConfig::default().heartbeat()).wait().unwrap();
+    let (late, heard) = subscribe_late(&node);
     // On a busy machine the first one may still be on its way when the subscriber comes.
     let mut texts = Vec::new();
     while texts.last() != Some(&string("three")) {
@@ -85,6 +91,24 @@ fn a_late_subscriber_gets_what_was_published() {
     }
     assert!(texts.ends_with(&[string("two"), string("three")]), "{texts:?}");
     drop(late);
+}
+
+/// The wire of such a topic keeps the last value for a bridge that does not run yet, or not any more.
+#[test]
+fn a_value_from_before_its_start_is_published() {
+    let router = Router::new();
+    let node = router.node();
+    let (_early, first) = subscribe_late(&node);
+    let mut bridge = Bridge::idle(">/map std_msgs/msg/String :1:,2:,:,:,,", &router.setting());
+    for text in ["old", "new"] {
+        assert!(bridge.deliver("map", &value(&string(text))));
+    }
+    bridge.start().unwrap();
+    let (_late, second) = subscribe_late(&node);
+    for messages in [first, second] {
+        assert_eq!(messages.recv_timeout(SOON).unwrap().payload().to_bytes(), string("new"));
+    }
+    bridge.expect_signal("/map received", 2.0);
 }
 
 #[test]

@@ -85,7 +85,7 @@ impl Filler<'_> {
 }
 
 /// Returns the interpreter of a new virtual environment with `package`, or why there is none.
-fn python(folder: &Path, package: &str) -> Result<PathBuf, String> {
+pub(crate) fn python(folder: &Path, package: &str) -> Result<PathBuf, String> {
     let run = |program: &Path, arguments: &[&str]| {
         let output = Command::new(program).args(arguments).output().map_err(|why| why.to_string())?;
         let errors = String::from_utf8_lossy(&output.stderr);
@@ -98,7 +98,7 @@ fn python(folder: &Path, package: &str) -> Result<PathBuf, String> {
 }
 
 /// A process that ends with the test.
-struct Peer(Child);
+pub(crate) struct Peer(pub(crate) Child);
 
 impl Drop for Peer {
     fn drop(&mut self) {

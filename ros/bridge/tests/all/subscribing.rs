@@ -24,6 +24,20 @@ fn messages_go_to_wires_and_missing_ones_are_counted() {
     bridge.expect_signal("router", 1.0);
 }
 
+/// In its keys is a word in the place of the hash of a type.
+#[test]
+fn nodes_of_humble_are_heard() {
+    let router = Router::new();
+    let arguments = [format!("routes={ROUTE}"), "distribution=humble".to_owned()];
+    let mut bridge = Bridge::of("main/ros", "RosBridge", &arguments, &router.setting());
+    bridge.start().unwrap();
+    let node = router.node();
+    let key = "7/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported";
+    expect_reader(&node, key);
+    node.put(key, string("a")).attachment(attachment(1, 1)).wait().unwrap();
+    assert_eq!(bridge.sent(1).values, [("chatter", value(&string("a")))]);
+}
+
 #[test]
 fn a_late_bridge_gets_what_was_published() {
     let router = Router::new();

@@ -1,0 +1,299 @@
+//! Clients and servers of services of ROS 2.
+
+use super::{RosSession, declare, key, lock, now_nanos, told};
+use crate::logic::arrivals::{Counts, MESSAGE_MAX, Refused};
+use crate::logic::replies::{Failure, Replies, Requests, WAITING_MAX};
+use crate::logic::value;
+use comms::io::clock::now;
+use comms::logic::object::ObjectError;
+use comms::logic::time::Time;
+use controllers::sdk::{RawReply, Waker};
+use ros::logic::attachment::{Attachment, Gid};
+use ros::logic::cdr;
+use ros::logic::key::Topic;
+use ros::logic::route::SERVICE;
+use ros::logic::schema::Schema;
+use ros::logic::token::Role;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::query::{ConsolidationMode, Querier, Query, QueryTarget, Queryable, Reply};
+
+/// How long a server of ROS 2 may take at most. A caller has a time of its own, which is shorter.
+const ANSWER_WITHIN: Duration = Duration::from_secs(3600);
+/// After this time a session knows the servers that are there.
+const SETTLED_AFTER: Duration = Duration::from_secs(1);
+/// The longest reason of a server that is passed on, in bytes.
+const REASON_MAX: usize = 500;
+
+/// The schemas of a service, and the counts of its calls.
+#[derive(Debug)]
+pub(crate) struct Service {
+    pub(crate) request: Schema,
+    pub(crate) response: Schema,
+    pub(crate) counts: Mutex<Counts>,
+}
+
+/// The caller of a service.
+pub(crate) enum Caller {
+    /// A process of the mission.
+    Process(RawReply),
+    /// This program.
+    Own(Box<dyn FnOnce(Result<Vec<u8>, Failure>) + Send>),
+}
+
+/// A client of a service.
+#[derive(Debug)]
+pub(crate) struct Client {
+    querier: Querier<'static>,
+    service: Arc<Service>,
+    name: String,
+    sender: Gid,
+    sequence: i64,
+    since: Time,
+    waiting: Arc<Mutex<Replies<Caller>>>,
+    _token: LivelinessToken,
+}
+
+/// A server of a service. Dropping it ends it.
+#[derive(Debug)]
+pub(crate) struct Server {
+    _queryable: Queryable<()>,
+    _token: LivelinessToken,
+    key: KeyExpr<'static>,
+    service: Arc<Service>,
+    requests: Arc<Mutex<Requests<Request>>>,
+}
+
+/// A request of a client of ROS 2.
+#[derive(Debug)]
+pub(crate) struct Request {
+    query: Query,
+    attachment: Attachment,
+}
+
+impl RosSession {
+    /// Makes a client of a service; `id` is its number within the session.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn client(&self, id: u64, topic: &Topic, service: &Arc<Service>) -> Result<Client, String> {
+        let token = self.token(id, Role::Client, topic, SERVICE);
+        let querier = self.session.declare_querier(key(topic.key(self.domain))?);
+        let querier = querier.target(QueryTarget::AllComplete).timeout(ANSWER_WITHIN);
+        // The first reply counts. Otherwise replies wait until the server forgets the request.
+        let querier = querier.consolidation(ConsolidationMode::None);
+        let querier = querier.wait().map_err(|error| told(topic, error.as_ref()))?;
+        let sender = Gid::of(&token.key());
+        let (service, name, waiting) = (Arc::clone(service), topic.name.to_string(), Arc::default());
+        let shown = declare(&self.session, &token)?;
+        Ok(Client { querier, service, name, sender, sequence: 0, since: now(), waiting, _token: shown })
+    }
+
+    /// Makes a server of a service, whose requests wake the loop; `id` is its number within the session.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn server(
+        &self,
+        id: u64,
+        topic: &Topic,
+        service: &Arc<Service>,
+        waker: Waker,
+    ) -> Result<Server, String> {
+        let token = self.token(id, Role::Server, topic, SERVICE);
+        let key = key(topic.key(self.domain))?;
+        let requests: Arc<Mutex<Requests<Request>>> = Arc::default();
+        let (theirs, of, name) = (Arc::clone(&requests), Arc::clone(service), topic.name.clone());
+        let hear = move |query: Query| match hear(query, &of, &theirs) {
+            Ok(()) => waker.wake(),
+            Err((why, refused)) if refused.is_power_of_two() => {
+                tracing::warn!(service = %name, why, refused, "requests of ROS 2 are refused");
+            }
+            Err(_) => {}
+        };
+        let queryable = self.session.declare_queryable(key.clone()).complete(true).callback(hear);
+        let queryable = queryable.wait().map_err(|error| told(topic, error.as_ref()))?;
+        let service = Arc::clone(service);
+        Ok(Server { _queryable: queryable, _token: declare(&self.session, &token)?, key, service, requests })
+    }
+}
+
+impl Caller {
+    fn is_wanted(&self) -> bool {
+        match self {
+            Self::Process(reply) => reply.is_wanted(),
+            Self::Own(_) => true,
+        }
+    }
+
+    fn answer(self, result: Result<Vec<u8>, Failure>) {
+        match self {
+            Self::Process(reply) => reply.answer(result.map_err(ObjectError::from)),
+            Self::Own(take) => take(result),
+        }
+    }
+}
+
+impl std::fmt::Debug for Caller {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Caller")
+    }
+}
+
+impl Client {
+    /// Returns whether a server is there, as far as this session knows.
+    pub(crate) fn has_server(&self) -> bool {
+        self.querier.matching_status().wait().is_ok_and(|status| status.matching())
+    }
+
+    /// Calls the service with an encoded argument. The answer comes on another thread.
+    pub(crate) fn call(&mut self, argument: &[u8], caller: Caller) {
+        let request = value::message_in(argument).filter(|request| cdr::check(&self.service.request, request).is_ok());
+        let Some(request) = request else {
+            lock(&self.service.counts).refused += 1;
+            let why = format!("its argument is not a `{}`", self.service.request.name());
+            return caller.answer(Err(Failure::Refused(why)));
+        };
+        let number = match { lock(&self.waiting).add(caller) } {
+            Ok(number) => number,
+            Err(caller) => return caller.answer(Err(Failure::Busy)),
+        };
+        self.sequence += 1;
+        let attachment = Attachment { sequence: self.sequence, nanos: now_nanos(), sender: self.sender };
+        let is_known = self.has_server() || now() < self.since + SETTLED_AFTER;
+        let (waiting, service, name) = (Arc::clone(&self.waiting), Arc::clone(&self.service), self.name.clone());
+        let call = Waiting { number, waiting, service, name, is_known };
+        let get = self.querier.get().payload(request.to_vec()).attachment(attachment.encode().to_vec());
+        if let Err(error) = get.callback(move |reply| call.hear(&reply)).wait() {
+            tracing::debug!(%error, "a request of ROS 2 was not sent");
+        }
+    }
+
+    /// Forgets the calls whose callers wait no more. A late answer to them is dropped.
+    pub(crate) fn forget(&self) {
+        let lost = lock(&self.waiting).forget(Caller::is_wanted);
+        lock(&self.service.counts).lost += lost;
+    }
+}
+
+/// A call that waits. Dropped without an answer, it is over.
+struct Waiting {
+    number: u64,
+    waiting: Arc<Mutex<Replies<Caller>>>,
+    service: Arc<Service>,
+    name: String,
+    /// Whether there may have been a server when the call was made.
+    is_known: bool,
+}
+
+impl Waiting {
+    fn hear(&self, reply: &Reply) {
+        let taken = lock(&self.waiting).take(self.number);
+        let Some(caller) = taken else { return };
+        let result = match reply.result() {
+            Ok(sample) => self.response(&sample.payload().to_bytes()),
+            Err(error) => {
+                let why = format!("the service answers: {}", reason(&error.payload().to_bytes()));
+                Err(Failure::Refused(why))
+            }
+        };
+        let mut counts = lock(&self.service.counts);
+        *(if result.is_ok() { &mut counts.received } else { &mut counts.refused }) += 1;
+        drop(counts);
+        caller.answer(result);
+    }
+
+    fn response(&self, response: &[u8]) -> Result<Vec<u8>, Failure> {
+        let checked = if response.len() > MESSAGE_MAX {
+            Err(Refused::Long(response.len()))
+        } else {
+            cdr::check(&self.service.response, response).map_err(Refused::Bytes)
+        };
+        match checked {
+            Ok(()) => Ok(value::of_message(response)),
+            Err(why) => Err(Failure::Refused(format!("the service was called, and its response is refused: {why}"))),
+        }
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        let taken = lock(&self.waiting).take(self.number);
+        let Some(caller) = taken else { return };
+        lock(&self.service.counts).lost += 1;
+        let failure = if self.is_known { Failure::Gone } else { Failure::NoServer(self.name.clone()) };
+        caller.answer(Err(failure));
+    }
+}
+
+impl Server {
+    /// Returns the next request for the procedure: its number and its argument.
+    pub(crate) fn next(&self) -> Option<(u64, Vec<u8>)> {
+        lock(&self.requests).next()
+    }
+
+    /// Answers a request.
+    pub(crate) fn answer(&self, number: u64, result: Result<Vec<u8>, ObjectError>) {
+        let taken = lock(&self.requests).take(number);
+        let Some(Request { query, attachment }) = taken else { return };
+        let response = result.and_then(|result| match value::message_in(&result) {
+            Some(response) if cdr::check(&self.service.response, response).is_ok() => Ok(response.to_vec()),
+            _ => Err(ObjectError::Refused { reason: "its result is not the response of the service".to_owned() }),
+        });
+        let sent = match response {
+            Ok(response) => {
+                lock(&self.service.counts).received += 1;
+                let attachment = Attachment { nanos: now_nanos(), ..attachment };
+                query.reply(self.key.clone(), response).attachment(attachment.encode().to_vec()).wait()
+            }
+            Err(why) => {
+                lock(&self.service.counts).lost += 1;
+                query.reply_err(why.to_string()).wait()
+            }
+        };
+        if let Err(error) = sent {
+            tracing::debug!(%error, "a response of ROS 2 was not sent");
+        }
+    }
+}
+
+/// Takes a request; returns why it is refused, and how many were by then.
+fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) -> Result<(), (String, u64)> {
+    let (query, why) = match checked(&query, service) {
+        Err(why) => (query, why.to_string()),
+        Ok((attachment, argument)) => match { lock(requests).add(Request { query, attachment }, argument) } {
+            Ok(()) => return Ok(()),
+            Err(Request { query, .. }) => (query, format!("{WAITING_MAX} requests are waiting already")),
+        },
+    };
+    let mut counts = lock(&service.counts);
+    counts.refused += 1;
+    let refused = counts.refused;
+    drop(counts);
+    if let Err(error) = query.reply_err(why.clone()).wait() {
+        tracing::debug!(%error, "a refusal was not sent");
+    }
+    Err((why, refused))
+}
+
+/// Returns the attachment and the argument in a request.
+fn checked(query: &Query, service: &Service) -> Result<(Attachment, Vec<u8>), Refused> {
+    let attachment = query.attachment().and_then(|bytes| Attachment::decode(&bytes.to_bytes()));
+    let attachment = attachment.ok_or(Refused::Attachment)?;
+    let request = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
+    if request.len() > MESSAGE_MAX {
+        return Err(Refused::Long(request.len()));
+    }
+    cdr::check(&service.request, &request)?;
+    Ok((attachment, value::of_message(&request)))
+}
+
+/// Returns the reason of a server as one line.
+fn reason(bytes: &[u8]) -> String {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(REASON_MAX)]);
+    text.chars().map(|character| if character.is_control() { ' ' } else { character }).collect()
+}

@@ -1,0 +1,139 @@
+//! Calls that wait for an answer: those of a mission for a server of ROS 2, and those of clients of ROS 2 for a procedure.
+
+use comms::logic::object::ObjectError;
+use std::collections::{BTreeMap, VecDeque};
+use thiserror::Error;
+
+/// The most calls of one service that wait at one time.
+pub(crate) const WAITING_MAX: usize = 64;
+
+/// Why a call of a server of ROS 2 has no result.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub(crate) enum Failure {
+    /// It was not sent to any server.
+    #[error("no node of ROS 2 answers the service `{0}`")]
+    NoServer(String),
+    /// Its server, or the way to it, is gone.
+    #[error("the server has gone without an answer")]
+    Gone,
+    /// The call or its answer is not valid, or the server refuses it.
+    #[error("{0}")]
+    Refused(String),
+    /// Too many calls wait.
+    #[error("{WAITING_MAX} calls of the service are waiting already")]
+    Busy,
+}
+
+impl From<Failure> for ObjectError {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Gone => Self::Gone,
+            Failure::Busy => Self::Busy { waiting: u32::try_from(WAITING_MAX).unwrap_or(u32::MAX) },
+            Failure::NoServer(_) | Failure::Refused(_) => Self::Refused { reason: failure.to_string() },
+        }
+    }
+}
+
+/// Calls that wait for an answer, by number.
+#[derive(Debug)]
+pub(crate) struct Replies<T> {
+    last: u64,
+    waiting: BTreeMap<u64, T>,
+}
+
+impl<T> Default for Replies<T> {
+    fn default() -> Self {
+        Self { last: 0, waiting: BTreeMap::new() }
+    }
+}
+
+impl<T> Replies<T> {
+    /// Adds a call; returns its number.
+    ///
+    /// # Errors
+    /// Too many wait: the call is given back.
+    pub(crate) fn add(&mut self, call: T) -> Result<u64, T> {
+        if self.waiting.len() >= WAITING_MAX {
+            return Err(call);
+        }
+        self.last += 1;
+        self.waiting.insert(self.last, call);
+        Ok(self.last)
+    }
+
+    /// Takes a call out; none if it has its answer, or is no longer waited for.
+    pub(crate) fn take(&mut self, number: u64) -> Option<T> {
+        self.waiting.remove(&number)
+    }
+
+    /// Forgets the calls whose callers wait no more; returns their number.
+    pub(crate) fn forget(&mut self, is_wanted: impl Fn(&T) -> bool) -> u64 {
+        let before = self.waiting.len();
+        self.waiting.retain(|_, call| is_wanted(call));
+        u64::try_from(before - self.waiting.len()).unwrap_or(u64::MAX)
+    }
+}
+
+/// Requests of clients of ROS 2: some wait for the loop, and others for the procedure.
+#[derive(Debug)]
+pub(crate) struct Requests<T> {
+    new: VecDeque<(u64, Vec<u8>)>,
+    replies: Replies<T>,
+}
+
+impl<T> Default for Requests<T> {
+    fn default() -> Self {
+        Self { new: VecDeque::new(), replies: Replies::default() }
+    }
+}
+
+impl<T> Requests<T> {
+    /// Adds a request with its argument.
+    ///
+    /// # Errors
+    /// Too many wait: the request is given back.
+    pub(crate) fn add(&mut self, request: T, argument: Vec<u8>) -> Result<(), T> {
+        let number = self.replies.add(request)?;
+        self.new.push_back((number, argument));
+        Ok(())
+    }
+
+    /// Returns the next request for the procedure.
+    pub(crate) fn next(&mut self) -> Option<(u64, Vec<u8>)> {
+        self.new.pop_front()
+    }
+
+    /// Takes a request out, which has its answer.
+    pub(crate) fn take(&mut self, number: u64) -> Option<T> {
+        self.replies.take(number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limited_number_of_calls_waits() {
+        let mut replies = Replies::default();
+        for number in 1..=WAITING_MAX {
+            assert_eq!(replies.add(number), Ok(number as u64));
+        }
+        assert_eq!(replies.add(0), Err(0));
+        assert_eq!((replies.take(7), replies.take(7)), (Some(7), None));
+        assert_eq!(replies.add(65), Ok(65), "a number is used once");
+        assert_eq!(replies.forget(|call| *call > 60), 59);
+        assert_eq!((replies.take(60), replies.take(61)), (None, Some(61)));
+    }
+
+    #[test]
+    fn requests_come_in_their_order_and_are_answered_in_any() {
+        let mut requests = Requests::default();
+        for letter in ['a', 'b'] {
+            requests.add(letter, vec![letter as u8]).unwrap();
+        }
+        let (first, second) = (requests.next().unwrap(), requests.next().unwrap());
+        assert_eq!((first.1, second.1, requests.next()), (vec![b'a'], vec![b'b'], None));
+        assert_eq!((requests.take(second.0), requests.take(first.0)), (Some('b'), Some('a')));
+    }
+}
