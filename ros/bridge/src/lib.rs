@@ -4,6 +4,7 @@
 //! service an export or a call. The bytes of a value are not changed: both sides have CDR. `logic` decides which values and calls
 //! pass; `io` has the session with the router. An action of ROS 2 is another controller of the same program.
 
+mod action;
 mod carried;
 mod io;
 mod logic;
@@ -18,6 +19,10 @@ pub fn registry() -> Registry {
     registry.add_module(module::interface(), |_, arguments| {
         let bridge = module::Bridge::new(arguments)?;
         Ok(Box::new(bridge) as Box<dyn controllers::sdk::Module>)
+    });
+    registry.add_module(action::interface(), |_, arguments| {
+        let action = action::Action::new(arguments)?;
+        Ok(Box::new(action) as Box<dyn controllers::sdk::Module>)
     });
     registry
 }

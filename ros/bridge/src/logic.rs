@@ -1,8 +1,10 @@
 //! The decisions of the bridge, as pure functions: values, losses, calls, goals, and the network.
 
 pub(crate) mod arrivals;
+pub(crate) mod goal;
 pub(crate) mod network;
 pub(crate) mod others;
+pub(crate) mod parts;
 pub(crate) mod replies;
 pub(crate) mod senders;
 pub(crate) mod value;

@@ -1,5 +1,6 @@
 //! Tests of the bridge against a peer that speaks plain Zenoh by the rules of `rmw_zenoh`.
 
+mod actions;
 mod hostile;
 mod peer;
 mod publishing;

@@ -1,0 +1,309 @@
+//! An action of ROS 2 as a task: the start value is the goal, a stop cancels it, and its result is the value that the task leaves.
+
+use crate::io::services::{Caller, Client, Service};
+use crate::io::{Graph, RosSession, Subscriber, Waiting, depth, lock};
+use crate::logic::arrivals::Arrivals;
+use crate::logic::goal::{Effect, Ending, Goal, Input, Status};
+use crate::logic::network::Network;
+use crate::logic::parts;
+use crate::logic::replies::Failure;
+use crate::logic::value;
+use crate::setup;
+use comms::io::entropy;
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use controllers::sdk::{
+    About, Arguments, Configured, Delivery, DeliveryError, Direction, Interface, Kind, Module, Outlets, Parameter,
+    PortInterface, Progress, Stopping, Waker,
+};
+use ros::logic::key::{GraphName, Topic};
+use ros::logic::name::{Folder, TypeName};
+use ros::logic::qos::Qos;
+use ros::logic::route::{SERVICE, Way};
+use ros::logic::schema::Schema;
+use ros::logic::{cdr, library};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// The controller type, which plans name.
+const TYPE: &str = "RosAction";
+/// The port of feedback.
+const FEEDBACK: &str = "Feedback";
+/// How often it looks whether the server is there.
+const PERIOD: Duration = Duration::from_millis(100);
+const SIGNALS_EVERY: Duration = Duration::from_millis(500);
+const PARAMETERS: &[Parameter] = &[
+    Parameter::new("action", Kind::Text(&[])),
+    Parameter::new("type", Kind::Text(&[])),
+    Parameter::new("stop_ms", Kind::Text(&[])).or("5000"),
+    setup::DOMAIN,
+    setup::SETTINGS,
+    setup::DISTRIBUTION,
+];
+/// The quality of service of feedback, as in ROS 2.
+const QOS: Qos = SERVICE;
+
+/// Returns the interface of an action without a type.
+pub(crate) fn interface() -> Interface {
+    let about = About::task("Sends a goal to an action of ROS 2, and ends with it.");
+    let about = about.every(PERIOD).with(PARAMETERS).signals_every(SIGNALS_EVERY);
+    Interface { type_name: TYPE, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
+}
+
+/// The types of an action.
+#[derive(Debug)]
+struct Forms {
+    of: TypeName,
+    goal: Schema,
+    result: Schema,
+    answer: Schema,
+    feedback: Schema,
+}
+
+/// News of the goal that are not handled yet.
+type Heard = Arc<Mutex<VecDeque<Input>>>;
+
+/// A goal on its way, with the endpoints in ROS 2.
+#[derive(Debug)]
+struct Running {
+    session: RosSession,
+    send: Client,
+    cancel: Client,
+    result: Client,
+    _subscriber: Subscriber,
+    id: [u8; 16],
+    message: Vec<u8>,
+    goal: Goal,
+    heard: Heard,
+}
+
+/// An action.
+#[derive(Debug)]
+pub(crate) struct Action {
+    interface: Interface,
+    name: GraphName,
+    forms: Arc<Forms>,
+    network: Network,
+    node: String,
+    graph: Graph,
+    feedback: Waiting,
+    running: Option<Running>,
+    waker: Option<Waker>,
+}
+
+impl Forms {
+    fn new(of: TypeName) -> Result<Self, String> {
+        let part = |ending: &str| schema(&of.with(ending));
+        let (goal, result) = (part("_Goal")?, part("_Result")?);
+        let (answer, feedback) = (part("_GetResult_Response")?, part("_FeedbackMessage")?);
+        Ok(Self { of, goal, result, answer, feedback })
+    }
+}
+
+impl Action {
+    /// Makes an idle action.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
+        let name = GraphName::parse(arguments.text("action")).ok_or("its action has no name of ROS 2")?;
+        let of = TypeName::parse(arguments.text("type")).filter(|of| of.folder() == Folder::Action);
+        let forms = Forms::new(of.ok_or("its type is not an action of ROS 2")?)?;
+        let stop = arguments.text("stop_ms").parse().map_err(|error| format!("`stop_ms`: {error}"))?;
+        let feedback: &'static str = Box::leak(forms.of.with("_Feedback").spec().into_boxed_str());
+        let ports = vec![PortInterface::optional(FEEDBACK, Direction::Out, feedback)];
+        let about = interface().about.stop_within(Duration::from_millis(stop));
+        let interface = Interface { ports, about, ..interface() };
+        let waiting = Arc::new(Mutex::new(Arrivals::new(forms.feedback.clone(), depth(QOS))));
+        let (network, node) = (setup::network(arguments)?, setup::node_name(arguments));
+        let (graph, forms) = (Graph::default(), Arc::new(forms));
+        Ok(Self { interface, name, forms, network, node, graph, feedback: waiting, running: None, waker: None })
+    }
+
+    /// Returns a topic or a service of the action.
+    fn topic(&self, part: &str, of: TypeName) -> Result<Topic, String> {
+        let name = format!("{}/_action/{part}", self.name);
+        let name = GraphName::parse(&name).ok_or_else(|| format!("`{name}` is longer than ROS 2 allows"))?;
+        let hash = self.network.hash(&schema(&of)?);
+        Ok(Topic { name, of, hash })
+    }
+
+    fn client(&self, session: &RosSession, id: u64, part: &str, of: TypeName) -> Result<Client, String> {
+        let (request, response) = (schema(&of.request())?, schema(&of.response())?);
+        let service = Arc::new(Service { request, response, counts: Mutex::default() });
+        let topic = self.topic(part, of)?;
+        lock(&self.graph).expect(topic.clone(), Way::Call.partner());
+        session.client(id, &topic, &service)
+    }
+
+    fn connect(&mut self, message: Vec<u8>, now: Time) -> Result<(), String> {
+        let id = entropy::bytes::<16>().map_err(|error| format!("no name for the goal: {error}"))?;
+        let session = RosSession::open(&self.network, self.node.clone(), Arc::clone(&self.graph))?;
+        let waker = self.waker.clone().unwrap_or_else(|| Waker::new(|| {}));
+        let of = |ending: &str| self.forms.of.with(ending);
+        let cancels = TypeName::new("action_msgs", Folder::Srv, "CancelGoal").ok_or("no name for a service")?;
+        // Feedback is heard before there is any.
+        let feedback = self.topic("feedback", of("_FeedbackMessage"))?;
+        let subscriber = session.subscriber(1, &feedback, QOS, Arc::clone(&self.feedback), waker)?;
+        let send = self.client(&session, 2, "send_goal", of("_SendGoal"))?;
+        let cancel = self.client(&session, 3, "cancel_goal", cancels)?;
+        let result = self.client(&session, 4, "get_result", of("_GetResult"))?;
+        let (goal, heard) = (Goal::new(self.name.to_string(), now), Heard::default());
+        self.running =
+            Some(Running { session, send, cancel, result, _subscriber: subscriber, id, message, goal, heard });
+        Ok(())
+    }
+
+    fn disconnect(&mut self) {
+        if let Some(Running { session, .. }) = self.running.take() {
+            session.close();
+        }
+        lock(&self.graph).forget();
+    }
+
+    /// Hands over what was heard, and does what follows; returns the end of the goal, if it has one.
+    fn step(&mut self, now: Time, stop: Option<Input>) -> Option<Ending> {
+        let waker = self.waker.clone();
+        let running = self.running.as_mut()?;
+        let is_there = running.send.has_server();
+        let mut effects = Vec::new();
+        for input in [Input::Server { is_there }].into_iter().chain(stop) {
+            running.goal.handle(now, input, &mut effects);
+        }
+        while let Some(input) = { lock(&running.heard).pop_front() } {
+            running.goal.handle(now, input, &mut effects);
+        }
+        for effect in effects {
+            running.perform(&effect, &self.forms, waker.clone());
+        }
+        running.goal.ending().cloned()
+    }
+}
+
+impl Running {
+    fn perform(&mut self, effect: &Effect, forms: &Arc<Forms>, waker: Option<Waker>) {
+        let (heard, forms) = (Arc::clone(&self.heard), Arc::clone(forms));
+        let tell = move |input: Input| {
+            lock(&heard).push_back(input);
+            waker.into_iter().for_each(|waker| waker.wake());
+        };
+        match effect {
+            Effect::Send => {
+                let request = value::of_message(&parts::with_id(self.id, &self.message));
+                let take = move |answer: Result<Vec<u8>, Failure>| {
+                    tell(match answer {
+                        Ok(answer) => Input::Answered { is_accepted: parts::is_accepted(&answer) },
+                        Err(failure) => Input::NotAnswered { why: failure.to_string() },
+                    });
+                };
+                self.send.call(&request, Caller::Own(Box::new(take)));
+            }
+            Effect::AskResult => {
+                let request = value::of_message(&parts::result_request(self.id));
+                let take = move |answer: Result<Vec<u8>, Failure>| {
+                    tell(match answer {
+                        Ok(answer) => result(&forms, &answer),
+                        Err(Failure::Refused(why)) => Input::BadResult { why },
+                        Err(Failure::Gone | Failure::NoServer(_) | Failure::Busy) => Input::NoResult,
+                    });
+                };
+                self.result.call(&request, Caller::Own(Box::new(take)));
+            }
+            Effect::Cancel => {
+                let request = value::of_message(&parts::cancel_request(self.id));
+                // The end of the goal says whether it was canceled.
+                let take = |answer: Result<Vec<u8>, Failure>| match answer {
+                    Ok(answer) if parts::is_canceling(&answer) => {}
+                    Ok(_) => tracing::warn!("the server does not cancel the goal"),
+                    Err(why) => tracing::warn!(%why, "the goal may still run: a request to cancel it has no answer"),
+                };
+                self.cancel.call(&request, Caller::Own(Box::new(take)));
+            }
+        }
+    }
+}
+
+/// Reads the answer to the question for a result.
+fn result(forms: &Forms, answer: &[u8]) -> Input {
+    match parts::result(&forms.answer, &forms.result, answer) {
+        Ok((status, result)) => Input::Result { status: Status::of(status), result: value::of_message(&result) },
+        Err(why) => Input::BadResult { why: why.to_string() },
+    }
+}
+
+fn schema(of: &TypeName) -> Result<Schema, String> {
+    library::schema(of).map_err(|error| format!("`{of}`: {error}"))
+}
+
+impl Module for Action {
+    fn interface(&self) -> &Interface {
+        &self.interface
+    }
+
+    fn deliver(&mut self, port: &str, _: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
+        Err(DeliveryError::NoInput { type_name: TYPE, port: port.to_owned() })
+    }
+
+    fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
+        self.disconnect();
+        let message = value::message_in(value).filter(|message| cdr::check(&self.forms.goal, message).is_ok());
+        let message = message.map(<[u8]>::to_vec).ok_or_else(|| {
+            let goal = self.forms.goal.name().spec();
+            format!("its start value is not a `{goal}`; the process before it leaves one: `before : this`")
+        })?;
+        self.connect(message, now).inspect_err(|_| self.disconnect())
+    }
+
+    fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
+        Err("an action has no parameters that change".to_owned())
+    }
+
+    fn calculate(&mut self, now: Time) -> Progress {
+        match self.step(now, None) {
+            None => Progress::Continue,
+            Some(Ending::Done(result)) => Progress::Done(result),
+            Some(Ending::Aborted(why)) => Progress::Aborted(why),
+            Some(Ending::Stopped) => Progress::Aborted("the goal was stopped".to_owned()),
+        }
+    }
+
+    fn stop(&mut self, now: Time) -> Stopping {
+        if self.running.is_some() && self.step(now, Some(Input::Stop)).is_none() {
+            return Stopping::Again;
+        }
+        self.disconnect();
+        Stopping::Finished
+    }
+
+    fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
+        let Some(Running { id, .. }) = &self.running else { return };
+        while let Some(arrived) = { lock(&self.feedback).next() } {
+            if let Some(feedback) =
+                value::message_in(&arrived.value).and_then(|message| parts::without_id(*id, message))
+            {
+                send(FEEDBACK, value::of_message(&feedback));
+            }
+        }
+    }
+
+    fn drain_to(&mut self, outlets: &mut dyn Outlets) {
+        self.drain(&mut |port, bytes| outlets.send(port, bytes));
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        let counts = lock(&self.feedback).counts();
+        let is_there = self.running.as_ref().is_some_and(|running| running.send.has_server());
+        let name = |word: &str| format!("feedback {word}");
+        vec![
+            crate::module::signal("server".to_owned(), u64::from(is_there)),
+            crate::module::signal(name("received"), counts.received),
+            crate::module::signal(name("lost"), counts.lost),
+            crate::module::signal(name("refused"), counts.refused),
+        ]
+    }
+
+    fn take_waker(&mut self, waker: Waker) {
+        self.waker = Some(waker);
+    }
+}

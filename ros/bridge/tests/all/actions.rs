@@ -1,0 +1,202 @@
+//! Actions as tasks, against a server on plain Zenoh.
+
+use super::peer::{Bridge, Router, SOON, attachment, value, value_of};
+use controllers::sdk::{Progress, Stopping};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Duration;
+use zenoh::query::{Query, Queryable};
+use zenoh::{Session, Wait};
+
+/// The parts of the keys of the action, behind its name.
+const SEND: &str = "send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/RIHS01_d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557";
+const RESULT: &str = "get_result/example_interfaces::action::dds_::Fibonacci_GetResult_/RIHS01_1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57";
+const CANCEL: &str = "cancel_goal/action_msgs::srv::dds_::CancelGoal_/RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a";
+const FEEDBACK: &str = "feedback/example_interfaces::action::dds_::Fibonacci_FeedbackMessage_/RIHS01_c1de71afd52e49a89c53d8262366884185bc0a02f78ce051c4e46b0a7fe59bb2";
+/// The CDR of the goal: the order is 5.
+const GOAL: [u8; 8] = [0, 1, 0, 0, 5, 0, 0, 0];
+
+fn key(part: &str) -> String {
+    format!("7/arm/fib/_action/{part}")
+}
+
+/// The CDR of a sequence of two numbers, behind the bytes in front of it.
+fn sequence(front: &[u8]) -> Vec<u8> {
+    [&[0, 1, 0, 0], front, &[2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]].concat()
+}
+
+/// The answer to the question for the result: its status, then the sequence at its place.
+fn result(status: u8) -> Vec<u8> {
+    sequence(&[status, 0, 0, 0])
+}
+
+/// The answer to a goal: taken or not, and the time.
+fn taken(is_taken: bool) -> Vec<u8> {
+    [&[0, 1, 0, 0, u8::from(is_taken), 0, 0, 0][..], &[0; 8]].concat()
+}
+
+/// The answer to a request to cancel: yes, and no list.
+const CANCELING: [u8; 12] = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+
+/// A server that hands its queries over.
+struct Server {
+    node: Session,
+    _services: [Queryable<()>; 3],
+    sent: Receiver<Query>,
+    asked: Receiver<Query>,
+    canceled: Receiver<Query>,
+}
+
+impl Server {
+    fn new(router: &Router) -> Self {
+        let node = router.node();
+        let serve = |part: &str| {
+            let (tx, rx) = sync_channel(100);
+            let hear = move |query| drop(tx.try_send(query));
+            (node.declare_queryable(key(part)).complete(true).callback(hear).wait().unwrap(), rx)
+        };
+        let [(a, sent), (b, asked), (c, canceled)] = [SEND, RESULT, CANCEL].map(serve);
+        Self { node, _services: [a, b, c], sent, asked, canceled }
+    }
+}
+
+fn reply(query: &Query, response: &[u8]) {
+    let told = query.attachment().unwrap().clone();
+    query.reply(query.key_expr().clone(), response).attachment(told).wait().unwrap();
+}
+
+/// An action that has its goal.
+fn started(router: &Router) -> Bridge {
+    let mut action = idle(router);
+    action.start_with(&value(&GOAL)).unwrap();
+    action
+}
+
+fn idle(router: &Router) -> Bridge {
+    let arguments = ["action=/arm/fib", "type=example_interfaces/action/Fibonacci", "stop_ms=60000"];
+    Bridge::of("main/nav", "RosAction", &arguments.map(str::to_owned), &router.setting())
+}
+
+/// Waits for the goal, and takes it; returns its id.
+fn take(action: &mut Bridge, server: &Server) -> [u8; 16] {
+    let query = action.until(|| server.sent.try_recv().ok());
+    let request = query.payload().unwrap().to_bytes().into_owned();
+    assert_eq!((&request[..4], &request[20..]), (&GOAL[..4], &GOAL[4..]));
+    reply(&query, &taken(true));
+    request[4..20].try_into().unwrap()
+}
+
+#[test]
+fn a_goal_has_feedback_and_a_result() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    let mut action = started(&router);
+    let id = take(&mut action, &server);
+    let query = action.until(|| server.asked.try_recv().ok());
+    assert_eq!(query.payload().unwrap().to_bytes(), [&[0, 1, 0, 0], &id[..]].concat());
+    super::peer::expect_reader(&server.node, &key(FEEDBACK));
+    for (sequence_number, goal) in [(1, [9; 16]), (2, id)] {
+        let put = server.node.put(key(FEEDBACK), sequence(&goal)).attachment(attachment(sequence_number, 1));
+        put.wait().unwrap();
+    }
+    let sent = action.sent(1);
+    assert_eq!(sent.values, [("Feedback", value_of(&sequence(&[])))], "that of another goal is left out");
+    action.expect_signal("server", 1.0);
+    reply(&query, &result(4));
+    assert_eq!(action.ended(), Progress::Done(value(&sequence(&[]))));
+    assert_eq!(action.stop_once(), Stopping::Finished);
+    assert!(server.canceled.try_recv().is_err());
+    // The next goal is another one.
+    action.start_with(&value(&GOAL)).unwrap();
+    assert_ne!(take(&mut action, &server), id);
+}
+
+#[test]
+fn a_stop_cancels_the_goal() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    let mut action = started(&router);
+    let id = take(&mut action, &server);
+    let query = action.until(|| server.asked.try_recv().ok());
+    assert_eq!(action.stop_once(), Stopping::Again);
+    let cancel = server.canceled.recv_timeout(SOON).unwrap();
+    assert_eq!(cancel.payload().unwrap().to_bytes(), [&[0, 1, 0, 0], &id[..], &[0; 8]].concat());
+    reply(&cancel, &CANCELING);
+    assert_eq!(action.stop_once(), Stopping::Again, "its end has not come");
+    reply(&query, &result(5));
+    let until = comms::io::clock::now() + SOON;
+    while action.stop_once() == Stopping::Again {
+        assert!(comms::io::clock::now() < until, "it does not end");
+    }
+    assert!(server.canceled.try_recv().is_err(), "it is canceled once");
+}
+
+#[test]
+fn ends_of_goals_are_told() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    let mut action = started(&router);
+    let query = action.until(|| server.sent.try_recv().ok());
+    reply(&query, &taken(false));
+    assert_eq!(action.ended(), Progress::Aborted("the server of `/arm/fib` has rejected the goal".to_owned()));
+    for (answer, why) in [
+        (result(6), "its server has aborted the goal"),
+        (result(5), "another client has canceled the goal"),
+        (vec![0, 1, 0, 0, 4], "its result cannot be read"),
+    ] {
+        action.start_with(&value(&GOAL)).unwrap();
+        take(&mut action, &server);
+        let query = action.until(|| server.asked.try_recv().ok());
+        reply(&query, &answer);
+        let Progress::Aborted(told) = action.ended() else { panic!("it has not failed") };
+        assert!(told.starts_with(&format!("action `/arm/fib`: {why}")), "{told}");
+    }
+}
+
+#[test]
+fn a_result_is_asked_for_again_and_late_answers_are_nothing() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    let mut action = started(&router);
+    take(&mut action, &server);
+    drop(action.until(|| server.asked.try_recv().ok()));
+    let late = action.until(|| server.asked.try_recv().ok());
+    assert_eq!(action.calculate_after(Duration::ZERO), Progress::Continue);
+    // The process is stopped, and the server answers after its end.
+    assert_eq!(action.stop_once(), Stopping::Again);
+    action.start_with(&value(&GOAL)).unwrap();
+    late.reply(late.key_expr().clone(), result(6)).wait().unwrap();
+    take(&mut action, &server);
+    let query = action.until(|| server.asked.try_recv().ok());
+    reply(&query, &result(4));
+    assert_eq!(action.ended(), Progress::Done(value(&sequence(&[]))));
+}
+
+#[test]
+fn a_server_that_is_not_there_is_named() {
+    let router = Router::new();
+    let mut action = started(&router);
+    assert_eq!(action.calculate_after(Duration::ZERO), Progress::Continue);
+    let why = "action `/arm/fib`: no node of ROS 2 serves it within 5 s".to_owned();
+    assert_eq!(action.calculate_after(Duration::from_secs(6)), Progress::Aborted(why));
+    let server = Server::new(&router);
+    action.start_with(&value(&GOAL)).unwrap();
+    take(&mut action, &server);
+    action.until(|| server.asked.try_recv().ok());
+    drop(server);
+    let told = (1..10_000).find_map(|count| {
+        let progress = action.calculate_after(Duration::from_secs(6) * count);
+        if let Progress::Aborted(why) = progress { Some(why) } else { None }
+    });
+    let told = told.expect("it ends");
+    assert_eq!(told, "action `/arm/fib`: its server has been away for 5 s");
+}
+
+#[test]
+fn a_start_value_that_is_no_goal_is_refused() {
+    let router = Router::new();
+    let mut action = idle(&router);
+    for nonsense in [&[][..], &[8, 0, 1, 0], &value(&GOAL[..7])] {
+        let why = action.start_with(nonsense).unwrap_err();
+        assert!(why.starts_with("its start value is not a `ros.example.Fibonacci_Goal`"), "{why}");
+    }
+}
