@@ -48,7 +48,9 @@ pub const LEAVES_MAX: usize = 10_000;
 
 /// The controller type of the bridge to ROS 2, which is added to a plan with topics.
 pub const BRIDGE: &str = "RosBridge";
-/// The program of the bridge, beside that of the node.
+/// The variables of ROS 2 that say which network is meant.
+pub(crate) const ROS_VARIABLES: [&str; 3] = ["ROS_DISTRO", "ROS_DOMAIN_ID", "ZENOH_CONFIG_OVERRIDE"];
+/// The program of the bridge, beside that of the node. A leaf whose `exec` begins with this word is started by it.
 pub const BRIDGE_PROGRAM: &str = "dca-ros";
 
 /// How the reason of a deadline that has passed begins: `the deadline `a within 5 s` in line 3 has passed`.

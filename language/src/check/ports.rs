@@ -17,7 +17,7 @@ use crate::syntax::ast::Name;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
-pub(super) use topics::message;
+pub(super) use topics::type_of;
 
 /// The result of the search for a port.
 enum Found<'a> {

@@ -2,7 +2,6 @@
 
 use crate::check::spec::{Direction, Endpoint, Expr, ExprKind, Process, Spec, Target};
 use crate::plan::{Plan, Transfer};
-use ros::logic::route::Way;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A process: a group with everything inside, or a leaf.
@@ -202,18 +201,18 @@ fn connect(unit: &mut Unit, process: &Process) {
     unit.links = links;
 }
 
-/// Adds the topics of ROS 2 of a group, which stand beside its members; returns the arrows to and from them.
+/// Adds the topics and services of ROS 2 of a group, which stand beside its members; returns the arrows to and from them.
 fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
     let (mut links, count) = (Vec::new(), unit.units.len());
     for topic in &process.outside.topics {
         let Some(inner) = end(unit, &topic.endpoint) else { continue };
-        let direction = if topic.way == Way::ToRos { Direction::In } else { Direction::Out };
+        let direction = if topic.way.is_outward() { Direction::In } else { Direction::Out };
         let name = topic.name.as_str();
         let known = unit.units.iter().skip(count).position(|unit| unit.name == name).map(|at| count + at);
         let slot = known.unwrap_or_else(|| {
             unit.units.push(Unit {
                 name: name.to_owned(),
-                kind: "topic".to_owned(),
+                kind: if topic.way.is_service() { "service" } else { "topic" }.to_owned(),
                 doc: String::new(),
                 host: unit.host,
                 is_service: true,
@@ -226,7 +225,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
             unit.units.len() - 1
         });
         let outer = End { unit: Some(slot), port: 0 };
-        let (from, to) = if topic.way == Way::ToRos { (inner, outer) } else { (outer, inner) };
+        let (from, to) = if topic.way.is_outward() { (inner, outer) } else { (outer, inner) };
         links.push(Link { from, to, set: None, label: String::new(), is_pull: false, is_cut: false });
     }
     links

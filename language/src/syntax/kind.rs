@@ -122,7 +122,7 @@ kinds! {
         Connection "a connection"
         Endpoint "an end of a connection"
         Keys "keys of the database"
-        Topic "a topic of ROS 2"
+        Topic "a topic or a service of ROS 2"
         TopicQuality "the quality of service of a topic"
         Quality "a connection quality"
         Actions "an event-action section"

@@ -1,20 +1,20 @@
-//! Adds the bridges to ROS 2: one program for each host that has ports which are connected with topics.
+//! Adds the bridges to ROS 2: one program for each host that has ports which are connected with topics or services.
 //!
-//! A bridge is a process of `main` that runs beside its event actions. Its ports are the topics, and wires that are always open
-//! connect them.
+//! A bridge is a process of `main` that runs beside its event actions. Its ports are the topics and services, and wires that are
+//! always open connect them.
 
 use super::tree::Tree;
 use super::wires::{Wires, leaf_port};
-use crate::check::ports::message;
+use crate::check::ports;
 use crate::check::spec::{Spec, Target, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{
     Argument, BRIDGE, ConnectionSet, Constant, Environment, Expression, Leaf, LeafKind, LeafPort, LinkLoss, Member,
-    MemberKind, Plan, Policy, Quality, Replacement, Restart, Retention, Transfer, Wire,
+    MemberKind, Plan, Policy, Quality, ROS_VARIABLES, Replacement, Restart, Retention, Transfer, Wire,
 };
 use crate::source::Span;
 use ros::logic::name::TypeName;
-use ros::logic::qos::Durability;
+use ros::logic::qos::{Durability, Qos};
 use ros::logic::route::{ROUTES_MAX, Route, Way};
 use std::time::Duration;
 
@@ -24,8 +24,6 @@ const ROUTES: &str = "routes";
 const NAME: &str = "ros";
 /// How long a bridge may take to stop.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
-/// The variables of ROS 2 that say which network is meant.
-const INHERITED: [&str; 2] = ["ROS_DOMAIN_ID", "ZENOH_CONFIG_OVERRIDE"];
 
 /// The bridges of a plan, before they have leaves.
 pub(super) struct Topics {
@@ -57,7 +55,7 @@ impl Topics {
             let leaf = &tree.leaves[end.leaf as usize];
             let policy = &leaf.policy;
             if policy.replacement == Replacement::Overlap {
-                let message = format!("`{}` is connected with a topic, so nothing can overlap with it", leaf.path);
+                let message = format!("`{}` is connected with ROS 2, so nothing can overlap with it", leaf.path);
                 self.problems.push(Diagnostic::new(Code::E0309, connection.span, message));
             }
             let TopicConnection { name, qos, way, span, .. } = connection.clone();
@@ -70,12 +68,10 @@ impl Topics {
                 own.link_loss = policy.link_loss;
             }
             let other = LeafPort { leaf: self.leaves + number(bridge), port };
-            let (from, to) = if way == Way::ToRos { (end, other) } else { (other, end) };
-            let is_kept = qos.durability == Durability::TransientLocal;
-            let retention = if is_kept { Retention::Latch } else { Retention::Drop };
-            let queue = u32::try_from(qos.depth).ok();
-            let quality = Quality { retention, queue, period_min: None };
-            let wire = wires.add(Wire { from, to, transfer: Transfer::Push, quality });
+            let (from, to) = if way.is_outward() { (end, other) } else { (other, end) };
+            let (transfer, quality) =
+                if way.is_service() { (Transfer::Call, Quality::default()) } else { (Transfer::Push, quality(qos)) };
+            let wire = wires.add(Wire { from, to, transfer, quality });
             if !self.wires.contains(&wire) {
                 self.wires.push(wire);
             }
@@ -89,7 +85,8 @@ impl Topics {
         if let Some((why, first)) =
             same.find_map(|(at, (other, first))| Some((conflict(at, other, host, &route)?, *first)))
         {
-            let message = format!("topic `{}` {why}", route.name);
+            let message =
+                format!("{} `{}` {why}", if route.way.is_service() { "service" } else { "topic" }, route.name);
             self.problems.push(Diagnostic::new(Code::E0309, span, message).reason(first, "the other connection"));
             return None;
         }
@@ -100,7 +97,7 @@ impl Topics {
         let routes = &mut self.bridges[bridge].routes;
         if routes.iter().all(|(other, _)| *other != route) {
             if routes.len() == ROUTES_MAX {
-                let message = format!("one host has at most {ROUTES_MAX} topics");
+                let message = format!("one host has at most {ROUTES_MAX} topics and services");
                 self.problems.push(Diagnostic::new(Code::E0309, span, message));
                 return None;
             }
@@ -148,13 +145,28 @@ pub(in crate::check) fn place(spec: &Spec) -> Option<Span> {
     spec.processes.iter().flat_map(|process| &process.outside.topics).map(|topic| topic.span).min()
 }
 
+/// Returns how the values of a topic go over a wire.
+fn quality(qos: Qos) -> Quality {
+    let is_kept = qos.durability == Durability::TransientLocal;
+    let retention = if is_kept { Retention::Latch } else { Retention::Drop };
+    Quality { retention, queue: u32::try_from(qos.depth).ok(), period_min: None }
+}
+
 /// Returns why two routes of one name cannot be in one plan, each with its host.
 fn conflict(host: u32, one: &Route, other_host: u32, other: &Route) -> Option<String> {
+    if one.way.is_service() != other.way.is_service() {
+        return Some("has the name of a topic and of a service in one deployment".to_owned());
+    }
     if one.of != other.of {
-        return Some(format!("has messages of two types, `{}` and `{}`", one.of.spec(), other.of.spec()));
+        let has = if one.way.is_service() { "is" } else { "has messages" };
+        return Some(format!("{has} of two types, `{}` and `{}`", one.of.spec(), other.of.spec()));
     }
     if one.way != other.way {
-        return Some("is published and subscribed to in one deployment".to_owned());
+        let does = if one.way.is_service() { "called and answered" } else { "published and subscribed to" };
+        return Some(format!("is {does} in one deployment"));
+    }
+    if one.way == Way::Serve {
+        return Some("is answered by two processes".to_owned());
     }
     if host != other_host {
         let is_published = one.way == Way::ToRos;
@@ -168,7 +180,7 @@ fn type_of(tree: &Tree, spec: &Spec, end: &LeafPort) -> Option<TypeName> {
     let instance = &spec.processes[tree.process_of[group]].instances[slot];
     let Target::Module(module) = instance.target else { return None };
     let port = spec.modules[module].ports.iter().find(|port| port.name.text == end.port)?;
-    message(&port.kind.as_ref()?.to_string())
+    ports::type_of(port)
 }
 
 fn free_name<'a>(taken: impl Iterator<Item = &'a String> + Clone, host: Option<&String>) -> String {
@@ -193,7 +205,7 @@ fn leaf(path: String, bridge: &Bridge) -> Leaf {
         arguments: vec![Argument { name: Some(ROUTES.to_owned()), value }],
         exec: None,
         parameters: Some(Vec::new()),
-        environment: Environment { inherited: INHERITED.map(str::to_owned).into(), ..Environment::default() },
+        environment: Environment { inherited: ROS_VARIABLES.map(str::to_owned).into(), ..Environment::default() },
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
         outcomes: Vec::new(),

@@ -1,37 +1,78 @@
-//! Checks the ports that are connected with topics of ROS 2.
+//! Checks the ports that are connected with topics and services of ROS 2.
 
 use super::OutsideEnd;
-use crate::check::spec::{Direction, Port, TopicConnection};
+use crate::check::spec::{Call, CallRole, Direction, Port, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
 use ros::logic::library;
 use ros::logic::name::{Folder, TypeName};
 use ros::logic::route::Way;
 
 /// Returns the message of ROS 2 that a type in a spec means.
-pub(in crate::check) fn message(kind: &str) -> Option<TypeName> {
-    library::by_spec(kind).filter(|name| name.folder() == Folder::Msg)
+fn message(kind: &str) -> Option<TypeName> {
+    let found = library::by_spec(kind)?;
+    (found.folder() == Folder::Msg).then_some(found)
 }
 
-/// Returns why a port cannot be connected with a topic.
+/// Returns the type of ROS 2 that the other end of a connected port has: a message, or a service.
+pub(in crate::check) fn type_of(port: &Port) -> Option<TypeName> {
+    let kind = port.kind.as_ref()?.to_string();
+    match &port.call {
+        None => message(&kind),
+        Some(call) => library::service_of(&call.argument.as_ref()?.to_string(), &kind),
+    }
+}
+
+/// Returns why a port cannot be connected with a topic or a service.
 pub(super) fn check(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> {
+    let found =
+        if connection.way.is_service() { check_service(connection, port) } else { check_topic(connection, port) };
+    found.map(|found| found.reason(port.name.span, "declared here"))
+}
+
+fn check_topic(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> {
     let name = &connection.endpoint.port;
-    let error = |message: String| {
-        let diagnostic = Diagnostic::new(Code::E0309, name.span, message);
-        diagnostic.reason(port.name.span, "declared here")
-    };
-    let (direction, what) = match connection.way {
-        Way::ToRos => (Direction::Out, "the topic has the values of an output"),
-        Way::FromRos => (Direction::In, "the topic sends to an input"),
+    let error = |message: String| Diagnostic::new(Code::E0309, name.span, message);
+    let (direction, what) = if connection.way == Way::ToRos {
+        (Direction::Out, "the topic has the values of an output")
+    } else {
+        (Direction::In, "the topic sends to an input")
     };
     let outside = OutsideEnd { direction, what, not_called: "a topic has messages" };
     if let Some(diagnostic) = outside.misfit(name, port, error) {
         return Some(diagnostic);
     }
-    let kind = port.kind.as_ref().map(ToString::to_string);
-    if kind.as_deref().and_then(message).is_some() {
+    if type_of(port).is_some() {
         return None;
     }
+    let kind = port.kind.as_ref();
     let is = kind.map_or_else(|| "has no type".to_owned(), |kind| format!("is of type `{kind}`"));
     let diagnostic = error(format!("`{}` {is}, but a topic has messages of ROS 2", name.text));
     Some(diagnostic.help("give it the type of a standard message, such as `ros.geometry.Twist`"))
+}
+
+fn check_service(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> {
+    let name = &connection.endpoint.port;
+    let error = |message: String| Some(Diagnostic::new(Code::E0309, name.span, message));
+    let is_call = connection.way == Way::Call;
+    match port.call {
+        None => return error(format!("`{}` is a port of data, and a service is called", name.text)),
+        Some(Call { role: CallRole::State, .. }) => {
+            return error(format!("`{}` is a state, and a service is a procedure", name.text));
+        }
+        Some(Call { role: CallRole::Caller, .. }) if !is_call => {
+            let why = format!("`{}` calls, and the service is answered by a procedure", name.text);
+            return error(why).map(|found| found.help("exchange the ends of the connection"));
+        }
+        Some(Call { role: CallRole::Procedure, .. }) if is_call => {
+            let why = format!("`{}` is called, and the service answers a call", name.text);
+            return error(why).map(|found| found.help("exchange the ends of the connection"));
+        }
+        Some(_) => {}
+    }
+    if type_of(port).is_some() {
+        return None;
+    }
+    let found = error(format!("`{}` has not the request and the response of a standard service of ROS 2", name.text));
+    let example = "`ros.std_srvs.Trigger_Request` as its argument and `ros.std_srvs.Trigger_Response` as its result";
+    found.map(|found| found.help(format!("for example {example}")))
 }

@@ -417,11 +417,11 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `instance, Port`, `db("team/flat/**")`, or `topic("/scan")`
+    /// `instance, Port`, `db("team/flat/**")`, `topic("/scan")`, or `service("/reset")`
     fn end_of_connection(&mut self) {
         if self.at_word("db") && self.kind(1) == LeftParen {
             self.keys();
-        } else if self.at_word("topic") && self.kind(1) == LeftParen {
+        } else if (self.at_word("topic") || self.at_word("service")) && self.kind(1) == LeftParen {
             self.topic();
         } else {
             self.endpoint();
@@ -440,13 +440,18 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `topic("/cmd_vel", qos = reliable(10))`
+    /// `topic("/cmd_vel", qos = reliable(10))`, `service("/reset")`
     fn topic(&mut self) {
+        let expected = if self.at_word("topic") {
+            "the name of a topic of ROS 2, such as `\"/cmd_vel\"`"
+        } else {
+            "the name of a service of ROS 2, such as `\"/reset\"`"
+        };
         self.start(SyntaxKind::Topic);
         self.bump();
         self.bump();
         if !self.eat(Text) {
-            self.expected("the name of a topic of ROS 2, such as `\"/cmd_vel\"`");
+            self.expected(expected);
         }
         if self.eat(Comma) {
             if !self.eat_word("qos") {
