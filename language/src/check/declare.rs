@@ -4,6 +4,7 @@ mod environment;
 mod module;
 mod process;
 mod python;
+mod ros_action;
 pub(super) mod silent;
 mod template;
 

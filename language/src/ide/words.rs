@@ -126,6 +126,8 @@ words! {
         "The program in Python that runs it; `dca` asks it for its interface."
     ModuleItem "venv" "venv \"${1:.venv}\";"
         "The virtual environment whose interpreter runs its Python program."
+    ModuleItem "action" "action \"/${1:name}\": ${2:ros.nav2.NavigateToPose};"
+        "The action of ROS 2 that it is: its start value is the goal, and its result is the value that it leaves."
     ModuleItem "env" "env{\n    ${1:NAME} = \"$0\";\n}"
         "Variables of its program."
     ModuleItem "inherit" "inherit ${1:NAME};"

@@ -138,6 +138,7 @@ kinds! {
         Inherited "an inherited variable"
         Folder "the folder of a program"
         Python "a Python program"
+        RosAction "an action of ROS 2"
         Venv "a virtual environment of Python"
         StopWithin "a stop limit"
         Takes "how long a module takes"

@@ -70,7 +70,12 @@ impl Programs {
     pub fn command(&self, leaf: &Leaf) -> Result<Vec<String>, String> {
         let mut command: Vec<String> = match &leaf.exec {
             Some(exec) => {
-                words(exec).map_err(|why| format!("the `exec` of `{}` starts nothing: {why}", leaf.module))?
+                let mut words =
+                    words(exec).map_err(|why| format!("the `exec` of `{}` starts nothing: {why}", leaf.module))?;
+                if let Some(first) = words.first_mut().filter(|first| first.as_str() == BRIDGE_PROGRAM) {
+                    *first = self.types.get(BRIDGE).cloned().ok_or_else(|| self.unknown(BRIDGE))?;
+                }
+                words
             }
             None => match self.types.get(&leaf.module) {
                 Some(executable) => vec![executable.clone(), leaf.module.clone()],
@@ -83,7 +88,7 @@ impl Programs {
 
     fn unknown(&self, module: &str) -> String {
         if module == BRIDGE {
-            return format!("topics of ROS 2 need `{BRIDGE_PROGRAM}` of the same build beside `dca-node`");
+            return format!("ROS 2 needs `{BRIDGE_PROGRAM}` of the same build beside `dca-node`");
         }
         let lower = module.to_lowercase();
         let near = self.types.keys().find(|name| {
@@ -157,12 +162,14 @@ mod tests {
             let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
             let mut programs = Programs::default();
             programs.offer("/opt/dca-controller", ["Sayer".to_owned()]);
+            programs.offer("/opt/dca-ros", [BRIDGE.to_owned()]);
             let command = programs.command(&plan.leaves[0]);
             let expected = expected.map(|words| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>());
             assert_eq!(command, expected.map_err(str::to_owned));
         };
         check("exec \"say -v\";", Ok(&["say", "-v", "text=good morning", "speed=2"]));
         check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "text=good morning", "speed=2"]));
+        check("exec \"dca-ros RosAction\";", Ok(&["/opt/dca-ros", "RosAction", "text=good morning", "speed=2"]));
         check("", Err("no program here offers the controller type `Say`; did you mean `Sayer`?"));
     }
 

@@ -1,6 +1,6 @@
 //! Reads the interfaces of controller modules.
 
-use super::{environment, python};
+use super::{environment, python, ros_action};
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
 use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Port};
@@ -43,6 +43,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         read_item(&mut module, &item, reader);
     }
     python::program(&mut module, node, reader);
+    ros_action::read(&mut module, node, reader);
     Some(module)
 }
 

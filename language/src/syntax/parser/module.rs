@@ -26,6 +26,7 @@ impl Parser<'_> {
             "exec" => self.text_item(SyntaxKind::Exec, "a string with the program and its arguments"),
             "python" => self.text_item(SyntaxKind::Python, "a string with the path of a Python program"),
             "venv" => self.text_item(SyntaxKind::Venv, "a string with the path of a virtual environment"),
+            "action" => self.ros_action(),
             "env" => self.environment(),
             "inherit" => self.inherit(),
             "directory" => self.text_item(SyntaxKind::Folder, "a string with the path of a folder"),
@@ -39,7 +40,7 @@ impl Parser<'_> {
             _ => {
                 self.expected(
                     "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `python`, \
-                     `venv`, `env`, `inherit`, `directory`, `plain` or `stop within`",
+                     `venv`, `action`, `env`, `inherit`, `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -152,6 +153,20 @@ impl Parser<'_> {
         self.bump();
         if !self.eat(Text) {
             self.expected(expected);
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `action "/navigate_to_pose": ros.nav2.NavigateToPose;`
+    fn ros_action(&mut self) {
+        self.start(SyntaxKind::RosAction);
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("the name of an action of ROS 2, such as `\"/navigate_to_pose\"`");
+        }
+        if self.expect(Colon) {
+            self.type_name();
         }
         self.end_statement();
         self.finish();

@@ -1,0 +1,78 @@
+//! Reads a module that is an action of ROS 2: `action "/navigate_to_pose": ros.nav2.NavigateToPose;`
+//!
+//! Such a module is started by the program of the bridge. Its start value is the goal, a stop cancels the goal, and its result is the
+//! value that it leaves. Feedback is its only output.
+
+use crate::check::spec::{Direction, Kind, Module, Port};
+use crate::check::value::Reader;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{BRIDGE_PROGRAM, LeafKind, ROS_VARIABLES};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{Exec, Python, RosAction, StopWithin, Text};
+use crate::syntax::ast::{Name, Node};
+use ros::logic::key::GraphName;
+use ros::logic::library;
+use ros::logic::name::{Folder, TypeName};
+use std::time::Duration;
+
+/// The controller type of its program.
+const TYPE: &str = "RosAction";
+/// The output of its feedback.
+const FEEDBACK: &str = "Feedback";
+/// How long it may take to stop, unless its interface sets another time: a server has to end the goal.
+const STOP_WITHIN: Duration = Duration::from_secs(6);
+/// The part of that time in which the program itself ends.
+const LEAVE_WITHIN: Duration = Duration::from_secs(1);
+
+/// Reads the action of a module, once the rest of it is known.
+pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
+    let Some(item) = node.child(RosAction) else { return };
+    // Otherwise the text is damaged, which was reported.
+    let (Some(token), Some(kind)) = (item.token(Text), super::kind(&item, reader)) else { return };
+    let mut refuse = |code, span: Span, message: String, help: Option<String>| {
+        let found = Diagnostic::new(code, span, message);
+        reader.diagnostics.push(help.into_iter().fold(found, |found, help| found.help(help)));
+    };
+    if node.child(Exec).is_some() || node.child(Python).is_some() || module.kind == LeafKind::Plain {
+        let message = "a module that is an action of ROS 2 has no program of its own";
+        return refuse(Code::E0011, item.span(), message.to_owned(), None);
+    }
+    if !module.ports.is_empty() || !module.outcomes.is_empty() || module.is_service {
+        let message = format!("an action of ROS 2 ends by itself, and has the output `{FEEDBACK}` and no other port");
+        return refuse(
+            Code::E0309,
+            item.span(),
+            message,
+            Some("leave out the ports, `service` and `done(...)`".to_owned()),
+        );
+    }
+    let written = token.content();
+    let Some(name) = GraphName::parse(&written).filter(|name| written.starts_with('/') && is_short(name)) else {
+        let message = format!("{written:?} is not the name of an action of ROS 2");
+        let help = "it begins with `/`, has words of letters, digits and `_`, and at most 200 bytes";
+        return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
+    };
+    let Some(of) = library::by_spec(&kind.text).filter(|of| is_action(of)) else {
+        let known: Vec<String> = library::actions().map(|action| format!("`{}`", action.spec())).collect();
+        let message = format!("`{}` is not a known action of ROS 2", kind.text);
+        return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));
+    };
+    let has_limit = node.child(StopWithin).is_some();
+    module.stop_within = if has_limit { module.stop_within } else { STOP_WITHIN };
+    let stop = (module.stop_within / 2).max(module.stop_within.saturating_sub(LEAVE_WITHIN)).as_millis();
+    module.exec = Some(format!("{BRIDGE_PROGRAM} {TYPE} action={name} type={of} stop_ms={stop}"));
+    module.environment.inherited.extend(ROS_VARIABLES.map(str::to_owned));
+    module.has_end = true;
+    let feedback = Kind { text: of.with("_Feedback").spec(), span: kind.span, fields: None };
+    let name = Name { text: FEEDBACK.to_owned(), span: item.span() };
+    module.ports.push(Port { name, direction: Direction::Out, kind: Some(feedback), is_optional: true, call: None });
+}
+
+/// Returns whether the names of the topics and services of an action have room.
+fn is_short(name: &GraphName) -> bool {
+    name.as_str().len() <= 200
+}
+
+fn is_action(of: &TypeName) -> bool {
+    of.folder() == Folder::Action && library::actions().any(|action| action == *of)
+}
