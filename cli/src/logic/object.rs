@@ -7,6 +7,8 @@ pub(crate) use listed::{Listed, ListedKind};
 use crate::logic::process_name::ProcessName;
 use crate::logic::queues::Shown;
 use crate::logic::record::{decoded, messages};
+use crate::logic::ros;
+use ::ros::logic::name::is_spec_name;
 use comms::logic::layout::{Field, Layout, Message, Part, Writer, write};
 use comms::logic::messaging::wire::{LockStatus, QueueStatus, RouterStatus};
 use comms::logic::object::{Exports, Signature, TypeForm};
@@ -65,6 +67,12 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
     let form = &signature.argument;
     if form.name.is_empty() {
         return if given.is_empty() { Ok(Vec::new()) } else { Err("it is called with nothing".to_owned()) };
+    }
+    if is_spec_name(&form.name) {
+        // On a wire a message of ROS 2 is its CDR, with the length in front.
+        let (message, mut bytes) = (ros::encode(&form.name, given)?, Vec::new());
+        Writer::new(&mut bytes).piece(&message);
+        return Ok(bytes);
     }
     let expected = |why: &str| format!("{why}; expected {form}");
     if given.is_empty() {
@@ -205,6 +213,21 @@ mod tests {
             access: Access::Operate,
         };
         Exports { exports: arguments.iter().map(exported).collect() }
+    }
+
+    #[test]
+    fn an_argument_of_ros_is_a_message() {
+        let form = |name: &str| TypeForm::new(&format!("ros.std_srvs.{name}"), "");
+        let signature = Signature { argument: form("SetBool_Request"), result: form("SetBool_Response") };
+        let given = |words: &[&str]| {
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            argument(&Exports::default(), &signature, &words)
+        };
+        assert_eq!(given(&["data=true"]), Ok(vec![5, 0, 1, 0, 0, 1]));
+        assert!(given(&["data=5"]).is_err());
+        let response = [&[17, 0, 1, 0, 0, 1, 0, 0, 0, 5, 0, 0, 0][..], b"done\0"].concat();
+        let shown = result(&Exports::default(), &signature, &response);
+        assert_eq!(shown, json!({ "success": true, "message": "done" }));
     }
 
     #[test]

@@ -1,5 +1,9 @@
 //! Messages of ROS 2 as JSON.
 
+mod written;
+
+pub(crate) use written::encode;
+
 use ros::logic::cdr::{self, Value};
 use ros::logic::library;
 use ros::logic::schema::{Schema, Struct};
