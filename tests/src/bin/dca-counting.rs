@@ -3,10 +3,12 @@
 //! own beats or the beats they hear.
 
 use comms::logic::time::Time;
+use controllers::ros::example_interfaces::FibonacciGoal;
 use controllers::ros::std_msgs::String as Text;
+use controllers::ros::std_srvs::{TriggerRequest, TriggerResponse};
 use controllers::sdk::{
-    About, Arguments, Controller, Every, In, InProcessGroup, Inputs, Kind, MemberPort, Message, Out, Outputs,
-    Parameter, Progress, Registry, Stopping, Tick, process,
+    About, Arguments, Calls, Controller, Every, Exports, In, InProcessGroup, Inputs, Kind, MemberPort, Message, Out,
+    Outputs, Parameter, Progress, Registry, Stopping, Tick, process,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -396,6 +398,75 @@ impl Controller for Echo {
     }
 }
 
+#[derive(Debug, Outputs)]
+struct ResetOutputs {
+    #[calls("Reset")]
+    reset: Calls<TriggerRequest, TriggerResponse>,
+}
+
+/// Calls a service of ROS 2 until it succeeds, and tells clients of ROS 2 what it has answered.
+#[derive(Debug)]
+struct Resetter {
+    told: String,
+}
+
+impl Controller for Resetter {
+    type Inputs = ();
+    type Outputs = ResetOutputs;
+    const TYPE: &'static str = "Resetter";
+
+    fn about() -> About {
+        About::service("Calls a service of ROS 2, and answers another.").triggered_by("Reset").every(PERIOD * 100)
+    }
+
+    fn exports(exports: &mut Exports<Self>) {
+        exports.procedure("Told", "Returns what the service has answered.", |resetter, _: TriggerRequest| {
+            if resetter.told.is_empty() {
+                return Err("the service has not answered".to_owned());
+            }
+            Ok(TriggerResponse { success: true, message: resetter.told.clone() })
+        });
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self { told: String::new() })
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), outputs: &mut ResetOutputs) -> Progress {
+        while let Some((_, answer)) = outputs.reset.answer() {
+            if let Ok(answer) = answer {
+                self.told = answer.message;
+            }
+        }
+        if self.told.is_empty() && outputs.reset.pending() == 0 {
+            outputs.reset.call(TriggerRequest::default(), PERIOD * 30_000);
+        }
+        Progress::Continue
+    }
+}
+
+/// Is done with the goal of an action of ROS 2.
+#[derive(Debug)]
+struct Order;
+
+impl Controller for Order {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Order";
+
+    fn about() -> About {
+        About::task("Orders five numbers.").every(PERIOD)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
+        Progress::done(&FibonacciGoal { order: 5 })
+    }
+}
+
 /// A source, eight that pass on, one behind the other, and a sink at each, all in one process.
 fn caterpillar() -> InProcessGroup {
     const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
@@ -433,6 +504,8 @@ fn main() -> ExitCode {
     registry.add::<Ear>();
     registry.add::<Eye>();
     registry.add::<Echo>();
+    registry.add::<Resetter>();
+    registry.add::<Order>();
     for group in [caterpillar(), twice()] {
         registry.add_group(group).expect("its wires fit");
     }

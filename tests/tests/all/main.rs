@@ -52,6 +52,7 @@ mod quiet;
 mod record;
 mod refused_programs;
 mod rooms;
+mod ros_calls;
 mod ros_topics;
 mod scouting;
 mod seals;

@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
+use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
 
 const ECHO: &str = "
 process main() {
@@ -24,12 +25,12 @@ const STRING: &str =
     "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
 
 /// A router and a node of ROS 2 in one session.
-struct Ros {
-    session: Session,
+pub(super) struct Ros {
+    pub(super) session: Session,
 }
 
 impl Ros {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { session: open("router", &["tcp/127.0.0.1:0"], &[]) }
     }
 
@@ -58,6 +59,15 @@ impl Ros {
                 .expect("a peer of a test"),
             rx,
         )
+    }
+
+    /// Hears also what was published before, as a node of ROS 2 does that wants the last message.
+    fn hear_late(&self) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
+        let (tx, rx) = sync_channel(64);
+        let heard = move |sample| drop(tx.try_send(sample));
+        let subscriber = self.session.declare_subscriber(format!("7/back/{STRING}")).callback(heard).advanced();
+        let subscriber = subscriber.history(HistoryConfig::default().detect_late_publishers().max_samples(1));
+        (subscriber.recovery(RecoveryConfig::default().heartbeat()).wait().expect("a peer of a test"), rx)
     }
 
     fn say(&self, sequence: i64, text: &str) {
@@ -97,7 +107,7 @@ fn open(mode: &str, listen: &[&str], connect: &[&str]) -> Session {
     opened.expect("a peer of a test")
 }
 
-fn attachment(sequence: i64) -> Vec<u8> {
+pub(super) fn attachment(sequence: i64) -> Vec<u8> {
     let mut bytes = sequence.to_le_bytes().to_vec();
     bytes.extend([0; 8]);
     bytes.push(16);
@@ -113,7 +123,7 @@ fn message(text: &str) -> Vec<u8> {
     bytes
 }
 
-fn run(cluster: &Cluster, ros: &Ros, spec: &str) -> Program {
+pub(super) fn run(cluster: &Cluster, ros: &Ros, spec: &str) -> Program {
     let here =
         cluster.here().with_variable("ROS_DOMAIN_ID", "7").with_variable("ZENOH_CONFIG_OVERRIDE", &ros.setting());
     let file = cluster.file("echo.dca", spec);
@@ -150,6 +160,9 @@ fn a_killed_bridge_is_back_and_the_mission_goes_on() {
             SampleKind::Put => is_back = true,
         }
     }
+    let (_late, last) = ros.hear_late();
+    let sample = last.recv_timeout(SOON).expect("the next bridge has the last message for a late subscriber");
+    assert_eq!(sample.payload().to_bytes(), message("one"));
     expect_echo(&ros, &heard, 1000, "two");
     assert!(mission.is_running());
     mission.signal(Signal::INT);
