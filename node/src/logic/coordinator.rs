@@ -138,7 +138,7 @@ impl Coordinator {
             ToCoordinator::Happened { target, change } => mission.happened(target, change, out),
             ToCoordinator::Change(reply) => self.changes.reply(mission, reply, from, out),
             ToCoordinator::SetsSwitched { call, switched } => self.switches.switched(call, switched, out),
-            ToCoordinator::Told { call, taken } => self.orders.told(call, taken, out),
+            ToCoordinator::Answered { call, taken } => self.orders.told(call, taken, out),
             ToCoordinator::BeganLate { by } => mission.report(Report::BeganLate { host: from.to_owned(), by }, out),
             ToCoordinator::Stepped { group, number, steps } => mission.stepped(group, number, steps, out),
         }

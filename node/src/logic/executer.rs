@@ -22,7 +22,7 @@ use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
 use activity::News;
-pub use activity::Told;
+pub use activity::Taking;
 use clock::Clock;
 use comms::logic::time::Time;
 use fence::Fences;

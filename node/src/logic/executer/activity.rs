@@ -33,7 +33,7 @@ pub(super) struct News {
 
 /// The result of an order for an activity.
 #[derive(Debug)]
-pub struct Told {
+pub struct Taking {
     /// How the activity has ended by it, if it has.
     pub ending: Option<Ending>,
     /// The reaction of the activity, or why the activity has not taken the order.
@@ -72,7 +72,7 @@ impl Executer {
         by: Option<&str>,
         context: ExecContext<'_>,
         out: &mut Out<'_>,
-    ) -> Told {
+    ) -> Taking {
         let by = by.map_or_else(|| "a node".to_owned(), printable);
         match self.event_of(told, context.plan) {
             Err(why) => {
@@ -81,7 +81,7 @@ impl Executer {
                         format!("does not take the answer `{option}` of {by} to question {question}: it is not open");
                     self.tell_people(text, context, out);
                 }
-                Told { ending: None, taken: Err(why) }
+                Taking { ending: None, taken: Err(why) }
             }
             Ok(event) => {
                 if let ActivityInput::Answer { question, option } = told {
@@ -136,7 +136,7 @@ impl Executer {
     }
 
     /// Takes an order of a person.
-    fn take(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Told {
+    fn take(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Taking {
         let before = self.state.chart().cloned();
         let waits = before.as_ref().is_some_and(Configuration::is_waiting);
         let ending = self.react(event, context, out);
@@ -146,7 +146,7 @@ impl Executer {
             (false, true) => Taken::Ignored,
             (false, false) => Taken::Reacted,
         };
-        Told { ending, taken: Ok(taken) }
+        Taking { ending, taken: Ok(taken) }
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.

@@ -60,7 +60,7 @@ pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
         | ToCoordinator::MainEnded { .. }
         | ToCoordinator::Happened { .. }
         | ToCoordinator::SetsSwitched { .. }
-        | ToCoordinator::Told { .. }
+        | ToCoordinator::Answered { .. }
         | ToCoordinator::ClockRead { .. }
         | ToCoordinator::BeganLate { .. }
         | ToCoordinator::Stepped { .. } => None,

@@ -3,7 +3,7 @@
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
-use crate::logic::executer::{Told, wants_restarts};
+use crate::logic::executer::{Taking, wants_restarts};
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{
     ActivityInput, Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant,
@@ -58,12 +58,12 @@ impl Participant {
         let first = out.messages.len();
         let mut answer = Err("its supervisor is not here".to_owned());
         self.with_executer(group, out, |executer, at, out| {
-            let Told { ending, taken } = executer.tell_by(told, by, at, out);
+            let Taking { ending, taken } = executer.tell_by(told, by, at, out);
             answer = taken;
             ending
         });
         if let Some(call) = call {
-            self.site.tell_home(ToCoordinator::Told { call, taken: answer }, out);
+            self.site.tell_home(ToCoordinator::Answered { call, taken: answer }, out);
             // The deployment may end by the order, and the answer comes before that.
             if let Some(consequences) = out.messages.get_mut(first..) {
                 consequences.rotate_right(1);

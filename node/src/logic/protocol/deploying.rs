@@ -82,7 +82,7 @@ pub enum ToCoordinator {
         by: Duration,
     },
     /// The answer of an activity to [`ToParticipant::Tell`].
-    Told {
+    Answered {
         /// As ordered.
         call: u64,
         /// The reaction of the activity, or why the activity has not taken the order.
@@ -307,7 +307,7 @@ pub enum ToParticipant {
         told: ActivityInput,
         /// The user who gives it; none if a node noticed it.
         by: Option<String>,
-        /// The call that waits for [`ToCoordinator::Told`]; none if no user waits.
+        /// The call that waits for [`ToCoordinator::Answered`]; none if no user waits.
         call: Option<u64>,
     },
     /// The consumer of these wires was started again: send it their last values.
