@@ -10,7 +10,6 @@ mod labels;
 mod loss;
 mod messages;
 mod mode;
-mod pending;
 mod reaction;
 mod restart;
 mod texts;
