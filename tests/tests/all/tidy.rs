@@ -232,7 +232,7 @@ fn only_in(rule: &str, places: &[&str], words: &[&str]) {
 
 #[test]
 fn one_place_opens_zenoh() {
-    let bridge = "ros/bridge/src/io.rs";
+    let bridge = "ros/bridge/src/io";
     let places = ["comms/src/io/session", "comms/src/io/data", bridge];
     only_in("only the sessions of comms, and the bridge to ROS 2, name zenoh", &places, &["zenoh::"]);
     let places = ["comms/src/io/session", bridge];
