@@ -5,7 +5,6 @@ use crate::client::feed::{Feed, FeedItem, Mode};
 use crate::complete;
 use crate::logic::process_name::DeploymentName;
 use crate::logic::record::report_kind;
-use crate::logic::sentence::{change_text, date_and_time, report_text};
 use crate::logic::suggestion;
 use crate::reader::Reader;
 use anyhow::anyhow;
@@ -17,6 +16,7 @@ use node::logic::protocol::{Deployment, Event, Report};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use view::sentence::{change_text, date_and_time, report_text};
 
 /// The arguments of `dca events`.
 #[derive(Debug, clap::Args)]

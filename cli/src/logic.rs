@@ -16,7 +16,6 @@ pub mod record;
 pub(crate) mod record_types;
 pub(crate) mod ros;
 mod routers;
-pub(crate) mod sentence;
 pub(crate) mod story_test;
 pub(crate) mod suggestion;
 pub(crate) mod tap;

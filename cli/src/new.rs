@@ -45,7 +45,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 38] = [
+const TAKEN: [&str; 39] = [
     "alloc",
     "bridge",
     "build",
@@ -84,6 +84,7 @@ const TAKEN: [&str; 38] = [
     "test",
     "trust",
     "verify",
+    "view",
 ];
 /// Words of Rust that are letters only, so that a program cannot be called so.
 const WORDS: [&str; 36] = [

@@ -17,9 +17,6 @@ pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
-use crate::logic::sentence::{
-    ENDED_LATE, configured_text, renewing_text, report_text, restarting_text, reverting_text,
-};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -27,6 +24,7 @@ use node::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use phases::Phases;
 use signals::Tracks;
 use std::time::Duration;
+use view::sentence::{ENDED_LATE, configured_text, renewing_text, report_text, restarting_text, reverting_text};
 
 /// The most notes kept; the rest are counted.
 pub const NOTES_MAX: usize = 200;

@@ -8,7 +8,6 @@ use crate::absent::Absences;
 use crate::client::Clients;
 use crate::client::feed::{Feed, Mode};
 use crate::logic::process_name::DeploymentName;
-use crate::logic::sentence::date_and_time;
 use crate::output;
 use crate::reader::Reader;
 use comms::io::clock;
@@ -20,6 +19,7 @@ use std::fmt::Write as _;
 use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::Notify;
+use view::sentence::date_and_time;
 
 /// How often everything is looked at, and drawn, at least.
 const EVERY: Duration = Duration::from_secs(1);

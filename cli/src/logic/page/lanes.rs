@@ -4,12 +4,12 @@ use crate::logic::mission::{Mission, seconds, short};
 use crate::logic::page::axis::{LEFT, TimeAxis, svg};
 use crate::logic::page::text::escape;
 use crate::logic::record::{Entry, Run};
-use crate::logic::sentence::change_text;
 use language::plan::{MemberKind, Plan};
 use node::logic::protocol::{Change, Ending, Report};
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use view::sentence::change_text;
 
 /// Height of a lane.
 const LANE: f64 = 18.0;

@@ -3,12 +3,12 @@
 use crate::logic::mission::{Mission, Outcome, Track, failure_chain, failure_output, seconds};
 use crate::logic::page::text::escape;
 use crate::logic::record::{Entry, Run};
-use crate::logic::sentence::{change_text, report_text};
 use dbmanager::logic::view::date;
 use node::logic::output_lines::plain;
 use node::logic::protocol::Report;
 use node::logic::table::counted;
 use std::time::Duration;
+use view::sentence::{change_text, report_text};
 
 /// The most events listed.
 const EVENTS_MAX: usize = 2_000;

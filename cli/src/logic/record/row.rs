@@ -2,7 +2,6 @@
 
 use crate::logic::record::{Entry, message, schema};
 use crate::logic::ros;
-use crate::logic::sentence::report_text;
 use ::ros::logic::cdr;
 use ::ros::logic::schema::Schema;
 use comms::logic::layout::Message;
@@ -13,6 +12,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
+use view::sentence::report_text;
 
 /// The topic of reports.
 pub const EVENTS: &str = "/events";

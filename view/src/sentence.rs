@@ -8,15 +8,15 @@ use node::logic::table::counted;
 use std::time::Duration;
 
 /// The words for a process whose program has ended after an unconfirmed stop.
-pub(crate) const ENDED_LATE: &str = "has ended after all: what it held is free";
+pub const ENDED_LATE: &str = "has ended after all: what it held is free";
 
 /// Returns a time since 1970 as UTC, to the second: `2026-11-23T00:00:00`.
-pub(crate) fn date_and_time(since_1970: Duration) -> String {
+pub fn date_and_time(since_1970: Duration) -> String {
     date::text(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)).replace(' ', "T")
 }
 
 /// Returns a report as one line.
-pub(crate) fn report_text(report: &Report) -> String {
+pub fn report_text(report: &Report) -> String {
     match report {
         Report::Accepted { deployment } => format!("accepted as {deployment}"),
         Report::Prepared { host, leaves } => format!("{host}: {} up", counted(*leaves, "program")),
@@ -47,7 +47,7 @@ pub(crate) fn report_text(report: &Report) -> String {
 }
 
 /// Returns a change of a process in words that follow the name of the process.
-pub(crate) fn change_text(change: &Change) -> String {
+pub fn change_text(change: &Change) -> String {
     match change {
         Change::Activated => "activated".to_owned(),
         Change::Stopping => "asked to stop".to_owned(),
@@ -68,18 +68,18 @@ pub(crate) fn change_text(change: &Change) -> String {
 }
 
 /// Returns the words for a program that is put back, since its replacement was not healthy.
-pub(crate) fn reverting_text(cause: &FailureCause) -> String {
+pub fn reverting_text(cause: &FailureCause) -> String {
     format!("is put back, since the new program was not healthy: {cause}")
 }
 
 /// Returns the words for a process that is restarted with another one.
-pub(crate) fn renewing_text(with: &str) -> String {
+pub fn renewing_text(with: &str) -> String {
     format!("is started again with `{with}`, which has died")
 }
 
 /// Returns the words for a parameter that was set while the program runs; without a value it has the spec's value
 /// again.
-pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
+pub fn configured_text(parameter: &str, value: Option<&str>) -> String {
     match value {
         Some(value) => format!("was told that `{parameter}` is {value}"),
         None => format!("was told that `{parameter}` is as in the spec"),
@@ -87,12 +87,12 @@ pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
 }
 
 /// Returns the words for a program that has died for the `count`th time and is started again.
-pub(crate) fn restarting_text(cause: &FailureCause, count: u32) -> String {
+pub fn restarting_text(cause: &FailureCause, count: u32) -> String {
     format!("died and is started again ({count} of {RESTARTS_MAX} in {} s): {cause}", WINDOW.as_secs())
 }
 
 /// Returns an ending in words.
-pub(crate) fn ending_text(ending: &Ending) -> String {
+pub fn ending_text(ending: &Ending) -> String {
     match ending {
         Ending::Done(_) => "done".to_owned(),
         Ending::Aborted(failure) => format!("aborted: {failure}"),

@@ -1,0 +1,95 @@
+//! The changes since the last look of a viewer.
+
+use crate::deployment::{LiveDeployment, Process};
+use crate::model::EventLine;
+use crate::output::OutputLine;
+use crate::robot::Robot;
+use crate::wires::Wire;
+use node::logic::protocol::Deployment;
+use std::fmt;
+use std::str::FromStr;
+
+/// The place up to which a viewer knows a model. Written as `MODEL-NUMBER`, for example `17-2048`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Position {
+    /// The model: a model that was started again has another number here.
+    pub model: u64,
+    /// The number of the last input.
+    pub number: u64,
+}
+
+impl fmt::Display for Position {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}-{}", self.model, self.number)
+    }
+}
+
+impl FromStr for Position {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let (model, number) = text.split_once('-').ok_or(())?;
+        let read = |text: &str| text.parse().map_err(|_not_a_number| ());
+        Ok(Self { model: read(model)?, number: read(number)? })
+    }
+}
+
+/// A thing that a model no longer has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Gone {
+    /// The robot of this host has left.
+    Robot(String),
+    /// A deployment that is over is no longer kept.
+    Deployment(Deployment),
+    /// A process is no longer part of its deployment on any host that answers.
+    Process(Deployment, String),
+    /// A wire is no longer part of its deployment.
+    Wire(Deployment, String),
+}
+
+/// The changes since a position. An item that has changed several times is here once, with its latest state.
+#[derive(Clone, Debug)]
+pub struct Changes<'a> {
+    /// The position to ask from the next time.
+    pub position: Position,
+    /// Whether these are all items of the model: a viewer discards what it had before.
+    pub is_whole: bool,
+    /// The robots that have changed. A new age alone is not a change.
+    pub robots: Vec<&'a Robot>,
+    /// The deployments whose phase or end has changed.
+    pub deployments: Vec<&'a LiveDeployment>,
+    /// The processes that have changed.
+    pub processes: Vec<(&'a Deployment, &'a Process)>,
+    /// The wires that have changed.
+    pub wires: Vec<(&'a Deployment, &'a Wire)>,
+    /// New events, the oldest first.
+    pub events: Vec<&'a EventLine>,
+    /// New lines of output, the oldest first.
+    pub lines: Vec<&'a OutputLine>,
+    /// Items that are gone.
+    pub gone: Vec<&'a Gone>,
+    /// Whether events or lines are missing before these: they came and left since the position.
+    pub has_gap: bool,
+}
+
+impl Changes<'_> {
+    /// Returns whether nothing has changed.
+    pub fn is_empty(&self) -> bool {
+        let items = self.robots.len() + self.deployments.len() + self.processes.len() + self.wires.len();
+        !self.is_whole && items + self.events.len() + self.lines.len() + self.gone.len() == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_position_is_read_as_it_is_written() {
+        let position = Position { model: 17, number: 2048 };
+        assert_eq!(position.to_string().parse(), Ok(position));
+        for wrong in ["", "17", "17-", "-5", "a-b", "1-2-3", "99999999999999999999-1"] {
+            assert_eq!(wrong.parse::<Position>(), Err(()), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The inputs of the model: what nodes and programs tell.
+
+use language::plan::Plan;
+use node::logic::database::question;
+use node::logic::protocol::{Absent, Deployment, Event, NodeStatus};
+use std::collections::BTreeSet;
+
+/// Something that a view has learnt.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// A node has answered with its status.
+    Status(Box<NodeStatus>),
+    /// A node has not answered in time.
+    Silent {
+        /// Its host.
+        host: String,
+        /// Why, for a person.
+        why: String,
+    },
+    /// A node has told which hosts do not answer it, and which processes may run there.
+    Absent(Box<Absent>),
+    /// All hosts that are known now, whether they answer or not. Other hosts have left.
+    Known(BTreeSet<String>),
+    /// Something has happened in a deployment.
+    Event(Box<Event>),
+    /// Something has happened to the view itself, for example a stream of events that broke off.
+    Note {
+        /// The host that it is about.
+        host: String,
+        /// The note, for a person.
+        text: String,
+    },
+    /// The plan of a deployment.
+    Plan {
+        /// The deployment.
+        deployment: Deployment,
+        /// Its plan.
+        plan: Box<Plan>,
+    },
+    /// A program has written something.
+    Output {
+        /// Its deployment.
+        deployment: Deployment,
+        /// The absolute path of its process.
+        path: String,
+        /// The bytes.
+        bytes: Vec<u8>,
+    },
+    /// The values of an output were counted for a while.
+    Measured(Measured),
+    /// A database has told how far other replicas are behind.
+    Database(Box<question::Status>),
+}
+
+/// How often values leave an output.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// The deployment.
+    pub deployment: Deployment,
+    /// The absolute path of the process.
+    pub path: String,
+    /// The port.
+    pub port: String,
+    /// Values a second (Hz).
+    pub hertz: f64,
+    /// Bytes a second.
+    pub bytes_a_second: f64,
+}

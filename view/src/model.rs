@@ -1,0 +1,435 @@
+//! The model: takes inputs in, and gives viewers the changes since their last look.
+
+use crate::changes::{Changes, Gone, Position};
+use crate::deployment::{End, Health, LiveDeployment, Look, Moments, Process, Question, Taken, note_moment};
+use crate::freshness::Freshness;
+use crate::input::{Input, Measured};
+use crate::output::{Lines, OutputLine};
+use crate::ring::Ring;
+use crate::robot::{Presence, Robot};
+use crate::sentence::{change_text, report_text};
+use crate::text::{clean, is_name};
+use crate::wires::Wire;
+use comms::logic::time::Time;
+use language::plan::Plan;
+use node::logic::protocol::{Absent, Change, Deployment, Ending, Event, NodeStatus, Report};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// The most robots.
+const ROBOTS_MAX: usize = 256;
+/// The most deployments that run.
+const DEPLOYMENTS_MAX: usize = 256;
+/// The most deployments that are over.
+const ENDED_MAX: usize = 20;
+/// The most processes of all deployments.
+const PROCESSES_MAX: usize = 20_000;
+/// The most events.
+const EVENTS_MAX: usize = 2000;
+/// The most lines of output.
+const LINES_MAX: usize = 2000;
+/// The most items that are remembered as gone. A viewer that missed more gets the whole model.
+const GONE_MAX: usize = 4000;
+
+/// An event, for a person.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EventLine {
+    /// Its place among all events, from 0 on, those that have left included.
+    pub ordinal: u64,
+    /// When it was, since 1970, by the calendar clock of its home. None for an event of the view itself.
+    pub time: Option<Duration>,
+    /// When it was, by the clock of the view.
+    pub at: Time,
+    /// The host that it is about.
+    pub host: String,
+    /// The deployment, if it is about one.
+    pub deployment: Option<Deployment>,
+    /// The absolute path of the process, if it is about one.
+    pub path: Option<String>,
+    /// The event, in words that follow the process or the deployment.
+    pub text: String,
+    /// Whether something has failed.
+    pub is_failure: bool,
+}
+
+/// The number of items that were left out: they found no room, or their names cannot be shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Omitted {
+    /// Robots, deployments, processes and wires without room.
+    pub items: u64,
+    /// Old events and old lines of output.
+    pub lines: u64,
+    /// Answers with a name that no spec can have.
+    pub names: u64,
+}
+
+/// All that a view can show.
+#[derive(Clone, Debug)]
+pub struct Model {
+    position: Position,
+    heard: Option<Time>,
+    robots: BTreeMap<String, Robot>,
+    deployments: BTreeMap<Deployment, LiveDeployment>,
+    /// The last changes of processes, perhaps before any node has reported the processes.
+    moments: BTreeMap<Deployment, Moments>,
+    events: Ring<EventLine>,
+    lines: Ring<OutputLine>,
+    begun: Lines,
+    gone: Ring<Gone>,
+    omitted: Omitted,
+}
+
+impl Model {
+    /// Returns an empty model. Each start of a view has another `number`, so that a viewer of the previous one notices.
+    pub fn new(number: u64) -> Self {
+        Self {
+            position: Position { model: number, number: 0 },
+            heard: None,
+            robots: BTreeMap::new(),
+            deployments: BTreeMap::new(),
+            moments: BTreeMap::new(),
+            events: Ring::new(EVENTS_MAX),
+            lines: Ring::new(LINES_MAX),
+            begun: Lines::default(),
+            gone: Ring::new(GONE_MAX),
+            omitted: Omitted::default(),
+        }
+    }
+
+    /// Takes an input in, which has come at `now`.
+    pub fn apply(&mut self, now: Time, input: Input) {
+        self.position.number += 1;
+        match input {
+            Input::Status(status) => self.status(now, &status),
+            Input::Silent { host, why } => self.presence(&host, Presence::Silent(clean(&why))),
+            Input::Absent(absent) => self.absent(now, &absent),
+            Input::Known(hosts) => self.known(now, &hosts),
+            Input::Event(event) => self.event(now, *event),
+            Input::Note { host, text } => self.note(now, host, &text),
+            Input::Plan { deployment, plan } => self.plan(&deployment, &plan),
+            Input::Output { deployment, path, bytes } => {
+                for line in self.begun.push(&deployment, &path, &bytes) {
+                    let ordinal = self.lines.count();
+                    self.lines.push(self.position.number, OutputLine { ordinal, ..line });
+                }
+            }
+            Input::Measured(measured) => self.measured(now, &measured),
+            Input::Database(status) => {
+                if let Some(robot) = self.robots.get_mut(&status.robot)
+                    && robot.take_database(&status)
+                {
+                    robot.changed = self.position.number;
+                }
+            }
+        }
+    }
+
+    /// Returns the position after the last input.
+    pub fn position(&self) -> Position {
+        self.position
+    }
+
+    /// Returns whether the model as a whole is live: some node has answered lately.
+    pub fn freshness(&self, now: Time) -> Freshness {
+        Freshness::of(self.heard, now)
+    }
+
+    /// Returns the robots, by host.
+    pub fn robots(&self) -> impl Iterator<Item = &Robot> {
+        self.robots.values()
+    }
+
+    /// Returns the deployments, by name and epoch.
+    pub fn deployments(&self) -> impl Iterator<Item = &LiveDeployment> {
+        self.deployments.values()
+    }
+
+    /// Returns the wires of a deployment, by name.
+    pub fn wires<'a>(&'a self, deployment: &'a LiveDeployment) -> impl Iterator<Item = &'a Wire> {
+        deployment.wires.all.values()
+    }
+
+    /// Returns the deployments that run and whose present plan is not known.
+    pub fn without_plan(&self) -> impl Iterator<Item = &LiveDeployment> {
+        self.deployments.values().filter(|live| !live.wires.is_planned && live.end.is_none())
+    }
+
+    /// Returns the events, the oldest first.
+    pub fn events(&self) -> impl DoubleEndedIterator<Item = &EventLine> + ExactSizeIterator {
+        self.events.iter()
+    }
+
+    /// Returns the lines of output, the oldest first.
+    pub fn lines(&self) -> impl DoubleEndedIterator<Item = &OutputLine> + ExactSizeIterator {
+        self.lines.iter()
+    }
+
+    /// Returns the open questions to people.
+    pub fn questions(&self) -> impl Iterator<Item = Question<'_>> {
+        self.deployments.values().flat_map(|live| {
+            live.processes.values().flat_map(move |process| {
+                let (deployment, home, path) = (&live.id, live.home.as_str(), process.path.as_str());
+                process.questions.iter().map(move |question| Question { deployment, home, path, question })
+            })
+        })
+    }
+
+    /// Returns how a process is. The state of a process on a host that does not answer is unknown.
+    pub fn health(&self, process: &Process) -> Health {
+        let is_here = self.robots.get(&process.host).is_some_and(|robot| robot.presence == Presence::Here);
+        if is_here { process.health() } else { Health::Unknown }
+    }
+
+    /// Returns how much was left out.
+    pub fn omitted(&self) -> Omitted {
+        Omitted { lines: self.events.dropped() + self.lines.dropped(), ..self.omitted }
+    }
+
+    /// Returns what has changed since a viewer has looked: everything if the position is of another model, or too old.
+    pub fn since(&self, position: Position) -> Changes<'_> {
+        let is_ours = position.model == self.position.model && position.number <= self.position.number;
+        let is_whole = !is_ours || self.gone.has_gap_since(position.number);
+        let number = if is_whole { 0 } else { position.number };
+        let is_new = |changed: u64| is_whole || changed > number;
+        let live = || self.deployments.values();
+        let processes = live().flat_map(|one| one.processes.values().map(move |process| (&one.id, process)));
+        let wires = live().flat_map(|one| one.wires.all.values().map(move |wire| (&one.id, wire)));
+        Changes {
+            position: self.position,
+            is_whole,
+            robots: self.robots.values().filter(|robot| is_new(robot.changed)).collect(),
+            deployments: live().filter(|one| is_new(one.changed)).collect(),
+            processes: processes.filter(|(_, process)| is_new(process.changed)).collect(),
+            wires: wires.filter(|(_, wire)| is_new(wire.changed)).collect(),
+            events: self.events.since(number).collect(),
+            lines: self.lines.since(number).collect(),
+            gone: if is_whole { Vec::new() } else { self.gone.since(number).collect() },
+            has_gap: self.events.has_gap_since(number) || self.lines.has_gap_since(number),
+        }
+    }
+
+    /// Returns the robot of a host, if there is room for it.
+    fn robot(&mut self, host: &str) -> Option<&mut Robot> {
+        if !is_name(host) {
+            self.omitted.names += 1;
+            return None;
+        }
+        if !self.robots.contains_key(host) {
+            if self.robots.len() >= ROBOTS_MAX {
+                self.omitted.items += 1;
+                return None;
+            }
+            let presence = Presence::Silent("it has not answered yet".to_owned());
+            self.robots.insert(host.to_owned(), Robot::new(host, presence, self.position.number));
+        }
+        self.robots.get_mut(host)
+    }
+
+    fn status(&mut self, now: Time, status: &NodeStatus) {
+        let number = self.position.number;
+        let Some(robot) = self.robot(&status.host) else { return };
+        let before = robot.heard;
+        if robot.take(now, status) {
+            robot.changed = number;
+        }
+        self.heard = Some(now);
+        let mut there = BTreeSet::new();
+        for part in &status.deployments {
+            let id = &part.deployment;
+            let Some(room) = self.room_for(id, &part.home) else { continue };
+            there.insert(id);
+            let look = Look { now, number, host: &status.host, before, room };
+            let Some(live) = self.deployments.get_mut(id) else { continue };
+            let Taken { gone, omitted } = live.take(look, part, self.moments.get(id));
+            self.omitted.items += omitted;
+            self.forget(id, gone);
+        }
+        let left =
+            self.deployments.iter().filter(|(id, live)| live.phases.contains_key(&status.host) && !there.contains(id));
+        for id in left.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
+            self.leave(now, &id, &status.host);
+        }
+    }
+
+    /// Makes sure that a deployment is there; returns how many more processes there may be.
+    fn room_for(&mut self, id: &Deployment, home: &str) -> Option<usize> {
+        if !is_name(&id.name) || !is_name(home) {
+            self.omitted.names += 1;
+            return None;
+        }
+        let running = self.deployments.values().filter(|live| live.end.is_none()).count();
+        if !self.deployments.contains_key(id) {
+            if running >= DEPLOYMENTS_MAX {
+                self.omitted.items += 1;
+                return None;
+            }
+            self.deployments.insert(id.clone(), LiveDeployment::new(id.clone(), home, self.position.number));
+        }
+        let processes: usize = self.deployments.values().map(|live| live.processes.len()).sum();
+        Some(PROCESSES_MAX.saturating_sub(processes))
+    }
+
+    fn forget(&mut self, id: &Deployment, gone: Vec<String>) {
+        for path in gone {
+            self.gone.push(self.position.number, Gone::Process(id.clone(), path));
+        }
+    }
+
+    /// Takes note that a host has no part of a deployment any more.
+    fn leave(&mut self, now: Time, id: &Deployment, host: &str) {
+        let number = self.position.number;
+        let Some(live) = self.deployments.get_mut(id) else { return };
+        let gone = live.leave(host, number);
+        if live.phases.is_empty() && live.end.is_none() {
+            live.end = Some(End { at: now, text: "over".to_owned(), is_failed: false, is_told: false });
+        }
+        self.forget(id, gone);
+        self.limit_ended();
+    }
+
+    /// Drops the deployments that have been over for longest, if there are many.
+    fn limit_ended(&mut self) {
+        let over = self.deployments.values().filter(|live| live.phases.is_empty());
+        let mut over: Vec<(Time, Deployment)> =
+            over.filter_map(|live| Some((live.end.as_ref()?.at, live.id.clone()))).collect();
+        over.sort();
+        for (_, id) in over.iter().take(over.len().saturating_sub(ENDED_MAX)) {
+            self.deployments.remove(id);
+            self.moments.remove(id);
+            self.gone.push(self.position.number, Gone::Deployment(id.clone()));
+        }
+    }
+
+    fn presence(&mut self, host: &str, presence: Presence) {
+        let number = self.position.number;
+        let Some(robot) = self.robot(host) else { return };
+        if robot.presence != presence {
+            (robot.presence, robot.changed) = (presence, number);
+        }
+    }
+
+    fn absent(&mut self, now: Time, absent: &Absent) {
+        for one in absent.hosts.iter().filter(|one| one.lost) {
+            let is_live = self.robots.get(&one.host).is_some_and(|robot| robot.freshness(now).is_live());
+            if !is_live {
+                self.presence(&one.host, Presence::Lost);
+            }
+        }
+        for one in &absent.processes {
+            let Some(room) =
+                self.deployments.contains_key(&one.deployment).then(|| self.room_for(&one.deployment, &one.host))
+            else {
+                continue;
+            };
+            let (number, before) = (self.position.number, None);
+            let look = Look { now, number, host: &one.host, before, room: room.unwrap_or_default() };
+            let taken = self.deployments.get_mut(&one.deployment).map(|live| live.take_absent(look, one));
+            self.omitted.items += u64::from(taken == Some(false));
+        }
+    }
+
+    fn known(&mut self, now: Time, hosts: &BTreeSet<String>) {
+        for host in self.robots.keys().filter(|host| !hosts.contains(*host)).cloned().collect::<Vec<_>>() {
+            self.robots.remove(&host);
+            let parts = self.deployments.values().filter(|live| live.phases.contains_key(&host));
+            for id in parts.map(|live| live.id.clone()).collect::<Vec<_>>() {
+                self.leave(now, &id, &host);
+            }
+            self.gone.push(self.position.number, Gone::Robot(host));
+        }
+        for host in hosts {
+            self.robot(host);
+        }
+    }
+
+    fn note(&mut self, at: Time, host: String, text: &str) {
+        let (time, deployment, path, text) = (None, None, None, clean(text));
+        let ordinal = self.events.count();
+        let event = EventLine { ordinal, time, at, host: clean(&host), deployment, path, text, is_failure: true };
+        self.events.push(self.position.number, event);
+    }
+
+    fn event(&mut self, now: Time, event: Event) {
+        let Event { deployment: id, host, ago, report, time, .. } = event;
+        let ago = u64::try_from(ago.as_nanos()).unwrap_or(u64::MAX);
+        let at = Time::from_nanos(now.nanos().saturating_sub(ago));
+        if !is_name(&id.name) || !is_name(&host) {
+            self.omitted.names += 1;
+            return;
+        }
+        let is_failure = is_failure(&report);
+        let (path, text) = if let Report::Process { path, change, .. } = &report {
+            self.process_event(&id, path, change, at);
+            (Some(path.clone()).filter(|path| is_name(path)), clean(&change_text(change)))
+        } else {
+            self.deployment_event(&id, &report, at);
+            (None, clean(&report_text(&report)))
+        };
+        // These are for programs that record a mission.
+        if !matches!(report, Report::Programs { .. } | Report::Stepped { .. }) {
+            let (ordinal, time, deployment) = (self.events.count(), Some(time), Some(id));
+            let event = EventLine { ordinal, time, at, host, deployment, path, text, is_failure };
+            self.events.push(self.position.number, event);
+        }
+    }
+
+    fn process_event(&mut self, id: &Deployment, path: &str, change: &Change, at: Time) {
+        if !is_name(path) || self.moments.len() >= DEPLOYMENTS_MAX && !self.moments.contains_key(id) {
+            return;
+        }
+        let moments = self.moments.entry(id.clone()).or_default();
+        if moments.len() < PROCESSES_MAX || moments.contains_key(path) {
+            note_moment(moments, path, change, at);
+        }
+    }
+
+    fn deployment_event(&mut self, id: &Deployment, report: &Report, at: Time) {
+        if matches!(report, Report::Finished { .. } | Report::Refused { .. }) {
+            self.moments.remove(id);
+            let end = End { at, text: clean(&report_text(report)), is_failed: is_failure(report), is_told: true };
+            self.mend(id, |live| live.end = Some(end));
+        } else if matches!(report, Report::Go { .. }) {
+            self.mend(id, |live| live.began = Some(at));
+        } else if matches!(report, Report::Changed { .. }) {
+            self.mend(id, |live| live.wires.is_planned = false);
+        }
+    }
+
+    fn mend(&mut self, id: &Deployment, change: impl FnOnce(&mut LiveDeployment)) {
+        if let Some(live) = self.deployments.get_mut(id) {
+            change(live);
+            live.changed = self.position.number;
+        }
+    }
+
+    fn plan(&mut self, id: &Deployment, plan: &Plan) {
+        let number = self.position.number;
+        let Some(live) = self.deployments.get_mut(id) else { return };
+        let (gone, omitted) = live.wires.plan(plan, number);
+        self.omitted.items += omitted;
+        for wire in gone {
+            self.gone.push(number, Gone::Wire(id.clone(), wire));
+        }
+    }
+
+    fn measured(&mut self, now: Time, measured: &Measured) {
+        let number = self.position.number;
+        if let Some(live) = self.deployments.get_mut(&measured.deployment) {
+            live.wires.measured(now, number, measured);
+        }
+    }
+}
+
+/// Returns whether a report tells of a failure.
+fn is_failure(report: &Report) -> bool {
+    let is_bad_end = |ending: &Ending| matches!(ending, Ending::Aborted(_) | Ending::Unconfirmed);
+    if let Report::Process { change, .. } = report {
+        let is_bad = matches!(
+            change,
+            Change::Died(_) | Change::Restarting { .. } | Change::Reverting { .. } | Change::Renewing { .. }
+        );
+        return is_bad || matches!(change, Change::Ended(ending) if is_bad_end(ending));
+    }
+    matches!(report, Report::Refused { .. } | Report::Unchanged { .. })
+        || matches!(report, Report::Finished { ending, .. } if is_bad_end(ending))
+}

@@ -1,0 +1,74 @@
+//! A list with a limit: the oldest item leaves, and is counted.
+
+use std::collections::VecDeque;
+
+/// An item, with the number of the input that brought it.
+#[derive(Clone, Debug)]
+struct Numbered<T> {
+    number: u64,
+    item: T,
+}
+
+/// A list with a limit.
+#[derive(Clone, Debug)]
+pub(crate) struct Ring<T> {
+    items: VecDeque<Numbered<T>>,
+    limit: usize,
+    dropped: u64,
+    /// The number of the latest item that has left.
+    dropped_last: u64,
+}
+
+impl<T> Ring<T> {
+    pub(crate) fn new(limit: usize) -> Self {
+        Self { items: VecDeque::new(), limit, dropped: 0, dropped_last: 0 }
+    }
+
+    pub(crate) fn push(&mut self, number: u64, item: T) {
+        while self.items.len() >= self.limit.max(1) {
+            self.dropped_last = self.items.pop_front().map_or(self.dropped_last, |oldest| oldest.number);
+            self.dropped += 1;
+        }
+        self.items.push_back(Numbered { number, item });
+    }
+
+    /// Returns all items, the oldest first.
+    pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &T> + ExactSizeIterator {
+        self.items.iter().map(|one| &one.item)
+    }
+
+    /// Returns the items that came after a number, the oldest first.
+    pub(crate) fn since(&self, number: u64) -> impl Iterator<Item = &T> {
+        let begin = self.items.partition_point(|one| one.number <= number);
+        self.items.range(begin..).map(|one| &one.item)
+    }
+
+    /// Returns whether an item that came after a number has left.
+    pub(crate) fn has_gap_since(&self, number: u64) -> bool {
+        self.dropped_last > number
+    }
+
+    /// Returns how many items have come, all in all.
+    pub(crate) fn count(&self) -> u64 {
+        self.dropped + u64::try_from(self.items.len()).unwrap_or(u64::MAX)
+    }
+
+    /// Returns how many items have left.
+    pub(crate) fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_leaves_and_is_counted() {
+        let mut ring = Ring::new(3);
+        (1..=5).for_each(|number| ring.push(number, number * 10));
+        assert_eq!(ring.iter().copied().collect::<Vec<_>>(), [30, 40, 50]);
+        assert_eq!(ring.since(3).copied().collect::<Vec<_>>(), [40, 50]);
+        assert_eq!((ring.dropped(), ring.has_gap_since(1), ring.has_gap_since(2)), (2, true, false));
+    }
+}

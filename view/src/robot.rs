@@ -1,0 +1,132 @@
+//! A robot: the host of a node.
+
+use crate::freshness::Freshness;
+use crate::text::{clean, is_name};
+use comms::logic::time::Time;
+use node::logic::database::question;
+use node::logic::protocol::NodeStatus;
+use std::time::Duration;
+
+/// How many names of a list are kept with a robot.
+const NAMES_MAX: usize = 64;
+
+/// Whether the node of a robot answers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// It answers.
+    Here,
+    /// It does not answer; the reason.
+    Silent(String),
+    /// Other nodes count it as lost.
+    Lost,
+}
+
+/// How far other replicas are behind the database of a robot.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DatabaseLag {
+    /// How many robots lack something.
+    pub behind: u64,
+    /// The most transactions that one of them lacks.
+    pub transactions: u64,
+    /// How many keys have conflicts that are not settled.
+    pub conflicts: u64,
+}
+
+/// A robot, by its node.
+#[derive(Clone, Debug)]
+pub struct Robot {
+    /// Its host.
+    pub host: String,
+    /// Whether its node answers.
+    pub presence: Presence,
+    /// When it has answered last.
+    pub heard: Option<Time>,
+    /// The process id of its node.
+    pub pid: u32,
+    /// The version of DCA.
+    pub version: String,
+    /// When its node was started, by the clock of the view.
+    pub began: Time,
+    /// The peers that may reach it over the network, and the policy for programs.
+    pub guard: String,
+    /// The user who has stopped everything, and the reason.
+    pub estop: Option<String>,
+    /// Deployments with their home here that have not begun, with the reason.
+    pub waiting: Vec<String>,
+    /// The state of its database.
+    pub database: Option<DatabaseLag>,
+    pub(crate) changed: u64,
+}
+
+impl Robot {
+    pub(crate) fn new(host: &str, presence: Presence, changed: u64) -> Self {
+        Self {
+            host: host.to_owned(),
+            presence,
+            heard: None,
+            pid: 0,
+            version: String::new(),
+            began: Time::ZERO,
+            guard: String::new(),
+            estop: None,
+            waiting: Vec::new(),
+            database: None,
+            changed,
+        }
+    }
+
+    /// Returns whether its data is live.
+    pub fn freshness(&self, now: Time) -> Freshness {
+        Freshness::of(self.heard, now)
+    }
+
+    /// Returns how long its node has run; none if it has never answered.
+    pub fn up(&self, now: Time) -> Option<Duration> {
+        self.heard.map(|_| now.since(self.began))
+    }
+
+    /// Takes a status in; returns whether anything but its age is new.
+    pub(crate) fn take(&mut self, now: Time, status: &NodeStatus) -> bool {
+        let began = Time::from_nanos(now.nanos().saturating_sub(nanos(status.up)));
+        // The clock of another host and the way here make it differ each time.
+        let is_same_node = self.heard.is_some() && self.pid == status.pid && began.since(self.began).as_secs() < 5;
+        let guards = [status.network.to_string(), status.policy.as_ref().map(ToString::to_string).unwrap_or_default()];
+        let guard = guards.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ");
+        let waiting = status.waiting.iter().filter(|one| is_name(&one.name)).take(NAMES_MAX);
+        let new = Self {
+            host: self.host.clone(),
+            presence: Presence::Here,
+            heard: Some(now),
+            pid: status.pid,
+            version: clean(&status.version),
+            began: if is_same_node { self.began } else { began },
+            guard: clean(&guard),
+            estop: status.estop.as_ref().map(|estop| clean(&estop.to_string())),
+            waiting: waiting.map(|one| format!("{} {}", one.name, one.state())).collect(),
+            database: self.database.clone(),
+            changed: self.changed,
+        };
+        let is_new = !is_same_node
+            || (&new.presence, &new.version, &new.guard) != (&self.presence, &self.version, &self.guard)
+            || (&new.estop, &new.waiting) != (&self.estop, &self.waiting);
+        *self = new;
+        is_new
+    }
+
+    /// Takes the status of its database in; returns whether it is new.
+    pub(crate) fn take_database(&mut self, status: &question::Status) -> bool {
+        let behind = status.members.iter().filter(|member| member.lacks.transactions > 0);
+        let lag = DatabaseLag {
+            behind: behind.clone().fold(0, |count, _| count + 1),
+            transactions: behind.map(|member| member.lacks.transactions).max().unwrap_or_default(),
+            conflicts: status.contents.conflicts,
+        };
+        let is_new = self.database.as_ref() != Some(&lag);
+        self.database = Some(lag);
+        is_new
+    }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,384 @@
+//! Tests of the model on virtual time.
+
+use crate::{Changes, Freshness, Gone, Health, Input, Measured, Model, Position, Presence, Process};
+use comms::io::clock;
+use comms::logic::time::Time;
+use node::logic::protocol::{
+    Absent, AbsentHost, AbsentProcess, ActivityStatus, Change, Containment, Deployment, DeploymentStatus, Ending,
+    Estop, Event, Failure, FailureCause, LostValues, Network, NodeStatus, OpenQuestion, ProcessStatus, RefusedValues,
+    Report,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+fn at(millis: u64) -> Time {
+    Time::ZERO + Duration::from_secs(1000) + Duration::from_millis(millis)
+}
+
+fn door() -> Deployment {
+    Deployment { name: "door".into(), epoch: 1 }
+}
+
+fn process(path: &str, state: &str) -> ProcessStatus {
+    let (path, kind, state) = (path.into(), "Any".into(), state.into());
+    ProcessStatus { path, kind, state, pid: Some(7), activity: None }
+}
+
+fn part(id: Deployment, processes: Vec<ProcessStatus>) -> DeploymentStatus {
+    let (home, phase) = ("r1".into(), "running".into());
+    DeploymentStatus { deployment: id, home, phase, processes, lost: Vec::new(), refused: Vec::new() }
+}
+
+fn node(host: &str, deployments: Vec<DeploymentStatus>) -> NodeStatus {
+    NodeStatus {
+        host: host.into(),
+        pid: 1,
+        version: "1".into(),
+        up: Duration::from_secs(60),
+        peers: Vec::new(),
+        deployments,
+        containment: Containment::default(),
+        network: Network::default(),
+        estop: None,
+        policy: None,
+        missing: Vec::new(),
+        waiting: Vec::new(),
+    }
+}
+
+fn status(host: &str, processes: &[(&str, &str)]) -> Input {
+    let processes = processes.iter().map(|(path, state)| process(path, state)).collect();
+    Input::Status(Box::new(node(host, vec![part(door(), processes)])))
+}
+
+fn event(number: u64, ago: u64, report: Report) -> Input {
+    let (ago, time) = (Duration::from_millis(ago), Duration::from_secs(1_800_000_000));
+    Input::Event(Box::new(Event { deployment: door(), number, host: "r1".into(), ago, report, time }))
+}
+
+fn changed(path: &str, change: Change) -> Report {
+    Report::Process { path: path.into(), change, at: Duration::ZERO }
+}
+
+fn only(model: &Model) -> &Process {
+    let mut processes = model.deployments().flat_map(|live| live.processes.values());
+    let process = processes.next().expect("there is a process");
+    assert!(processes.next().is_none());
+    process
+}
+
+#[test]
+fn the_moment_of_a_state_is_that_of_its_event() {
+    let mut model = Model::new(1);
+    // The event of an earlier start is heard before any node has answered.
+    model.apply(at(5000), event(0, 4000, changed("main/a", Change::Started { pid: 7 })));
+    model.apply(at(5100), status("r1", &[("main/a", "idle")]));
+    assert_eq!((only(&model).since.at, only(&model).since.is_exact), (at(1000), true));
+    // A state without an event began at the latest when it was seen.
+    model.apply(at(6000), status("r1", &[("main/a", "running")]));
+    assert_eq!((only(&model).since.at, only(&model).since.is_exact), (at(6000), false));
+    let cause = FailureCause::Signal(11);
+    model.apply(at(6500), event(1, 10, changed("main/a", Change::Restarting { cause, count: 1 })));
+    model.apply(at(6550), status("r1", &[("main/a", "restarting")]));
+    assert_eq!((only(&model).since.at, only(&model).restarts), (at(6490), 1));
+    assert_eq!(model.health(only(&model)), Health::Changing);
+    // The same state later is the same.
+    let before = model.position();
+    model.apply(at(7500), status("r1", &[("main/a", "restarting")]));
+    assert!(model.since(before).is_empty());
+    assert_eq!(only(&model).since.at, at(6490));
+}
+
+#[test]
+fn a_crash_is_a_failed_process_and_a_failed_event() {
+    let mut model = Model::new(1);
+    model.apply(at(0), status("r1", &[("main/a", "running")]));
+    model.apply(at(100), event(0, 0, changed("main/a", Change::Died(FailureCause::Signal(11)))));
+    model.apply(at(150), status("r1", &[("main/a", "dead: SIGSEGV")]));
+    assert_eq!((model.health(only(&model)), only(&model).word()), (Health::Failed, "dead"));
+    let last = model.events().next_back().expect("there is an event");
+    assert_eq!((last.is_failure, last.path.as_deref()), (true, Some("main/a")));
+}
+
+#[test]
+fn a_host_that_does_not_answer_leaves_its_processes_unknown() {
+    let mut model = Model::new(1);
+    assert_eq!(model.freshness(at(0)), Freshness::Never);
+    model.apply(at(0), status("r1", &[("main/a", "running")]));
+    assert!(model.freshness(at(2999)).is_live());
+    assert_eq!(model.freshness(at(3000)).to_string(), "not live since 3 s");
+    model.apply(at(4000), Input::Silent { host: "r1".into(), why: "it may be suspended".into() });
+    assert_eq!(model.health(only(&model)), Health::Unknown);
+    let robot = model.robots().next().expect("it is kept");
+    assert_eq!(robot.presence, Presence::Silent("it may be suspended".into()));
+    assert_eq!(robot.freshness(at(4500)).to_string(), "not live since 4 s");
+    model.apply(at(5000), status("r1", &[("main/a", "running")]));
+    assert_eq!(model.health(only(&model)), Health::Running);
+}
+
+#[test]
+fn a_lost_host_has_processes_that_its_peers_know() {
+    let mut model = Model::new(1);
+    model.apply(at(0), status("r1", &[("main", "running")]));
+    let lost = AbsentHost { host: "r2".into(), heard: Duration::from_secs(40), lost: true };
+    let away = AbsentProcess { deployment: door(), host: "r2".into(), path: "main/b".into(), kind: "Arm".into() };
+    let absent = Absent { hosts: vec![lost], ends: Vec::new(), processes: vec![away] };
+    model.apply(at(100), Input::Absent(Box::new(absent.clone())));
+    let live = model.deployments().next().expect("it runs");
+    assert_eq!(model.health(&live.processes["main/b"]), Health::Unknown);
+    assert_eq!(model.robots().find(|robot| robot.host == "r2").map(|robot| &robot.presence), Some(&Presence::Lost));
+    // A host that has just answered is not lost.
+    model.apply(at(200), status("r2", &[("main/b", "running")]));
+    model.apply(at(210), Input::Absent(Box::new(absent)));
+    assert!(model.robots().all(|robot| robot.presence == Presence::Here));
+}
+
+#[test]
+fn a_deployment_ends_as_its_event_says() {
+    let mut model = Model::new(1);
+    model.apply(at(0), status("r1", &[("main", "running")]));
+    model.apply(at(10), event(3, 0, Report::Go { took: Duration::from_secs(1), signals: Vec::new() }));
+    let failure = Failure { origin: "main/a".into(), cause: FailureCause::Exit(3), at: Duration::from_secs(2) };
+    let (ending, unconfirmed) = (Ending::Aborted(failure), Vec::new());
+    model.apply(at(2010), event(4, 0, Report::Finished { ending, at: Duration::from_secs(2), unconfirmed }));
+    // A host that is still cleaning up does not undo the end.
+    model.apply(at(2020), status("r1", &[("main", "running")]));
+    model.apply(at(2100), Input::Status(Box::new(node("r1", Vec::new()))));
+    let live = model.deployments().next().expect("it is kept");
+    assert_eq!((live.began, live.processes.len()), (Some(at(10)), 0));
+    assert!(live.phase().starts_with("finished: aborted") && live.end.as_ref().is_some_and(|end| end.is_failed));
+    for epoch in 2..40 {
+        let id = Deployment { name: "door".into(), epoch };
+        model.apply(at(epoch * 1000), Input::Status(Box::new(node("r1", vec![part(id, Vec::new())]))));
+    }
+    assert_eq!(model.deployments().count(), 21, "one that runs, and the last that are over");
+    assert!(model.deployments().all(|live| live.id.epoch > 18));
+}
+
+#[test]
+fn a_question_is_open_until_it_is_answered() {
+    let mut model = Model::new(1);
+    let question = OpenQuestion { number: 3, text: "go\x1b[2J?".into(), options: vec!["yes".into(), "no".into()] };
+    let activity = ActivityStatus { states: vec!["Asking".into()], questions: vec![question], orders: Vec::new() };
+    let asking = ProcessStatus { activity: Some(activity), ..process("main/a", "running; in Asking") };
+    model.apply(at(0), Input::Status(Box::new(node("r1", vec![part(door(), vec![asking])]))));
+    let open: Vec<_> = model.questions().map(|one| (one.home, one.path, one.question.text.clone())).collect();
+    assert_eq!(open, [("r1", "main/a", "go\\x1b[2J?".to_owned())]);
+    model.apply(at(100), status("r1", &[("main/a", "running")]));
+    assert_eq!(model.questions().count(), 0);
+}
+
+#[test]
+fn a_wire_counts_what_it_loses_and_how_fast() {
+    let mut model = Model::new(1);
+    let name = "main/a, Out -> main/b, In";
+    let losing = |count| {
+        let lost = vec![LostValues { wire: name.into(), count }];
+        let refused = vec![RefusedValues { input: "main/b, In".into(), count: 2 }];
+        let part = DeploymentStatus { lost, refused, ..part(door(), vec![process("main/b", "running")]) };
+        Input::Status(Box::new(node("r1", vec![part])))
+    };
+    let counts = |model: &Model| {
+        let live = model.deployments().next().expect("it runs");
+        model.wires(live).map(|wire| (wire.lost, wire.lost_a_second, wire.refused)).collect::<Vec<_>>()
+    };
+    model.apply(at(0), losing(10));
+    assert_eq!(counts(&model), [(10, 0.0, 2)], "it is not known since when");
+    model.apply(at(2000), losing(30));
+    assert_eq!(counts(&model), [(30, 10.0, 2)]);
+    model.apply(at(3000), losing(30));
+    assert_eq!(counts(&model), [(30, 0.0, 2)]);
+    // Its program was started again.
+    model.apply(at(4000), losing(5));
+    assert_eq!(counts(&model), [(5, 5.0, 2)]);
+    let (deployment, path, port) = (door(), "main/a".into(), "Out".into());
+    model.apply(at(4000), Input::Measured(Measured { deployment, path, port, hertz: 100.0, bytes_a_second: 800.0 }));
+    let live = model.deployments().next().expect("it runs");
+    assert_eq!(model.wires(live).next().and_then(|wire| wire.rate).map(|rate| rate.hertz), Some(100.0));
+}
+
+#[test]
+fn an_estop_and_a_new_node_are_changes_and_age_is_not() {
+    let mut model = Model::new(1);
+    model.apply(at(0), Input::Status(Box::new(node("r1", Vec::new()))));
+    let seen = model.position();
+    let older = NodeStatus { up: Duration::from_secs(61), ..node("r1", Vec::new()) };
+    model.apply(at(1000), Input::Status(Box::new(older)));
+    assert!(model.since(seen).is_empty());
+    let estop = Some(Estop { by: "ann@c1".into(), reason: "a person\x1b[2J".into() });
+    model.apply(at(2000), Input::Status(Box::new(NodeStatus { estop, ..node("r1", Vec::new()) })));
+    let told: Vec<_> = model.since(seen).robots.iter().map(|robot| robot.estop.clone()).collect();
+    assert_eq!(told, [Some("everything was stopped by ann@c1: a person\\x1b[2J".to_owned())]);
+    let seen = model.position();
+    model.apply(at(3000), Input::Status(Box::new(NodeStatus { pid: 2, ..node("r1", Vec::new()) })));
+    assert_eq!(model.since(seen).robots.len(), 1);
+}
+
+#[test]
+fn a_viewer_resumes_where_it_was_and_else_begins_again() {
+    let mut model = Model::new(17);
+    model.apply(at(0), status("r1", &[("main", "running"), ("main/a", "running")]));
+    let first = model.since(Position::default());
+    assert!(first.is_whole && first.processes.len() == 2);
+    let seen = first.position;
+    assert_eq!(seen.to_string(), "17-1");
+    // A process that changes twice comes once.
+    model.apply(at(1000), status("r1", &[("main", "running"), ("main/a", "stopping")]));
+    model.apply(at(2000), status("r1", &[("main", "running"), ("main/a", "idle")]));
+    let changes = model.since(seen);
+    let states: Vec<&str> = changes.processes.iter().map(|(_, process)| process.state.as_str()).collect();
+    assert_eq!((changes.is_whole, states), (false, vec!["idle"]));
+    let seen = changes.position;
+    model.apply(at(3000), status("r1", &[("main", "running")]));
+    model.apply(at(3000), Input::Known(BTreeSet::new()));
+    let changes = model.since(seen);
+    let gone = [Gone::Process(door(), "main/a".into()), Gone::Process(door(), "main".into()), Gone::Robot("r1".into())];
+    assert_eq!(changes.gone.iter().map(|gone| (*gone).clone()).collect::<Vec<_>>(), gone);
+    // A view that was started again has another number, and a position of the future is none.
+    for strange in [Position { model: 16, ..seen }, Position { model: 17, number: 999 }] {
+        assert!(model.since(strange).is_whole);
+    }
+    for round in 0..5000 {
+        model.apply(at(4000 + round), status("r1", &[("main", "running"), (&format!("main/{round}"), "idle")]));
+    }
+    assert!(model.since(seen).is_whole, "more is gone than is remembered");
+}
+
+/// A viewer that has taken in changes at some moments.
+#[derive(Default)]
+struct Mirror {
+    position: Position,
+    robots: BTreeSet<String>,
+    states: BTreeMap<(Deployment, String), String>,
+    deployments: BTreeMap<Deployment, String>,
+}
+
+impl Mirror {
+    fn take(&mut self, changes: &Changes<'_>) {
+        if changes.is_whole {
+            *self = Self::default();
+        }
+        for gone in &changes.gone {
+            match gone {
+                Gone::Robot(host) => drop(self.robots.remove(host)),
+                Gone::Deployment(id) => {
+                    self.deployments.remove(id);
+                    self.states.retain(|(of, _), _| of != id);
+                }
+                Gone::Process(id, path) => drop(self.states.remove(&(id.clone(), path.clone()))),
+                Gone::Wire(..) => {}
+            }
+        }
+        self.robots.extend(changes.robots.iter().map(|robot| robot.host.clone()));
+        self.deployments.extend(changes.deployments.iter().map(|live| (live.id.clone(), live.phase())));
+        let state =
+            |(id, process): &(&Deployment, &Process)| (((*id).clone(), process.path.clone()), process.state.clone());
+        self.states.extend(changes.processes.iter().map(state));
+        self.position = changes.position;
+    }
+}
+
+/// Three viewers look at other moments while processes, robots and deployments come and go; all end with the whole truth.
+#[test]
+fn every_viewer_sees_the_same_in_the_end() {
+    for seed in 0..50_u64 {
+        let mut random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut next = |below: u64| {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            random % below
+        };
+        let mut model = Model::new(1);
+        let mut viewers: [Mirror; 3] = std::array::from_fn(|_| Mirror::default());
+        for step in 0..200 {
+            let host = format!("r{}", next(3));
+            let mut parts = Vec::new();
+            for _ in 0..next(3) {
+                let id = Deployment { name: "m".into(), epoch: 1 + next(2) };
+                let mut processes = Vec::new();
+                for _ in 0..next(4) {
+                    let state = ["idle", "running", "dead: SIGSEGV"][usize::try_from(next(3)).unwrap()];
+                    processes.push(process(&format!("main/{host}/{}", next(4)), state));
+                }
+                parts.push(part(id, processes));
+            }
+            let input = match next(8) {
+                0 => Input::Known((0..next(4)).map(|number| format!("r{number}")).collect()),
+                1 => Input::Silent { host, why: "why".into() },
+                _ => Input::Status(Box::new(node(&host, parts))),
+            };
+            model.apply(at(step * 100), input);
+            for viewer in viewers.iter_mut().filter(|_| next(3) == 0) {
+                let changes = model.since(viewer.position);
+                viewer.take(&changes);
+            }
+        }
+        for viewer in &mut viewers {
+            viewer.take(&model.since(viewer.position));
+            let robots: BTreeSet<String> = model.robots().map(|robot| robot.host.clone()).collect();
+            let state =
+                |id: &Deployment, process: &Process| ((id.clone(), process.path.clone()), process.state.clone());
+            let live = model.deployments();
+            let states = live.flat_map(|live| live.processes.values().map(|process| state(&live.id, process)));
+            let deployments = model.deployments().map(|live| (live.id.clone(), live.phase()));
+            assert_eq!((&viewer.robots, &viewer.states), (&robots, &states.collect()), "seed {seed}");
+            assert_eq!(viewer.deployments, deployments.collect(), "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn names_and_numbers_of_others_have_limits() {
+    let mut model = Model::new(1);
+    model.apply(at(0), status("r\x1b[2J", &[]));
+    model.apply(at(0), status("r1", &[("main/\u{202e}", "running"), ("main", "run\x1b[2Jning")]));
+    let hostile = Deployment { name: "a\nb".into(), epoch: 1 };
+    model.apply(
+        at(0),
+        Input::Status(Box::new(node("r1", vec![part(door(), vec![process("main", "x\ny")]), part(hostile, vec![])]))),
+    );
+    assert_eq!((model.robots().count(), model.omitted().names), (1, 2));
+    assert_eq!(only(&model).state, "x\\ny");
+    (0..400).for_each(|number| model.apply(at(1), Input::Status(Box::new(node(&format!("s{number}"), vec![])))));
+    assert_eq!((model.robots().count(), model.omitted().items), (256, 145));
+    (0..3000).for_each(|number| model.apply(at(2), event(number, 0, changed("main", Change::Activated))));
+    assert_eq!((model.events().len(), model.omitted().lines), (2000, 1000));
+    let many = (0..30_000).map(|number| process(&format!("main/{number}"), "idle")).collect();
+    model.apply(at(3), Input::Status(Box::new(node("r1", vec![part(door(), many)]))));
+    let count: usize = model.deployments().map(|live| live.processes.len()).sum();
+    assert_eq!(count, 19_999, "the process that is gone took room until then");
+    let bytes = b"a line\n".repeat(5000);
+    model.apply(at(4), Input::Output { deployment: door(), path: "main".into(), bytes });
+    assert_eq!(model.lines().len(), 2000);
+}
+
+/// 20 robots with 50 processes each: what an input costs is printed.
+#[test]
+fn a_thousand_processes_cost_little() {
+    let robot = |number: usize, state: &str| {
+        let processes = (0..50).map(|one| process(&format!("main/r{number}/p{one}"), state)).collect();
+        Input::Status(Box::new(node(&format!("r{number}"), vec![part(door(), processes)])))
+    };
+    let mut model = Model::new(1);
+    let mut inputs: Vec<(u64, Input)> = Vec::new();
+    for second in 0..20 {
+        let state = if second % 2 == 0 { "running" } else { "idle" };
+        inputs.extend((0..20).map(|number| (second, robot(number, state))));
+        let path = format!("main/r{second}/p0");
+        inputs
+            .extend((0..50).map(|number| (second, event(second * 50 + number, 0, changed(&path, Change::Activated)))));
+    }
+    let (count, begun) = (inputs.len(), clock::now());
+    for (second, input) in inputs {
+        model.apply(at(second * 1000), input);
+    }
+    let took = clock::now().since(begun) / u32::try_from(count).unwrap();
+    println!("{count} inputs of 20 robots with 1,000 processes: {} us each", took.as_micros());
+    assert_eq!(model.deployments().map(|live| live.processes.len()).sum::<usize>(), 1000);
+    // The limit is far above the usual time: a machine may be very busy.
+    assert!(took < Duration::from_millis(20), "{took:?}");
+    let begun = clock::now();
+    assert_eq!(model.since(Position::default()).processes.len(), 1000);
+    println!("all changes: {} us", clock::now().since(begun).as_micros());
+}
