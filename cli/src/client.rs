@@ -102,6 +102,11 @@ impl Clients {
         self.hanging.as_ref().map(words)
     }
 
+    /// Returns each connection, for tasks.
+    pub(crate) fn shared(&self) -> Vec<Arc<Client>> {
+        self.clients.clone()
+    }
+
     /// Returns each connection.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &Client> {
         self.clients.iter().map(|client| &**client)

@@ -36,7 +36,7 @@ pub struct Arguments {
 }
 
 /// The result of a host.
-enum Outcome {
+pub(crate) enum Outcome {
     /// Nothing runs there, except for the named processes.
     Stopped(Estopped),
     /// Programs may begin there; whether they might not before, and why its disk does not have that.
@@ -107,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Asks each known host.
-async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
+pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
     let mut hosts = BTreeMap::new();
     let mut all = Vec::new();
     for client in clients.iter() {
@@ -181,7 +181,8 @@ fn but_unwritten(why: Option<&str>) -> String {
     why.map_or_else(String::new, |why| format!("; its disk does not have that: {why}"))
 }
 
-fn in_words(outcome: &Outcome) -> String {
+/// Returns the result of a host in words that follow its name.
+pub(crate) fn in_words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Stopped(there) => {
             let left = match &there.unended[..] {

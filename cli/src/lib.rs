@@ -32,6 +32,7 @@ pub mod hz;
 pub mod io;
 mod json;
 pub mod list;
+mod live;
 mod lock;
 pub mod logic;
 pub mod logs;
@@ -41,6 +42,7 @@ pub mod names;
 pub mod new;
 pub mod nodes;
 pub mod object;
+mod orders;
 pub mod output;
 pub(crate) mod outputs;
 pub mod param;
@@ -59,6 +61,7 @@ mod switch;
 pub(crate) mod tapped;
 pub mod team;
 pub mod test;
+mod top;
 pub mod types;
 pub mod verify;
 mod work;
@@ -143,6 +146,8 @@ enum Verb {
     Clock(clock::Arguments),
     /// Show the processes of all hosts
     Status(status::Arguments),
+    /// Watch robots, processes, wires, events and questions on the whole terminal, as they change
+    Top(top::Arguments),
     /// Print the events of all deployments on all hosts
     Events(events::Arguments),
     /// Print the output of a process
@@ -331,6 +336,7 @@ fn run_verb() -> ExitCode {
         Verb::Names(arguments) => names::run(&arguments),
         Verb::Clock(arguments) => clock::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        Verb::Top(arguments) => top::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Echo(arguments) => echo::run(&arguments),

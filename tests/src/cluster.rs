@@ -15,6 +15,7 @@ mod pushed_hand;
 mod slow_link;
 mod terminal;
 mod trace;
+mod typed_terminal;
 
 pub use capture::Capture;
 pub use fakes::{Fakes, Said};
@@ -25,6 +26,7 @@ pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
 pub use slow_link::{Line, SlowLink};
 pub use trace::{Sample, Trace, peak, rate, window};
+pub use typed_terminal::{Left, TypedTerminal};
 
 use comms::io::clock::{Wakeup, now};
 use node::logic::protocol::{NodeStatus, ProcessStatus};
@@ -344,13 +346,23 @@ impl Host {
         terminal::run(command, columns, Some(wanted))
     }
 
+    /// Starts `dca` on a terminal of so many columns, with these variables in its environment.
+    ///
+    /// # Panics
+    /// No terminal can be opened.
+    pub fn typed(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> TypedTerminal {
+        let mut command = self.dca_command(arguments);
+        command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
+        TypedTerminal::start(command, columns)
+    }
+
     fn dca_command(&self, arguments: &[&str]) -> Command {
         let mut command = self.command("dca");
         command.args(arguments);
         let asks_nodes = [
             "run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events",
             "names", "echo", "tap", "hz", "call", "get", "list", "queue", "router", "lock", "clock", "add", "remove",
-            "switch", "estop", "ctl",
+            "switch", "estop", "ctl", "top",
         ];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);

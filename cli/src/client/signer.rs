@@ -59,6 +59,11 @@ impl Signing {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).teams.push((host.to_owned(), team));
     }
 
+    fn is_unlocked(&self, team: &TeamOfNode) -> bool {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        self.place.passphrase.is_some() || state.signer.as_ref().is_some_and(|signer| signer.team == KeyId(team.id))
+    }
+
     /// Returns the user; the first call unlocks the key.
     fn signer(&self, team: &TeamOfNode) -> anyhow::Result<Arc<Signer>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -161,6 +166,20 @@ impl Client {
         let Answer::Team(team) = answer else { return Err(unasked(host, &answer)) };
         self.signing.note(host, team.clone());
         Ok(team)
+    }
+
+    /// Returns whether a request that has to be signed for this node would ask for the passphrase at the terminal.
+    pub(crate) async fn asks_for_passphrase(&self, host: &str) -> Result<bool, Failure> {
+        let team = self.team_of(host).await?;
+        Ok(team.is_some_and(|team| !self.signing.is_unlocked(&team)))
+    }
+
+    /// Unlocks the key of the user, so that requests to this node can be signed.
+    pub(crate) async fn unlock(&self, host: &str) -> Result<(), Failure> {
+        if let Some(team) = self.team_of(host).await? {
+            self.signing.signer(&team)?;
+        }
+        Ok(())
     }
 
     /// Returns the request, signed if it has to be.

@@ -75,5 +75,6 @@ mod team_wires;
 mod terminal;
 mod through;
 mod tidy;
+mod top;
 mod watching;
 mod wires;

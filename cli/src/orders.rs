@@ -1,0 +1,46 @@
+//! Orders of a person who looks at a live view: stop everything, release it, answer a question.
+
+use crate::client::{ANSWER_WITHIN, Client, Clients, unasked, words};
+use crate::estop;
+use crate::io::user;
+use crate::logic::top::{Action, GivenAnswer};
+use node::console::Failure;
+use node::logic::protocol::{ActivityInput, Answer, Estop, Request, TellRequest};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Stops everything on every node, or releases it; returns the results in one line.
+pub(crate) async fn everywhere(clients: &Clients, action: &Action) -> String {
+    let request = if *action == Action::Release {
+        Request::ReleaseEstop
+    } else {
+        Request::Estop(Estop { by: user::name_and_host(), reason: String::new() })
+    };
+    let outcomes = match estop::everywhere(clients, &request).await {
+        Ok(outcomes) => outcomes,
+        Err(failure) => return words(&failure),
+    };
+    let mut by_words: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (host, outcome) in outcomes {
+        by_words.entry(estop::in_words(&outcome)).or_default().push(host);
+    }
+    let lines = by_words.into_iter().map(|(words, hosts)| format!("{}: {words}", hosts.join(", ")));
+    lines.collect::<Vec<_>>().join(" | ")
+}
+
+/// Answers a question; returns the result in one line.
+pub(crate) async fn tell(client: Arc<Client>, given: GivenAnswer) -> String {
+    let GivenAnswer { deployment, home, path, question, option } = given;
+    let order = ActivityInput::Answer { question, option: option.clone() };
+    let request = TellRequest { name: deployment.name.clone(), process: path, order, by: user::name_and_host() };
+    let told = async {
+        let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
+        let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
+        let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
+        Ok(match told {
+            Ok(path) => format!("the answer `{option}` is on its way to `{path}`"),
+            Err(why) => format!("cannot give the answer: {why}"),
+        })
+    };
+    told.await.unwrap_or_else(|failure: Failure| words(&failure))
+}
