@@ -9,8 +9,8 @@ const GROUPS: [(&str, &[&str]); 7] = [
     (
         "Look",
         &[
-            "status", "top", "nodes", "names", "events", "logs", "list", "echo", "hz", "get", "queue", "router",
-            "lock", "clock", "report",
+            "status", "top", "view", "nodes", "names", "events", "logs", "list", "echo", "hz", "get", "queue",
+            "router", "lock", "clock", "report",
         ],
     ),
     ("Change what runs", &["plan", "replace", "add", "remove", "switch", "ctl", "param", "call"]),
@@ -24,7 +24,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 45] = [
+const EXAMPLES: [(&str, [&str; 2]); 46] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     ("deploy", ["dca deploy robot.dca", "dca deploy robot.dca --require-verified --aligned"]),
@@ -33,6 +33,7 @@ const EXAMPLES: [(&str, [&str; 2]); 45] = [
     ("estop", ["dca estop 'a person is in the cell'", "dca estop --release"]),
     ("status", ["dca status", "dca status robot --watch"]),
     ("top", ["dca top", "dca top --ascii"]),
+    ("view", ["dca view --page", "dca view --page 127.0.0.1:8000"]),
     ("nodes", ["dca nodes", "dca nodes --json"]),
     ("names", ["dca names", "dca names --json"]),
     ("events", ["dca events robot", "dca events --follow --json"]),

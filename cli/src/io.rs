@@ -6,6 +6,7 @@ pub mod machine;
 pub mod named_file;
 pub mod observer;
 pub mod recorder;
+pub(crate) mod screen;
 pub(crate) mod taps;
 pub mod user;
 pub mod whole_file;

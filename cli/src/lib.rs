@@ -64,6 +64,7 @@ pub mod test;
 mod top;
 pub mod types;
 pub mod verify;
+mod viewer;
 mod work;
 
 use clap::{Args, CommandFactory as _, Parser, Subcommand};
@@ -148,6 +149,8 @@ enum Verb {
     Status(status::Arguments),
     /// Watch robots, processes, wires, events and questions on the whole terminal, as they change
     Top(top::Arguments),
+    /// Serve a page for a browser that shows all robots as they change
+    View(viewer::Arguments),
     /// Print the events of all deployments on all hosts
     Events(events::Arguments),
     /// Print the output of a process
@@ -337,6 +340,7 @@ fn run_verb() -> ExitCode {
         Verb::Clock(arguments) => clock::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Top(arguments) => top::run(&arguments),
+        Verb::View(arguments) => viewer::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Echo(arguments) => echo::run(&arguments),

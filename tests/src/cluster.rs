@@ -362,7 +362,7 @@ impl Host {
         let asks_nodes = [
             "run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events",
             "names", "echo", "tap", "hz", "call", "get", "list", "queue", "router", "lock", "clock", "add", "remove",
-            "switch", "estop", "ctl", "top",
+            "switch", "estop", "ctl", "top", "view",
         ];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);

@@ -76,5 +76,6 @@ mod terminal;
 mod through;
 mod tidy;
 mod top;
+mod view_page;
 mod watching;
 mod wires;

@@ -1,0 +1,211 @@
+"use strict";
+// The page of a live view. Texts of robots become text nodes, so nothing of them is markup.
+const token = document.querySelector("meta[name=dca-token]").content;
+const byId = (id) => document.getElementById(id);
+const model = { robots: new Map(), deployments: new Map(), processes: new Map(), wires: new Map(), events: [], questions: [] };
+const EVENTS_MAX = 500;
+const INDENT = 16;
+let ages = { all: null, robots: {}, limit: 3 };
+let heard = null;
+
+function element(name, className, text) {
+  const made = document.createElement(name);
+  if (className) made.className = className;
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+function age(seconds) {
+  if (seconds === null || seconds === undefined) return "";
+  if (seconds < 120) return `${Math.floor(seconds)} s`;
+  if (seconds < 7200) return `${Math.floor(seconds / 60)} min`;
+  return `${Math.floor(seconds / 3600)} h`;
+}
+
+const now = () => performance.now() / 1000;
+const since = (item) => (item.at === null ? null : now() - item.at);
+
+function take(data) {
+  if (data.whole) {
+    for (const part of ["robots", "deployments", "processes", "wires"]) model[part].clear();
+    model.events = [];
+  }
+  for (const gone of data.gone) {
+    if (gone.robot !== undefined) model.robots.delete(gone.robot);
+    else if (gone.process !== undefined) model.processes.delete(`${gone.deployment}:${gone.process}`);
+    else if (gone.wire !== undefined) model.wires.delete(`${gone.deployment}:${gone.wire}`);
+    else model.deployments.delete(gone.deployment);
+  }
+  const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
+  for (const robot of data.robots) model.robots.set(robot.host, robot);
+  for (const live of data.deployments) model.deployments.set(live.id, dated(live));
+  for (const process of data.processes) model.processes.set(`${process.deployment}:${process.path}`, dated(process));
+  for (const wire of data.wires) model.wires.set(`${wire.deployment}:${wire.name}`, wire);
+  model.events.push(...data.events);
+  model.events.splice(0, Math.max(0, model.events.length - EVENTS_MAX));
+  model.questions = data.questions;
+}
+
+function drawRobots() {
+  const cards = [...model.robots.values()].sort((a, b) => (a.host < b.host ? -1 : 1)).map((robot) => {
+    const old = ages.robots[robot.host];
+    const stale = robot.presence !== "here" || old === null || old >= ages.limit;
+    const card = element("li", stale || robot.estop ? "bad" : "");
+    card.append(element("b", "", robot.host), " ");
+    const word = robot.estop ? "stopped" : robot.presence === "here" && stale ? "not live" : robot.presence;
+    card.append(element("span", stale || robot.estop ? "bad" : "good", word));
+    if (stale && old !== null && old !== undefined) card.append(element("small", "bad", `data is ${age(old)} old`));
+    if (robot.why) card.append(element("small", "", robot.why));
+    if (robot.estop) card.append(element("small", "", robot.estop));
+    if (robot.up !== null) card.append(element("small", "", `DCA ${robot.version}`));
+    if (robot.database) {
+      const lag = robot.database;
+      const words = lag.behind ? `${lag.behind} databases behind, by ${lag.transactions} transactions` : "databases level";
+      card.append(element("small", "", lag.conflicts ? `${words}, ${lag.conflicts} conflicts` : words));
+    }
+    for (const waiting of robot.waiting) card.append(element("small", "", waiting));
+    return card;
+  });
+  byId("robots").replaceChildren(...cards);
+}
+
+function drawProcesses() {
+  const tables = [...model.deployments.values()].sort((a, b) => (a.id < b.id ? -1 : 1)).map((live) => {
+    const own = [...model.processes.values()].filter((one) => one.deployment === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
+    const table = element("table", "tree");
+    const caption = element("caption", "", `${live.id}  `);
+    caption.append(element("span", live.failed ? "failed" : "quiet", `${live.phase} ${age(since(live))}`));
+    table.append(caption);
+    if (own.length > 0) {
+      const head = element("tr");
+      for (const [title, kind] of [["process", ""], ["state", ""], ["since", "number"], ["host", ""], ["pid", "number spare"]]) head.append(element("th", kind, title));
+      table.append(head);
+    }
+    for (const process of own) {
+      const row = element("tr");
+      const depth = process.path.split("/").length - 1;
+      const name = element("td", "", `${process.path.split("/").pop()}: ${process.kind}`);
+      // The policy forbids styles in the page, and permits them from its script.
+      name.style.paddingLeft = `${depth * INDENT}px`;
+      const state = process.health === "unknown" ? "unknown" : process.state;
+      const restarts = process.restarts ? `, restarted ${process.restarts} times` : "";
+      row.append(name, element("td", process.health, state + restarts), element("td", "number", age(since(process))), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
+      table.append(row);
+    }
+    return table;
+  });
+  byId("deployments").replaceChildren(...(tables.length ? tables : [element("p", "quiet", "nothing is deployed")]));
+}
+
+function drawWires() {
+  const lossy = [...model.wires.values()].filter((wire) => wire.lost || wire.refused);
+  const rows = lossy.map((wire) => {
+    const words = `${wire.lost} lost (${wire.lostASecond.toFixed(1)} a second), ${wire.refused} refused`;
+    const row = element("li", "", `${wire.name}  `);
+    row.append(element("span", wire.lostASecond > 0 ? "bad" : "changing", words));
+    return row;
+  });
+  byId("wires").replaceChildren(...(rows.length ? rows : [element("li", "quiet", "no wire has lost a value")]));
+}
+
+function drawEvents() {
+  const filter = byId("filter").value.toLowerCase();
+  const rows = [];
+  for (const event of [...model.events].reverse()) {
+    const words = `${event.host}  ${event.deployment ?? ""}  ${event.path ?? ""}  ${event.text}`;
+    if (!words.toLowerCase().includes(filter)) continue;
+    const row = element("li", event.failure ? "failed" : "");
+    const time = event.time === null ? "" : new Date(event.time * 1000).toISOString().slice(11, 19);
+    row.append(element("time", "", time), words);
+    rows.push(row);
+    if (rows.length === 200) break;
+  }
+  byId("events").replaceChildren(...(rows.length ? rows : [element("li", "quiet", "no event")]));
+}
+
+let drawnQuestions = "";
+function drawQuestions() {
+  const text = JSON.stringify(model.questions);
+  // A button that is being pressed stays the same button.
+  if (text === drawnQuestions) return;
+  drawnQuestions = text;
+  const items = model.questions.map((question) => {
+    const item = element("li");
+    item.append(element("b", "", question.text), element("div", "quiet", `${question.deployment}:${question.path}`));
+    for (const option of question.options) {
+      const button = element("button", "", option);
+      button.type = "button";
+      const { deployment, path, number } = question;
+      button.addEventListener("click", () => order("/answer", { deployment, path, question: number, option }));
+      item.append(button);
+    }
+    return item;
+  });
+  byId("questions").replaceChildren(...items);
+  byId("questions-part").hidden = items.length === 0;
+}
+
+function drawAlarms() {
+  const silent = heard === null ? null : now() - heard;
+  const old = silent === null ? null : Math.max(silent >= ages.limit ? silent : 0, ages.all ?? Infinity);
+  const isStale = old === null || old >= ages.limit;
+  byId("stale").hidden = !isStale;
+  byId("stale").textContent = old === null || old === Infinity ? "no data yet" : `not live since ${Math.floor(old)} s`;
+  const stopped = [...model.robots.values()].filter((robot) => robot.estop);
+  byId("stopped").hidden = stopped.length === 0;
+  byId("stopped").textContent = stopped.length ? `Everything is stopped on ${stopped.map((one) => one.host).join(", ")}: ${stopped[0].estop}` : "";
+  byId("release").hidden = stopped.length === 0;
+  const failed = [...model.processes.values()].filter((one) => one.health === "failed").length;
+  const count = (number, one, many) => `${number} ${number === 1 ? one : many}`;
+  const words = `${count(model.robots.size, "robot", "robots")}, ${count(model.processes.size, "process", "processes")}`;
+  byId("summary").textContent = failed ? `${words}, ${failed} failed` : words;
+}
+
+function draw() {
+  drawRobots();
+  drawProcesses();
+  drawWires();
+  drawEvents();
+  drawQuestions();
+  drawAlarms();
+}
+
+async function order(path, body) {
+  byId("word").textContent = "…";
+  try {
+    const headers = { "X-Dca-Token": token, "Content-Type": "application/json" };
+    const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
+    byId("word").textContent = await answer.text();
+  } catch (error) {
+    byId("word").textContent = `not done: ${error.message}`;
+  }
+}
+
+function sure(text, action) {
+  const dialog = byId("sure");
+  byId("sure-text").textContent = text;
+  dialog.returnValue = "no";
+  dialog.onclose = () => {
+    if (dialog.returnValue === "yes") action();
+  };
+  dialog.showModal();
+}
+
+byId("estop").addEventListener("click", () => sure("Stop everything on all robots at once?", () => order("/estop", {})));
+byId("release").addEventListener("click", () => sure("Let programs begin again on all robots?", () => order("/release", {})));
+byId("filter").addEventListener("input", drawEvents);
+
+const stream = new EventSource("/events");
+stream.addEventListener("message", (message) => {
+  const data = JSON.parse(message.data);
+  heard = now();
+  ages = data.ages;
+  if (data.robots) {
+    take(data);
+    draw();
+  } else {
+    drawRobots();
+    drawAlarms();
+  }
+});
+setInterval(drawAlarms, 500);

@@ -1,0 +1,174 @@
+//! `dca view --page`: a page of all robots in a browser, as they change.
+//!
+//! It listens on this machine alone. The printed link has a secret, so no other user of the machine and no page of
+//! another site can read it or give orders. Orders are given as this user, who has opened the link.
+
+mod serve;
+
+use crate::ConnectArgs;
+use crate::live::Live;
+use crate::logic::http::Door;
+use crate::logic::top::{Action, GivenAnswer};
+use crate::orders;
+use crate::reader::Reader;
+use anyhow::{Context as _, anyhow};
+use comms::io::clock;
+use node::console::{self, Failure, block_on};
+use serde_json::Value;
+use serve::{Order, Shared};
+use std::io::IsTerminal as _;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
+use view::Model;
+
+/// Where the page is, unless told otherwise.
+const ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7080);
+/// How often the plans of new deployments are asked for.
+const FOLLOW_EVERY: Duration = Duration::from_secs(1);
+/// How many connections there may be at once: a browser has one for the stream, and a few for files.
+const CONNECTIONS_MAX: usize = 32;
+/// How many orders wait; further ones wait in their connections.
+const ORDERS_MAX: usize = 4;
+
+/// The arguments of `dca view`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Serve a page for a browser on this machine [default: 127.0.0.1:7080]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:7080", required = true)]
+    page: Option<SocketAddr>,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let address = arguments.page.unwrap_or(ADDRESS);
+    if !address.ip().is_loopback() {
+        return Err(Failure::Usage(anyhow!(
+            "cannot serve a page at `{address}`: it would be open to the network. Use an address of this machine, such as \
+             `127.0.0.1:{port}`, and from another machine `ssh -L {port}:127.0.0.1:{port} ROBOT`",
+            port = address.port()
+        )));
+    }
+    block_on(async {
+        let mut reader = Reader::new()?;
+        let live = tokio::select! {
+            live = Live::open(&arguments.connect) => live?,
+            () = reader.left() => return Ok(()),
+        };
+        let served = serve(address, live, &mut reader).await;
+        served.map_err(Failure::from)
+    })
+}
+
+async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyhow::Result<()> {
+    unlock(&live).await;
+    let listener = TcpListener::bind(address).await.with_context(|| format!("listening on `{address}`"))?;
+    let address = listener.local_addr()?;
+    let (changed, version) = watch::channel(0_u64);
+    let (orders_tx, mut orders) = mpsc::channel(ORDERS_MAX);
+    let number = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
+    let door = Door {
+        hosts: vec![address.to_string(), format!("localhost:{}", address.port())],
+        key: secret()?,
+        token: secret()?,
+    };
+    console::say(&format!("http://{address}/?key={}", door.key));
+    console::note("open this link in a browser on this machine (Ctrl-C to leave)");
+    let shared = Arc::new(Shared { door, model: Mutex::new(Model::new(number)), version, orders: orders_tx });
+    let mut tasks: JoinSet<()> = JoinSet::new();
+    let mut follow = tokio::time::interval(FOLLOW_EVERY);
+    loop {
+        tokio::select! {
+            input = live.next() => {
+                shared.model().apply(clock::now(), input);
+                changed.send_modify(|count| *count += 1);
+            }
+            accepted = listener.accept(), if tasks.len() < CONNECTIONS_MAX => {
+                // A browser that has left before it was accepted is no reason to end.
+                if let Ok((stream, _)) = accepted {
+                    tasks.spawn(serve::connection(stream, Arc::clone(&shared)));
+                }
+            }
+            Some(order) = orders.recv() => {
+                tasks.spawn(give(order, &live, &shared));
+            }
+            _ = follow.tick() => {
+                let model = shared.model();
+                live.follow(&model, None, None);
+            }
+            Some(ended) = tasks.join_next() => ended?,
+            () = reader.left() => break,
+        }
+    }
+    tasks.shutdown().await;
+    live.close().await;
+    Ok(())
+}
+
+/// Unlocks the key of the user before the page is there, if the nodes are in a team. Without it, the page only shows.
+async fn unlock(live: &Live) {
+    if !std::io::stdin().is_terminal() {
+        return;
+    }
+    for (client, host) in live.locals() {
+        if client.asks_for_passphrase(&host).await.unwrap_or_default()
+            && let Err(failure) = client.unlock(&host).await
+        {
+            console::note(&format!("warning: the page gives no orders: {}", crate::client::words(&failure)));
+        }
+    }
+}
+
+/// Gives an order of the page, and answers with a word about it.
+fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = ()> + Send + use<> {
+    let Order { path, body, reply } = order;
+    let action = action(&shared.model(), &path, &body);
+    let clients = live.clients();
+    let home = if let Some(Action::Answer(answer)) = &action { live.client_of(&answer.home) } else { None };
+    async move {
+        let word = match action {
+            Some(Action::Answer(answer)) => match home {
+                Some(client) => orders::tell(client, answer).await,
+                None => "its home does not answer".to_owned(),
+            },
+            Some(action) => orders::everywhere(&clients, &action).await,
+            None => "this is not open any more".to_owned(),
+        };
+        // A browser that has left needs no word.
+        drop(reply.send(word));
+    }
+}
+
+/// Reads an order of the page. An answer has to be one of those of a question that is open.
+fn action(model: &Model, path: &str, body: &Value) -> Option<Action> {
+    match path {
+        "/estop" => Some(Action::Estop),
+        "/release" => Some(Action::Release),
+        "/answer" => {
+            let text = |name: &str| body.get(name).and_then(Value::as_str);
+            let (number, option) = (body.get("question").and_then(Value::as_u64)?, text("option")?);
+            let mut open = model.questions();
+            let question = open.find(|one| {
+                one.question.number == number
+                    && text("path") == Some(one.path)
+                    && text("deployment") == Some(&one.deployment.to_string())
+            })?;
+            let option = question.question.options.iter().find(|known| *known == option)?.clone();
+            let (deployment, home, path) =
+                (question.deployment.clone(), question.home.to_owned(), question.path.to_owned());
+            Some(Action::Answer(GivenAnswer { deployment, home, path, question: number, option }))
+        }
+        _ => None,
+    }
+}
+
+/// Returns a secret of 128 random bits in hexadecimal digits.
+fn secret() -> anyhow::Result<String> {
+    let bytes: [u8; 16] = ::team::random()?.bytes();
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}

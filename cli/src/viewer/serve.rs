@@ -1,0 +1,153 @@
+//! One connection of a browser: a file of the page, the stream of changes, or an order.
+
+use crate::logic::http::{self, Door, Entry, HEAD_MAX, Head, Status};
+use crate::logic::live_page::{self, ICON, SCRIPT, STYLE};
+use comms::io::clock;
+use serde_json::{Value, json};
+use std::io;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpStream;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::timeout;
+use view::{Model, Position};
+
+/// How long a browser has for its request.
+const REQUEST_WITHIN: Duration = Duration::from_secs(10);
+/// How long a browser may take for a piece of the stream before its connection is closed. It resumes with another one.
+const TAKEN_WITHIN: Duration = Duration::from_secs(20);
+/// How often the stream has a message, whether something has changed or not.
+const BEAT_EVERY: Duration = Duration::from_secs(1);
+/// How long after one message the next may come.
+const AGAIN_AFTER: Duration = Duration::from_millis(200);
+/// How long an order may take.
+const ORDER_WITHIN: Duration = Duration::from_secs(60);
+
+const TEXT: &str = "text/plain; charset=utf-8";
+
+/// An order of the page.
+pub(super) struct Order {
+    pub(super) path: String,
+    pub(super) body: Value,
+    /// Gets a word about the result.
+    pub(super) reply: oneshot::Sender<String>,
+}
+
+/// The parts that all connections share.
+pub(super) struct Shared {
+    pub(super) door: Door,
+    pub(super) model: Mutex<Model>,
+    /// Changes with each input of the model.
+    pub(super) version: watch::Receiver<u64>,
+    pub(super) orders: mpsc::Sender<Order>,
+}
+
+impl Shared {
+    pub(super) fn model(&self) -> MutexGuard<'_, Model> {
+        self.model.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Answers one request. A browser that leaves or sends nonsense ends only its own connection.
+pub(super) async fn connection(mut stream: TcpStream, shared: std::sync::Arc<Shared>) {
+    let request = timeout(REQUEST_WITHIN, request(&mut stream)).await;
+    let answered = match request {
+        Ok(Ok(Ok((head, body)))) => answer(&mut stream, &shared, &head, &body).await,
+        Ok(Ok(Err(status))) => refuse(&mut stream, status).await,
+        Ok(Err(_)) | Err(_) => return,
+    };
+    if answered.is_ok() {
+        stream.shutdown().await.unwrap_or_default();
+    }
+}
+
+/// Reads a request: its head and its body.
+async fn request(stream: &mut TcpStream) -> io::Result<Result<(Head, Vec<u8>), Status>> {
+    let mut bytes = Vec::new();
+    let (head, begin) = loop {
+        let mut chunk = [0; 2048];
+        let count = stream.read(&mut chunk).await?;
+        if count == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes.extend_from_slice(&chunk[..count]);
+        match http::head(&bytes) {
+            Ok(Some(whole)) => break whole,
+            Ok(None) if bytes.len() <= HEAD_MAX => {}
+            Ok(None) => return Ok(Err(Status::TooLarge)),
+            Err(status) => return Ok(Err(status)),
+        }
+    };
+    let mut body = bytes.split_off(begin);
+    body.truncate(head.length);
+    let begun = body.len();
+    body.resize(head.length, 0);
+    stream.read_exact(&mut body[begun..]).await?;
+    Ok(Ok((head, body)))
+}
+
+async fn refuse(stream: &mut TcpStream, status: Status) -> io::Result<()> {
+    let text = "this page opens with the link that `dca view --page` has printed\n";
+    stream.write_all(&http::answer(status, TEXT, "", text.as_bytes())).await
+}
+
+async fn answer(stream: &mut TcpStream, shared: &Shared, head: &Head, body: &[u8]) -> io::Result<()> {
+    match shared.door.check(head) {
+        Err(status) => return refuse(stream, status).await,
+        Ok(Entry::Link) => return stream.write_all(&shared.door.welcome()).await,
+        Ok(Entry::Granted) => {}
+    }
+    let (kind, file) = match (head.is_post, head.path.as_str()) {
+        (false, "/") => ("text/html; charset=utf-8", live_page::page(&shared.door.token)),
+        (false, "/page.css") => ("text/css; charset=utf-8", STYLE.to_owned()),
+        (false, "/page.js") => ("text/javascript; charset=utf-8", SCRIPT.to_owned()),
+        (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
+        (false, "/events") => return events(stream, shared, &head.last_event_id).await,
+        (true, "/estop" | "/release" | "/answer") => (TEXT, order(shared, head, body).await),
+        (_, _) => return stream.write_all(&http::answer(Status::NotFound, TEXT, "", b"there is no such page\n")).await,
+    };
+    stream.write_all(&http::answer(Status::Ok, kind, "", file.as_bytes())).await
+}
+
+async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {
+    let Ok(body) = serde_json::from_slice::<Value>(body) else { return "this order cannot be read".to_owned() };
+    let (reply, word) = oneshot::channel();
+    let order = Order { path: head.path.clone(), body, reply };
+    let given = async {
+        shared.orders.send(order).await.ok()?;
+        word.await.ok()
+    };
+    match timeout(ORDER_WITHIN, given).await {
+        Ok(Some(word)) => word,
+        Ok(None) => "not done: the view ends".to_owned(),
+        Err(_) => "it has taken too long; look at the robots".to_owned(),
+    }
+}
+
+/// Sends the changes since a position, and then each further one.
+async fn events(stream: &mut TcpStream, shared: &Shared, last: &str) -> io::Result<()> {
+    let (mut version, mut position) = (shared.version.clone(), last.parse().unwrap_or(Position::default()));
+    stream.write_all(&http::stream()).await?;
+    loop {
+        version.mark_unchanged();
+        let (next, message) = message(&shared.model(), position);
+        position = next;
+        let sent = timeout(TAKEN_WITHIN, stream.write_all(&message)).await;
+        sent.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))?;
+        let sent_at = clock::now();
+        tokio::select! {
+            () = clock::sleep_until(sent_at + BEAT_EVERY) => {}
+            Ok(()) = version.changed() => clock::sleep_until(sent_at + AGAIN_AFTER).await,
+        }
+    }
+}
+
+fn message(model: &Model, position: Position) -> (Position, Vec<u8>) {
+    let (changes, now) = (model.since(position), clock::now());
+    let data = match changes.is_empty() {
+        true => json!({ "ages": live_page::ages(model, now) }),
+        false => live_page::changes(model, &changes, now),
+    };
+    (changes.position, http::event(&changes.position.to_string(), &data.to_string()))
+}

@@ -1,0 +1,194 @@
+//! The page of `dca view --page`, over its own connections and in a real browser.
+
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
+use rustix::process::Signal;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+const SPEC: &str = "
+    module Sleeper(host) { exec \"sleep 600\"; plain; done; }
+    process main() {
+        host{c1}
+        instantiated_processes { one instof Sleeper(c1); }
+        internal_event_actions { one }
+    }";
+
+/// A page, and its link.
+struct Page {
+    view: Program,
+    address: String,
+    key: String,
+}
+
+impl Page {
+    fn open(here: &Host) -> Self {
+        let view = here.dca(&["view", "--page", "127.0.0.1:0"]);
+        view.wait_for(Stream::Out, "?key=", SOON);
+        view.wait_for(Stream::Err, "Ctrl-C", SOON);
+        let link = view.text(Stream::Out);
+        let (address, key) = link.trim().trim_start_matches("http://").split_once("/?key=").expect("it is a link");
+        Self { address: address.to_owned(), key: key.to_owned(), view }
+    }
+
+    /// Sends a request with these fields.
+    fn request(&self, first: &str, fields: &str, body: &str) -> TcpStream {
+        let mut stream = TcpStream::connect(&self.address).expect("the page is there");
+        stream.set_read_timeout(Some(SOON)).expect("it is a time");
+        let length = body.len();
+        let request =
+            format!("{first} HTTP/1.1\r\nHost: {}\r\nContent-Length: {length}\r\n{fields}\r\n{body}", self.address);
+        stream.write_all(request.as_bytes()).expect("the page reads");
+        stream
+    }
+
+    /// Returns the whole answer.
+    fn ask(&self, first: &str, fields: &str, body: &str) -> String {
+        let mut answer = String::new();
+        self.request(first, fields, body).read_to_string(&mut answer).expect("the page answers");
+        answer
+    }
+
+    fn cookie(&self) -> String {
+        format!("Cookie: dca-view={}\r\n", self.key)
+    }
+}
+
+/// Reads a stream until it has a text.
+fn read_until(stream: &mut TcpStream, wanted: &str) -> String {
+    let (mut text, mut chunk) = (String::new(), [0; 4096]);
+    while !text.contains(wanted) {
+        let count = stream.read(&mut chunk).expect("the stream goes on");
+        assert!(count > 0, "it has ended: {text}");
+        text.push_str(&String::from_utf8_lossy(&chunk[..count]));
+    }
+    text
+}
+
+#[test]
+fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let page = Page::open(&here);
+    for strange in ["GET /", "GET /?key=00", "GET /events", "GET /page.js", "POST /estop"] {
+        let refused = page.ask(strange, "", "");
+        assert!(refused.starts_with("HTTP/1.1 403") && !refused.contains("c1"), "{strange}: {refused}");
+    }
+    let welcome = page.ask(&format!("GET /?key={}", page.key), "", "");
+    assert!(welcome.starts_with("HTTP/1.1 303") && welcome.contains("HttpOnly; SameSite=Strict"), "{welcome}");
+    let cookie = page.cookie();
+    let html = page.ask("GET /", &cookie, "");
+    let (_, token) = html.split_once("name=\"dca-token\" content=\"").expect("the page has a token");
+    let token = token.split('"').next().unwrap_or_default();
+    assert!(html.starts_with("HTTP/1.1 200") && !token.is_empty() && token != page.key, "{html}");
+    // A stream is resumed after the last event that was received.
+    let mut stream = page.request("GET /events", &cookie, "");
+    let first = read_until(&mut stream, "\"path\":\"main/one\"");
+    let id = first.rsplit_once("\nid: ").or_else(|| first.rsplit_once("id: ")).expect("an event has an id").1;
+    let id = id.lines().next().unwrap_or_default();
+    drop(stream);
+    let mut stream = page.request("GET /events", &format!("{cookie}Last-Event-ID: {id}\r\n"), "");
+    let resumed = read_until(&mut stream, "\"ages\"");
+    assert!(!resumed.contains("\"whole\":true"), "{resumed}");
+    let refused = page.ask("POST /estop", &cookie, "{}");
+    assert!(refused.starts_with("HTTP/1.1 403") && cluster.leaf("main/one").is_some(), "{refused}");
+    let done = page.ask("POST /estop", &format!("{cookie}X-Dca-Token: {token}\r\n"), "{}");
+    assert!(done.contains("c1: stopped; no program runs"), "{done}");
+    assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
+    read_until(&mut stream, "everything was stopped by");
+    page.view.signal(Signal::TERM);
+    assert_eq!(page.view.ended(SOON).code, Some(0));
+    assert_eq!(mission.ended(SOON).code, Some(1));
+}
+
+#[test]
+fn the_page_stays_on_its_machine() {
+    let cluster = Cluster::new();
+    for address in ["0.0.0.0:0", "192.0.2.1:7080", "[::]:7080"] {
+        let refused = cluster.here().ask(&["view", "--page", address]);
+        assert!(refused.code == Some(2) && refused.err.contains("open to the network"), "{refused}");
+    }
+    let alone = cluster.here().ask(&["view", "--page"]);
+    assert!(alone.code == Some(3) && alone.err.contains("no node runs on this machine"), "{alone}");
+}
+
+/// A person at a browser.
+struct Browser {
+    child: Child,
+    orders: ChildStdin,
+    answers: BufReader<ChildStdout>,
+}
+
+impl Browser {
+    /// Opens the link; returns nothing where there is no browser. Pictures go to a folder.
+    #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
+    fn open(page: &Page, pictures: &Path) -> Option<Self> {
+        let python = std::env::var("DCA_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+        let asked = Command::new(&python).args(["-c", "import playwright"]).output();
+        if !asked.is_ok_and(|asked| asked.status.success()) || !Path::new("/usr/bin/chromium").exists() {
+            println!("skipped: needs /usr/bin/chromium, and Playwright in the Python of DCA_TEST_PYTHON");
+            return None;
+        }
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/all/view_page/browser.py");
+        let link = format!("http://{}/?key={}", page.address, page.key);
+        let mut command = Command::new(python);
+        command.arg(script).arg(link).arg(pictures).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().expect("Python was there");
+        let orders = child.stdin.take().expect("the pipe was asked for");
+        let answers = BufReader::new(child.stdout.take().expect("the pipe was asked for"));
+        Some(Self { child, orders, answers })
+    }
+
+    #[track_caller]
+    fn order(&mut self, order: &str) {
+        writeln!(self.orders, "{order}").expect("the browser is there");
+        let mut answer = String::new();
+        self.answers.read_line(&mut answer).expect("the browser answers");
+        assert_eq!(answer.trim(), "ok", "{order}");
+    }
+}
+
+/// A mission from its start to its end, a lost stream, a stop, and words that look like markup.
+#[test]
+#[ignore = "long: a real browser"]
+fn a_person_sees_a_mission_in_a_browser() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let page = Page::open(&here);
+    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
+    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
+    browser.order("see nothing is deployed");
+    browser.order("picture empty");
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
+    browser.order("see one: Sleeper");
+    browser.order("see running");
+    browser.order("picture running");
+    cluster.expect_leaf("main/one").signal(Signal::SEGV);
+    browser.order("see finished: aborted");
+    browser.order("picture crashed");
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    // The stream of changes is cut, and comes back.
+    page.view.signal(Signal::STOP);
+    browser.order("see not live since 3 s");
+    browser.order("picture stale");
+    page.view.signal(Signal::CONT);
+    browser.order("gone not live since");
+    browser.order("press Stop everything");
+    browser.order("press Yes");
+    browser.order("see Everything is stopped on c1");
+    browser.order("press Release");
+    browser.order("press Yes");
+    browser.order("gone Everything is stopped");
+    let reason = "<img src=x onerror=alert(1)>";
+    assert_eq!(here.ask(&["estop", reason]).code, Some(0));
+    browser.order(&format!("see {reason}"));
+    browser.order("picture stopped");
+    browser.order("errors");
+    browser.order("end");
+    assert!(browser.child.wait().expect("it was started here").success());
+}

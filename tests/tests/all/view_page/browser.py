@@ -1,0 +1,93 @@
+"""Looks at the page of `dca view --page` as a person does, in a real browser.
+
+Arguments: the link, the folder for pictures. Reads words from standard input and answers each with a line: `see TEXT` waits for a text,
+`gone TEXT` waits until it is gone, `press NAME` presses a button, `picture NAME` draws it at 390 and 1400 pixels, `errors` fails if the page had
+errors, `end` ends it.
+"""
+
+import sys
+
+from playwright.sync_api import sync_playwright
+
+LINK, FOLDER = sys.argv[1], sys.argv[2]
+WITHIN = 20_000
+
+
+def luminance(colour):
+    """Source: WCAG 2.2, relative luminance."""
+    def part(value):
+        value /= 255
+        return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+
+    red, green, blue = (part(value) for value in colour)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+CONTRASTS = """() => {
+  const numbers = (text) => text.match(/[\\d.]+/g).map(Number);
+  const behind = (element) => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = numbers(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    return [255, 255, 255];
+  };
+  return [...document.querySelectorAll("body *")]
+    .filter((element) => element.checkVisibility() && [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim()))
+    .map((element) => [element.textContent.slice(0, 40), numbers(getComputedStyle(element).color).slice(0, 3), behind(element).slice(0, 3)]);
+}"""
+
+
+def check_contrast(page):
+    for text, ink, ground in page.evaluate(CONTRASTS):
+        light, dark = sorted([luminance(ink), luminance(ground)], reverse=True)
+        ratio = (light + 0.05) / (dark + 0.05)
+        assert ratio >= 4.5, f"contrast {ratio:.1f} of {text!r}: {ink} on {ground}"
+
+
+def picture(page, name):
+    for scheme in ["light", "dark"]:
+        page.emulate_media(color_scheme=scheme)
+        for width in [390, 1400]:
+            page.set_viewport_size({"width": width, "height": 900})
+            wide = page.evaluate("document.documentElement.scrollWidth")
+            assert wide <= width, f"{name} is {wide} wide in {width}"
+            check_contrast(page)
+            page.screenshot(path=f"{FOLDER}/{name}-{scheme}-{width}.png")
+
+
+def main():
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        page = browser.new_page()
+        wrong = []
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("dialog", lambda _: wrong.append("a script within a text runs"))
+        page.goto(LINK)
+        for line in sys.stdin:
+            order, _, text = line.strip().partition(" ")
+            try:
+                if order == "see":
+                    page.get_by_text(text).first.wait_for(timeout=WITHIN)
+                elif order == "gone":
+                    page.get_by_text(text).first.wait_for(state="hidden", timeout=WITHIN)
+                elif order == "press":
+                    page.get_by_role("button", name=text, exact=True).first.click(timeout=WITHIN)
+                elif order == "picture":
+                    picture(page, text)
+                elif order == "errors":
+                    known = [error for error in wrong if "ERR_" not in error]
+                    assert not known, known
+                elif order == "end":
+                    print("ok", flush=True)
+                    break
+                else:
+                    raise ValueError(order)
+                print("ok", flush=True)
+            except Exception as error:
+                print(f"failed: {line.strip()}: {error}".replace("\n", " "), flush=True)
+        browser.close()
+
+
+main()
