@@ -52,7 +52,7 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         let help = "it begins with `/`, has words of letters, digits and `_`, and at most 200 bytes";
         return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
     };
-    let Some(of) = library::by_spec(&kind.text).filter(|of| is_action(of)) else {
+    let Some(of) = library::by_spec(&kind.text).filter(is_action) else {
         let known: Vec<String> = library::actions().map(|action| format!("`{}`", action.spec())).collect();
         let message = format!("`{}` is not a known action of ROS 2", kind.text);
         return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));

@@ -158,7 +158,8 @@ impl Client {
             let why = format!("its argument is not a `{}`", self.service.request.name());
             return caller.answer(Err(Failure::Refused(why)));
         };
-        let number = match { lock(&self.waiting).add(caller) } {
+        let added = lock(&self.waiting).add(caller);
+        let number = match added {
             Ok(number) => number,
             Err(caller) => return caller.answer(Err(Failure::Busy)),
         };
@@ -265,10 +266,11 @@ impl Server {
 fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) -> Result<(), (String, u64)> {
     let (query, why) = match checked(&query, service) {
         Err(why) => (query, why.to_string()),
-        Ok((attachment, argument)) => match { lock(requests).add(Request { query, attachment }, argument) } {
-            Ok(()) => return Ok(()),
-            Err(Request { query, .. }) => (query, format!("{WAITING_MAX} requests are waiting already")),
-        },
+        Ok((attachment, argument)) => {
+            let added = lock(requests).add(Request { query, attachment }, argument);
+            let Err(Request { query, .. }) = added else { return Ok(()) };
+            (query, format!("{WAITING_MAX} requests are waiting already"))
+        }
     };
     let mut counts = lock(&service.counts);
     counts.refused += 1;
