@@ -257,7 +257,7 @@ impl Participant {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
                 self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
             }
-            ToParticipant::Repeat { wires } => self.repeat(&wires, out),
+            ToParticipant::Repeat { wires } => self.repeat(&wires, from, out),
             ToParticipant::Renew { leaves, with } => self.renew(&leaves, &with, out),
             // The agent has already taken the programs that a change starts: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}

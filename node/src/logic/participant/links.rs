@@ -178,12 +178,15 @@ impl Participant {
         }
     }
 
-    /// Has producers of this host send the last values of open wires again. A wire that is closed and opened between two
-    /// values does that.
-    pub(super) fn repeat(&mut self, wires: &[u32], out: &mut Out<'_>) {
+    /// Has producers of this host send the last values of open wires again, to consumers of the host that asks. A wire
+    /// that is closed and opened between two values does that.
+    pub(super) fn repeat(&mut self, wires: &[u32], from: &str, out: &mut Out<'_>) {
         let mut by_producer: BTreeMap<u32, Flip> = BTreeMap::new();
         for number in wires.iter().filter(|number| self.links.open.contains(number)) {
             let Some(wire) = self.site.plan.wires.get(*number as usize) else { continue };
+            if leaf_host(&self.site.plan, wire.to.leaf) != Some(from) {
+                continue;
+            }
             let flip = by_producer.entry(wire.from.leaf).or_default();
             flip.close.push(*number);
             flip.open.push(Opening { wire: *number, after: Vec::new() });
