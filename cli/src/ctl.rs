@@ -177,7 +177,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The reaction of an activity to an order.
-fn confirmed(order: &str, path: &str, taken: Taken) -> String {
+pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
         Taken::Waits => format!("`{path}` has {order}, and takes it when what is being stopped has stopped"),

@@ -1,11 +1,11 @@
 //! Orders of a person who looks at a live view: stop everything, release it, answer a question.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked, words};
-use crate::estop;
 use crate::io::user;
 use crate::logic::top::{Action, GivenAnswer};
+use crate::{ctl, estop};
 use node::console::Failure;
-use node::logic::protocol::{ActivityInput, Answer, Estop, Request, TellRequest};
+use node::logic::protocol::{ActivityInput, Answer, Delivery, Estop, Request, TellRequest};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -38,8 +38,9 @@ pub(crate) async fn tell(client: Arc<Client>, given: GivenAnswer) -> String {
         let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
         let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
         Ok(match told {
-            Ok(path) => format!("the answer `{option}` is on its way to `{path}`"),
-            Err(why) => format!("cannot give the answer: {why}"),
+            Delivery::Taken { path, taken } => ctl::confirmed(&format!("the answer `{option}`"), &path, taken),
+            Delivery::Refused(why) => format!("cannot give the answer: {why}"),
+            Delivery::Unconfirmed(why) => format!("the answer is not confirmed: {why}"),
         })
     };
     told.await.unwrap_or_else(|failure: Failure| words(&failure))
