@@ -194,7 +194,7 @@ impl Bridge {
         loop {
             match self.calculate_after(Duration::ZERO) {
                 Progress::Continue => self.woken.recv_timeout(Duration::from_millis(20)).unwrap_or_default(),
-                ended => return ended,
+                ended @ (Progress::Done(_) | Progress::Aborted(_)) => return ended,
             }
             assert!(comms::io::clock::now() < until, "it does not end");
         }

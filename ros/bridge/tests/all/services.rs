@@ -1,5 +1,7 @@
 //! Services: calls of a mission that a node of ROS 2 answers, and calls of nodes that a procedure answers.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
 use super::peer::{Bridge, Router, SOON, attachment, expect_reader, tokens, value};
 use comms::logic::object::ObjectError;
 use ros::logic::attachment::Gid;
