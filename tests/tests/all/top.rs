@@ -42,7 +42,7 @@ fn a_person_looks_answers_stops_everything_and_leaves() {
     top.press("a");
     top.wait_for("Answer: 1: yes  2: no");
     top.press("1");
-    top.wait_for("the answer `yes` is on its way to `main/ask`");
+    top.wait_for("has taken the answer `yes`");
     assert!(wait_until(SOON, || cluster.leaf("main/ask/two").is_some()).is_some());
     top.wait_for("no question is open");
     top.press("E");
