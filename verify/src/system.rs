@@ -30,7 +30,7 @@ use restart::Restarts;
 pub(crate) use restart::{crashes, escalates, is_never_done, is_restarted, taken_along};
 use std::collections::BTreeSet;
 use transit::Transit;
-use zone::Zones;
+use zone::Clocks;
 
 /// Something that happens to a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,8 +112,6 @@ pub(crate) struct Unit {
     start: usize,
     /// The messages that it tells apart, if it is an activity.
     messages: Vec<Event>,
-    /// The possible orders of its timers, if it is an activity.
-    zones: Option<Zones>,
 }
 
 /// The occupant of a member slot of a unit.
@@ -195,6 +193,7 @@ pub(crate) struct System<'a> {
     rift: Option<Rift>,
     restarts: Restarts,
     transit: Transit,
+    clocks: Clocks,
     /// Whether it is known how everything in it may end.
     is_whole: bool,
 }
@@ -212,6 +211,7 @@ impl<'a> System<'a> {
             rift: None,
             restarts: Restarts::default(),
             transit: Transit::default(),
+            clocks: Clocks::default(),
             is_whole: true,
         };
         system.add(root, None, is_open, &BTreeSet::new());
@@ -236,8 +236,9 @@ impl<'a> System<'a> {
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
-        let (messages, zones) = (messages::of(&source.expression), Zones::of(&source.expression));
-        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages, zones });
+        let messages = messages::of(&source.expression);
+        self.clocks.add(index, &source.expression);
+        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
         // A part has a slot for each member of its group, including the members that its pieces run: those are never
         // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
@@ -312,7 +313,7 @@ impl<'a> System<'a> {
             + self.rift_length()
             + self.restarts_length()
             + self.transit_length()
-            + self.zones_length()
+            + size_of::<u64>() * self.clocks.count()
             + self.notes
     }
 
@@ -330,7 +331,7 @@ impl<'a> System<'a> {
             rift: vec![0; self.rift_length()],
             restarts: vec![0; self.restarts_length()],
             transit: vec![0; self.transit_length()],
-            zones: vec![0; self.zoned().count()],
+            zones: vec![0; self.clocks.count()],
             notes: vec![0; self.notes],
         }
     }
@@ -363,7 +364,7 @@ impl<'a> System<'a> {
         let (rift, rest) = rest[1..].split_at_mut(frame.rift.len());
         let (restarts, rest) = rest.split_at_mut(frame.restarts.len());
         let (transit, rest) = rest.split_at_mut(frame.transit.len());
-        let (zones, notes) = rest.split_at_mut(self.zones_length());
+        let (zones, notes) = rest.split_at_mut(size_of::<u64>() * frame.zones.len());
         for (number, bytes) in frame.zones.iter().zip(zones.chunks_exact_mut(size_of::<u64>())) {
             bytes.copy_from_slice(&number.to_le_bytes());
         }
@@ -390,7 +391,7 @@ impl<'a> System<'a> {
         let (rift, rest) = rest[1..].split_at(frame.rift.len());
         let (restarts, rest) = rest.split_at(frame.restarts.len());
         let (transit, rest) = rest.split_at(frame.transit.len());
-        let (zones, notes) = rest.split_at(self.zones_length());
+        let (zones, notes) = rest.split_at(size_of::<u64>() * frame.zones.len());
         for (number, bytes) in frame.zones.iter_mut().zip(zones.chunks_exact(size_of::<u64>())) {
             *number = bytes.try_into().map_or(0, u64::from_le_bytes);
         }

@@ -41,7 +41,8 @@ impl System<'_> {
                 labels.extend(self.messages(unit).map(|number| Label::Told(small(unit), number)));
             }
             for timer in 0..self.program(unit).timers() {
-                if frame.states[unit].is_armed(self.program(unit), timer) && self.may_elapse(frame, unit, timer) {
+                if frame.states[unit].is_armed(self.program(unit), timer) && self.clocks.may_elapse(frame, unit, timer)
+                {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
                 }
             }

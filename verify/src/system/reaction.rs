@@ -1,6 +1,7 @@
 //! Applies an event to a system: the parts react one after the other, until nothing further follows.
 
 use super::transit::Arrival;
+use super::zone::TimedReaction;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
 use crate::system::MemberRef;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
@@ -330,7 +331,8 @@ impl Reaction<'_, '_> {
         for &(item, word) in &effect.writes {
             self.journal.push((unit, item, self.frame.states[unit].set(item, word)));
         }
-        self.system.follow_timers(self.frame, unit, elapsed, &effect.commands);
+        let timed = TimedReaction { elapsed, commands: &effect.commands };
+        self.system.clocks.follow(self.frame, unit, self.system.program(unit), &timed);
         for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {

@@ -7,8 +7,8 @@
 //!
 //! Bounds far from 0 are rounded up, so that a short period beside a long time does not give a zone for each tick.
 
-use super::{Frame, System};
-use language::algebra::Command;
+use super::Frame;
+use language::algebra::{Command, Program};
 use language::automaton::{Action, Target, Transition};
 use language::plan::{Expression, TIMER_LEAST};
 use std::collections::BTreeMap;
@@ -139,7 +139,7 @@ fn rounded(bound: Bound, bits: u32) -> Bound {
 
 /// The zones of one activity that were met, by number.
 #[derive(Debug)]
-pub(super) struct Zones {
+struct Zones {
     /// Whether the order of each timer matters.
     matters: Vec<bool>,
     /// The greatest time of which all times of the activity are multiples, in nanoseconds.
@@ -156,7 +156,7 @@ struct Known {
 
 impl Zones {
     /// The zones of an activity; none for another expression, or if it has no two timers whose order matters.
-    pub(super) fn of(expression: &Expression) -> Option<Self> {
+    fn of(expression: &Expression) -> Option<Self> {
         let Expression::Chart(chart) = expression else { return None };
         let timed = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some());
         let mut matters: Vec<bool> = timed.map(has_effect).collect();
@@ -210,32 +210,44 @@ fn common(one: u64, other: u64) -> u64 {
     if other == 0 { one } else { common(other, one % other) }
 }
 
-impl System<'_> {
-    /// How many bytes the zones of a configuration take.
-    pub(super) fn zones_length(&self) -> usize {
-        size_of::<u64>() * self.zoned().count()
+/// The zones of the activities of a system. A configuration has a number for each.
+#[derive(Debug, Default)]
+pub(super) struct Clocks(Vec<Clock>);
+
+/// The zones of one unit.
+#[derive(Debug)]
+struct Clock {
+    unit: usize,
+    zones: Zones,
+}
+
+impl Clocks {
+    /// Adds a unit, if it is an activity with an order of timers.
+    pub(super) fn add(&mut self, unit: usize, expression: &Expression) {
+        self.0.extend(Zones::of(expression).map(|zones| Clock { unit, zones }));
     }
 
-    /// The units with zones.
-    pub(super) fn zoned(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..self.units.len()).filter(|&unit| self.units[unit].zones.is_some())
+    /// How many numbers a configuration has.
+    pub(super) fn count(&self) -> usize {
+        self.0.len()
     }
 
-    fn zone_place(&self, unit: usize) -> Option<(usize, &Zones)> {
-        let zones = self.units.get(unit)?.zones.as_ref()?;
-        Some((self.zoned().position(|other| other == unit)?, zones))
+    fn place(&self, unit: usize) -> Option<(usize, &Zones)> {
+        let place = self.0.iter().position(|clock| clock.unit == unit)?;
+        Some((place, &self.0[place].zones))
     }
 
     /// Whether no other timer of a unit runs out before this one.
     pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, timer: u32) -> bool {
-        let Some((place, zones)) = self.zone_place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
+        let Some((place, zones)) = self.place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
         let may = |known: &Known| known.next.contains(&timer) || known.zone.place(timer).is_none();
         zones.known(frame.zones[place]).is_none_or(|known| may(&known))
     }
 
-    /// Follows the timers of a unit through a reaction that has these commands, to an event that may be the end of a timer.
-    pub(super) fn follow_timers(&self, frame: &mut Frame, unit: usize, elapsed: Option<u32>, commands: &[Command]) {
-        let Some((place, zones)) = self.zone_place(unit) else { return };
+    /// Follows the timers of a unit through its reaction to an event, which may be the end of a timer.
+    pub(super) fn follow(&self, frame: &mut Frame, unit: usize, program: &Program, reaction: &TimedReaction<'_>) {
+        let Some((place, zones)) = self.place(unit) else { return };
+        let TimedReaction { elapsed, commands } = *reaction;
         let known = zones.known(frame.zones[place]);
         let begins = commands.iter().any(|command| matches!(command, Command::Arm { .. }));
         if known.is_none() && !begins {
@@ -246,7 +258,7 @@ impl System<'_> {
         if let Some(after) = elapsed.and_then(|timer| zone.elapsed(timer)) {
             zone = after;
         }
-        let (state, program) = (&frame.states[unit], self.program(unit));
+        let state = &frame.states[unit];
         zone.retain(|timer| state.is_armed(program, timer) && Some(timer) != elapsed);
         for command in commands {
             if let Command::Arm { timer, after, .. } = command
@@ -260,6 +272,14 @@ impl System<'_> {
         zone.pass();
         frame.zones[place] = zones.number(zone);
     }
+}
+
+/// The part of a reaction that is about timers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TimedReaction<'c> {
+    /// The timer that has run out, if this is the event.
+    pub(super) elapsed: Option<u32>,
+    pub(super) commands: &'c [Command],
 }
 
 #[cfg(test)]
