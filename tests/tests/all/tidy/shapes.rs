@@ -62,7 +62,7 @@ const SPREAD: [(&str, usize); 21] = [
     ("node: Executer", 10),
     ("node: Participant", 9),
     ("team: Member", 5),
-    ("verify: System", 8),
+    ("verify: System", 7),
     ("verify: Times", 4),
     ("verify: Writer", 4),
 ];
