@@ -175,7 +175,7 @@ const SHORT: &str = "
 fn a_lost_host_takes_part_again() {
     let cluster = Cluster::new();
     let Some(network) = Network::new(2) else { return };
-    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let hosts = [1, 2].map(|number| cluster.host(&network, number).with_log("node=debug,comms=debug"));
     let nodes = [hosts[0].node("c1", &["--lan"]), hosts[1].node("c2", &["--lan"])];
     let text = "
         module Sleeper(host) { exec \"sleep 600\"; plain; done; }
@@ -206,7 +206,13 @@ fn a_lost_host_takes_part_again() {
     let before = received();
     network.heal(2);
     let again = wait_until(SOON, || sleeper().is_some_and(|pid| pid != first));
-    assert!(again.is_some(), "{}", mission.text(Stream::Err));
+    assert!(
+        again.is_some(),
+        "{}\n--- c1\n{}\n--- c2\n{}",
+        mission.text(Stream::Err),
+        nodes[0].text(Stream::Err),
+        nodes[1].text(Stream::Err)
+    );
     assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "{}", hosts[0].ask(&["status"]));
     // The folders of the last eight finished deployments are kept; the first part of this one counts as well.
     let short = cluster.file("short.dca", SHORT);
