@@ -1,7 +1,7 @@
 //! `dca view --page`: a page of all robots in a browser, as they change.
 //!
-//! It listens on this machine alone. The printed link has a secret, so no other user of the machine and no page of
-//! another site can read it or give orders. Orders are given as this user, who has opened the link.
+//! The server listens on this machine alone. The printed link has a secret, so other users of the machine and pages of other
+//! sites can neither read the page nor give orders. Orders count as those of the user of this command.
 
 mod serve;
 

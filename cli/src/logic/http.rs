@@ -12,7 +12,7 @@ pub(crate) const BODY_MAX: usize = 8 << 10;
 const FIELDS_MAX: usize = 64;
 /// The name of the cookie that shows that a browser has opened the link of this view.
 const COOKIE: &str = "dca-view";
-/// What a browser may load: only this page, its style and its script. No script within the page runs.
+/// The policy for the browser: it loads only this page, its style and its script, and runs no script within the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -110,7 +110,7 @@ pub(crate) struct Door {
     pub(crate) token: String,
 }
 
-/// What a request may have.
+/// The right of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Entry {
     /// The link was opened: the browser gets the cookie.

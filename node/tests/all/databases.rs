@@ -176,7 +176,10 @@ fn a_conflict_is_listed_and_settled_everywhere() {
     assert!(matches!(&late, Reply::Refused(why) if why.contains("nothing was written")), "{late:?}");
     let Question::Resolve(other) = resolve(Choice::Shown) else { panic!("it is a choice") };
     let nothing = world.ask(1, Question::Resolve(Resolve { key: key_of("team/other"), ..other }));
-    assert!(matches!(&nothing, Reply::Refused(why) if why.ends_with("and no value")), "{nothing:?}");
+    assert!(
+        matches!(&nothing, Reply::Refused(why) if why.ends_with("has neither a conflict nor a value")),
+        "{nothing:?}"
+    );
 }
 
 fn resolve(choice: Choice, seen: &str) -> Question {

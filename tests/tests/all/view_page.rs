@@ -124,7 +124,7 @@ struct Browser {
 }
 
 impl Browser {
-    /// Opens the link; returns nothing where there is no browser. Pictures go to a folder.
+    /// Opens the link in a browser, if this machine has one. Pictures go to a folder.
     #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
     fn open(page: &Page, pictures: &Path) -> Option<Self> {
         let python = std::env::var("DCA_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());

@@ -163,7 +163,7 @@ impl Database {
             return Reply::Done(format!("no conflict at `{key}`"));
         }
         if versions.iter().all(|one| one.value.is_none()) {
-            return Reply::Refused(format!("nothing was written: there is no conflict at `{key}`, and no value"));
+            return Reply::Refused(format!("nothing was written: `{key}` has neither a conflict nor a value"));
         }
         Reply::Refused(format!(
             "nothing was written: there is no conflict at `{key}`, and it holds something else; `dca db get {key}` shows it, `dca \

@@ -8,9 +8,9 @@ use ros::logic::qos::Qos;
 use ros::logic::route::{Route, Way};
 use ros::logic::schema::{Schema, Struct};
 use ros::logic::{hash, key::GraphName, library};
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 const TYPES: [&str; 20] = [
     "std_msgs/String",
@@ -84,8 +84,55 @@ impl Filler<'_> {
     }
 }
 
-/// Returns the interpreter of a new virtual environment with `package`, or why there is none.
-pub(crate) fn python(folder: &Path, package: &str) -> Result<PathBuf, String> {
+/// A program on `zenoh-ros2-sdk` that talks in lines, in a virtual environment of its own. Both end with the test.
+pub(crate) struct Peer {
+    process: Child,
+    folder: PathBuf,
+    input: ChildStdin,
+    output: Lines<BufReader<ChildStdout>>,
+}
+
+impl Peer {
+    /// Starts a script of this folder with the address of a router; returns nothing, and says why, if the package cannot be had.
+    #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
+    pub(crate) fn start(script: &str, router: &Router) -> Option<Self> {
+        let folder = std::env::temp_dir().join(format!("dca-{script}-{}", std::process::id()));
+        let python = match python(&folder) {
+            Ok(python) => python,
+            Err(why) => {
+                println!("skipped: zenoh-ros2-sdk cannot be had from PyPI: {why}");
+                return None;
+            }
+        };
+        let (script, locator) = (format!("{}/tests/{script}", env!("CARGO_MANIFEST_DIR")), router.locator());
+        let port = locator.rsplit(':').next().unwrap_or_default();
+        let mut command = Command::new(python);
+        command.args([&script, "127.0.0.1", port]).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut process = command.spawn().expect("the interpreter is there");
+        let input = process.stdin.take().expect("it is a pipe");
+        let output = BufReader::new(process.stdout.take().expect("it is a pipe")).lines();
+        Some(Self { process, folder, input, output })
+    }
+
+    pub(crate) fn write(&mut self, line: &str) {
+        writeln!(self.input, "{line}").expect("the peer reads");
+    }
+
+    pub(crate) fn read(&mut self) -> String {
+        self.output.next().expect("the peer goes on").expect("it writes text")
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        self.process.kill().unwrap_or_default();
+        self.process.wait().map(drop).unwrap_or_default();
+        std::fs::remove_dir_all(&self.folder).unwrap_or_default();
+    }
+}
+
+/// Returns the interpreter of a new virtual environment with the package, or why there is none.
+fn python(folder: &Path) -> Result<PathBuf, String> {
     let run = |program: &Path, arguments: &[&str]| {
         let output = Command::new(program).args(arguments).output().map_err(|why| why.to_string())?;
         let errors = String::from_utf8_lossy(&output.stderr);
@@ -93,18 +140,8 @@ pub(crate) fn python(folder: &Path, package: &str) -> Result<PathBuf, String> {
     };
     run(Path::new("python3"), &["-m", "venv", &folder.display().to_string()])?;
     let python = folder.join("bin/python");
-    run(&python, &["-m", "pip", "install", "-q", "--disable-pip-version-check", package])?;
+    run(&python, &["-m", "pip", "install", "-q", "--disable-pip-version-check", "zenoh-ros2-sdk==0.1.8"])?;
     Ok(python)
-}
-
-/// A process that ends with the test.
-pub(crate) struct Peer(pub(crate) Child);
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        self.0.kill().unwrap_or_default();
-        self.0.wait().map(drop).unwrap_or_default();
-    }
 }
 
 fn route(way: Way, name: &str, of: &TypeName) -> Route {
@@ -115,20 +152,8 @@ fn route(way: Way, name: &str, of: &TypeName) -> Route {
 #[test]
 #[ignore = "long: PyPI"]
 fn twenty_types_go_to_an_independent_node_and_come_back() {
-    let folder = std::env::temp_dir().join(format!("dca-ros-sdk-{}", std::process::id()));
-    let python = match python(&folder, "zenoh-ros2-sdk==0.1.8") {
-        Ok(python) => python,
-        Err(why) => return println!("skipped: zenoh-ros2-sdk cannot be had from PyPI: {why}"),
-    };
     let router = Router::new();
-    let locator = router.locator();
-    let port = locator.rsplit(':').next().unwrap();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peer.py");
-    let mut command = Command::new(python);
-    command.args([script, "127.0.0.1", port]).stdin(Stdio::piped()).stdout(Stdio::piped());
-    let mut peer = Peer(command.spawn().unwrap());
-    let mut input = peer.0.stdin.take().unwrap();
-    let mut lines = BufReader::new(peer.0.stdout.take().unwrap()).lines();
+    let Some(mut peer) = Peer::start("peer.py", &router) else { return };
 
     let names = TYPES.map(|name| TypeName::parse(name).unwrap());
     let schemas = names.clone().map(|name| library::schema(&name).unwrap());
@@ -143,10 +168,10 @@ fn twenty_types_go_to_an_independent_node_and_come_back() {
             routes[0].qos,
             number + 1 == schemas.len(),
         );
-        writeln!(input, "{line}").unwrap();
-        assert_eq!(lines.next().unwrap().unwrap(), name.to_string());
+        peer.write(&line);
+        assert_eq!(peer.read(), name.to_string());
     }
-    assert_eq!(lines.next().unwrap().unwrap(), "ready");
+    assert_eq!(peer.read(), "ready");
     let mut bridge = Bridge::new(&Route::text(&routes), &router);
     for (number, schema) in schemas.iter().enumerate() {
         let mut filler = Filler { schema, next: 0 };
@@ -162,5 +187,4 @@ fn twenty_types_go_to_an_independent_node_and_come_back() {
     for (number, _) in schemas.iter().enumerate() {
         bridge.expect_signal(&format!("/back/t{number} refused"), 0.0);
     }
-    std::fs::remove_dir_all(folder).unwrap();
 }
