@@ -92,7 +92,7 @@ impl PublicKeys {
     /// Reads both keys: 32 bytes to check signatures, 32 bytes to seal secrets.
     ///
     /// # Errors
-    /// The bytes of a key are not those of a key. Or the key is weak: a point of small order, for which any attacker can make a
+    /// A key is invalid, or it is weak: a point of small order, for which any attacker can make a
     /// signature or open a seal.
     pub fn from_bytes(bytes: &[u8; PUBLIC_LEN]) -> Result<Self, FormError> {
         let (mut sign, mut seal) = ([0; 32], [0; 32]);
