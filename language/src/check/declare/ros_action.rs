@@ -37,13 +37,16 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         let message = "a module that is an action of ROS 2 has no program of its own";
         return refuse(Code::E0011, item.span(), message.to_owned(), None);
     }
-    if !module.ports.is_empty() || !module.outcomes.is_empty() || module.is_service {
-        let message = format!("an action of ROS 2 ends by itself, and has the output `{FEEDBACK}` and no other port");
+    let has_params = module.params.as_ref().is_some_and(|params| !params.is_empty());
+    if has_params || !module.ports.is_empty() || !module.outcomes.is_empty() || module.is_service {
+        let message = format!(
+            "an action of ROS 2 ends by itself, and has the output `{FEEDBACK}`, no other port and no parameters"
+        );
         return refuse(
             Code::E0309,
             item.span(),
             message,
-            Some("leave out the ports, `service` and `done(...)`".to_owned()),
+            Some("leave out the ports, `service`, `done(...)` and all parameters but the host".to_owned()),
         );
     }
     let written = token.content();
