@@ -62,7 +62,9 @@ pub fn parts() -> impl Iterator<Item = TypeName> {
 pub fn by_spec(text: &str) -> Option<TypeName> {
     let (package, name) = spec_words(text)?;
     let is_meant = |found: &TypeName| spec_package(found.package()) == package && found.name() == name;
-    messages().chain(services()).chain(actions()).chain(parts()).find(is_meant)
+    let own = PACKAGES.iter().filter(|(name, _)| spec_package(name) == package);
+    let messages = own.flat_map(|(_, text)| sections(text)).map(|(name, _)| name);
+    messages.chain(services()).chain(actions()).chain(parts()).find(is_meant)
 }
 
 /// Returns the standard service whose request and response a spec means: `ros.std_srvs.Trigger_Request` and

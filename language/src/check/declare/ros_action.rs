@@ -12,7 +12,6 @@ use crate::syntax::SyntaxKind::{Exec, Python, RosAction, StopWithin, Text};
 use crate::syntax::ast::{Name, Node};
 use ros::logic::key::GraphName;
 use ros::logic::library;
-use ros::logic::name::{Folder, TypeName};
 use std::time::Duration;
 
 /// The controller type of its program.
@@ -55,7 +54,7 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         let help = "it begins with `/`, has words of letters, digits and `_`, and at most 200 bytes";
         return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
     };
-    let Some(of) = library::by_spec(&kind.text).filter(is_action) else {
+    let Some(of) = library::actions().find(|action| action.spec() == kind.text) else {
         let known: Vec<String> = library::actions().map(|action| format!("`{}`", action.spec())).collect();
         let message = format!("`{}` is not a known action of ROS 2", kind.text);
         return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));
@@ -74,8 +73,4 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
 /// Returns whether the names of the topics and services of an action have room.
 fn is_short(name: &GraphName) -> bool {
     name.as_str().len() <= 200
-}
-
-fn is_action(of: &TypeName) -> bool {
-    of.folder() == Folder::Action && library::actions().any(|action| action == *of)
 }

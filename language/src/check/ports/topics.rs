@@ -9,8 +9,7 @@ use ros::logic::route::Way;
 
 /// Returns the message of ROS 2 that a type in a spec means.
 fn message(kind: &str) -> Option<TypeName> {
-    let found = library::by_spec(kind)?;
-    (found.folder() == Folder::Msg).then_some(found)
+    library::by_spec(kind).filter(|name| name.folder() == Folder::Msg)
 }
 
 /// Returns the type of ROS 2 that the other end of a connected port has: a message, or a service.
