@@ -9,7 +9,7 @@ const PREFIX: &str = "ros.";
 /// The ends of the names of packages that a spec leaves out.
 const ENDINGS: [&str; 2] = ["_msgs", "_interfaces"];
 
-/// The name of a message type or of a service type, as ROS 2 writes it: `sensor_msgs/msg/LaserScan`.
+/// The name of a message, a service or an action, or of a part of one, as ROS 2 writes it: `sensor_msgs/msg/LaserScan`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TypeName {
     package: String,
@@ -24,7 +24,7 @@ pub enum Folder {
     Msg,
     /// A service, or its request or response.
     Srv,
-    /// A part of an action.
+    /// An action, or a part of one: its goal, its result, its feedback, or a message around them.
     Action,
 }
 
