@@ -135,6 +135,13 @@ pub enum Failure {
     NoMatch,
 }
 
+impl Chart {
+    /// Returns a state, its parent, and so on to the root.
+    pub(crate) fn upward(&self, state: usize) -> impl Iterator<Item = usize> + '_ {
+        std::iter::successors(Some(state), |&state| self.states.get(state)?.parent)
+    }
+}
+
 impl Failure {
     /// Returns whether an abort has this cause.
     pub(super) fn is_of(&self, cause: &Cause) -> bool {

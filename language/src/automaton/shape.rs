@@ -134,7 +134,7 @@ impl Automaton {
 
     /// A state, its parent, and so on to the root.
     pub(super) fn upward(&self, state: usize) -> impl Iterator<Item = usize> + '_ {
-        std::iter::successors(Some(state), |&state| self.parent(state))
+        self.chart.upward(state)
     }
 
     pub(super) fn transition(&self, transition: usize) -> &Transition {

@@ -419,9 +419,8 @@ impl ChartModel {
     /// states are beside each other, and its inner states are beside each other if it is parallel.
     fn way_to(&self, state: usize) -> Path {
         let states = &self.chart.chart.states;
-        let upward = std::iter::successors(Some(state), |&state| states.get(state)?.parent);
         let mut way: Path = vec![(0, true)];
-        for state in upward {
+        for state in self.chart.chart.upward(state) {
             let Some(outer) = states.get(state).and_then(|it| states.get(it.parent?)) else { break };
             way.extend([(state, outer.kind == StateKind::Parallel), (1, true)]);
         }

@@ -66,7 +66,7 @@ impl Drawing<'_> {
 
     /// Whether a state is inside another one, at any depth.
     fn is_inside(&self, state: usize, other: usize) -> bool {
-        std::iter::successors(self.parent(state), |&around| self.parent(around)).any(|around| around == other)
+        self.chart.upward(state).skip(1).any(|around| around == other)
     }
 
     /// The port of a state with this name.
@@ -90,7 +90,7 @@ impl Drawing<'_> {
         if source == 0 || self.is_inside(target, source) {
             return self.inward(source, target, label);
         }
-        let mut around = std::iter::successors(self.parent(source), |&state| self.parent(state));
+        let mut around = self.chart.upward(source).skip(1);
         let around = around.find(|&state| self.is_inside(target, state)).unwrap_or(0);
         let (from, to) = (self.leaves(source, label, around), self.enters(target, around));
         self.link(around, from, to);

@@ -3,7 +3,7 @@
 use crate::automaton::{Failure, Target as Leads, Trigger};
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
-use crate::check::spec::{ChartModel, Expr, ExprKind, Process, Spec, Target};
+use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEADLINE;
 use std::collections::BTreeSet;
@@ -14,7 +14,10 @@ pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostic
     for (transition, &span) in model.chart.chart.transitions.iter().zip(&model.places) {
         let Trigger::Aborted(Some(Failure::Failed(text))) = &transition.trigger else { continue };
         let mut reasons = Reasons { spec, known: BTreeSet::new(), texts: BTreeSet::new() };
-        let runs = model.runs.iter().filter(|(state, _)| is_inside(model, *state, transition.source));
+        let runs = model
+            .runs
+            .iter()
+            .filter(|(state, _)| model.chart.chart.upward(*state).any(|around| around == transition.source));
         runs.for_each(|(_, run)| reasons.of(process, run));
         if reasons.texts.contains(text.as_str()) || text.starts_with(DEADLINE) {
             continue;
@@ -27,11 +30,6 @@ pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostic
         };
         diagnostics.push(Diagnostic::new(Code::W0905, span, message).help(help));
     }
-}
-
-fn is_inside(model: &ChartModel, state: usize, outer: usize) -> bool {
-    let states = &model.chart.chart.states;
-    std::iter::successors(Some(state), |&state| states.get(state)?.parent).any(|state| state == outer)
 }
 
 /// The texts with which something may fail.
