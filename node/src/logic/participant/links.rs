@@ -181,17 +181,14 @@ impl Participant {
     /// Has producers of this host send the last values of open wires again, to consumers of the host that asks. A wire
     /// that is closed and opened between two values does that.
     pub(super) fn repeat(&mut self, wires: &[u32], from: &str, out: &mut Out<'_>) {
-        let mut by_producer: BTreeMap<u32, Flip> = BTreeMap::new();
-        for number in wires.iter().filter(|number| self.links.open.contains(number)) {
-            let Some(wire) = self.site.plan.wires.get(*number as usize) else { continue };
-            if leaf_host(&self.site.plan, wire.to.leaf) != Some(from) {
-                continue;
-            }
-            let flip = by_producer.entry(wire.from.leaf).or_default();
-            flip.close.push(*number);
-            flip.open.push(Opening { wire: *number, after: Vec::new() });
-        }
-        for (producer, flip) in by_producer {
+        let goes_there = |number: &u32| {
+            let wire = self.site.plan.wires.get(*number as usize);
+            wire.is_some_and(|wire| leaf_host(&self.site.plan, wire.to.leaf) == Some(from))
+        };
+        let open = wires.iter().copied().filter(|number| self.links.open.contains(number));
+        let close: Vec<u32> = open.filter(goes_there).collect();
+        let open = close.iter().map(|wire| Opening { wire: *wire, after: Vec::new() }).collect();
+        for (producer, flip) in self.by_producer(Flip { close, open, ..Flip::default() }) {
             self.links.ticket += 1;
             let order = Order::Flip { ticket: self.links.ticket, flip };
             // Nothing waits for the answer.
@@ -214,24 +211,17 @@ impl Participant {
 
     /// Flips wires whose producers are here; confirms when every producer that is alive has.
     pub(super) fn flip(&mut self, flip: Flip, asked: Asked, out: &mut Out<'_>) {
-        let mut by_leaf: BTreeMap<u32, Flip> = BTreeMap::new();
-        let Flip { generation: of_switch, close, open } = flip;
-        let new = || Flip { generation: of_switch, ..Flip::default() };
-        let producer = |wire: u32| self.site.plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
-        for wire in close {
-            let Some(leaf) = producer(wire) else { continue };
-            self.links.open.remove(&wire);
-            by_leaf.entry(leaf).or_insert_with(new).close.push(wire);
-        }
-        for opening in open {
-            let Some(leaf) = producer(opening.wire) else { continue };
-            self.links.open.insert(opening.wire);
-            by_leaf.entry(leaf).or_insert_with(new).open.push(opening);
+        let by_producer = self.by_producer(flip);
+        for Flip { close, open, .. } in by_producer.values() {
+            for wire in close {
+                self.links.open.remove(wire);
+            }
+            self.links.open.extend(open.iter().map(|opening| opening.wire));
         }
         self.links.ticket += 1;
         let ticket = self.links.ticket;
         let mut waiting = BTreeSet::new();
-        for (leaf, flip) in by_leaf {
+        for (leaf, flip) in by_producer {
             let order = Order::Flip { ticket, flip };
             self.with_instance(leaf, out, |instance, moment| {
                 if instance.switch(order, moment) {
@@ -241,6 +231,23 @@ impl Participant {
         }
         self.links.switching.insert(ticket, Switching { asked, waiting });
         self.confirm_switches(out);
+    }
+
+    /// Splits a flip into one for each producer. A wire that the plan does not have is left out.
+    fn by_producer(&self, flip: Flip) -> BTreeMap<u32, Flip> {
+        let mut by_producer: BTreeMap<u32, Flip> = BTreeMap::new();
+        let Flip { generation, close, open } = flip;
+        let new = || Flip { generation, ..Flip::default() };
+        let producer = |wire: u32| self.site.plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
+        for wire in close {
+            let Some(leaf) = producer(wire) else { continue };
+            by_producer.entry(leaf).or_insert_with(new).close.push(wire);
+        }
+        for opening in open {
+            let Some(leaf) = producer(opening.wire) else { continue };
+            by_producer.entry(leaf).or_insert_with(new).open.push(opening);
+        }
+        by_producer
     }
 
     pub(super) fn confirm_switch(&mut self, leaf: u32, ticket: u64, out: &mut Out<'_>) {
