@@ -70,7 +70,7 @@ pub(crate) enum Ending {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Stage {
-    Looking { until: Time },
+    Looking,
     Asked,
     Active,
     Over(Ending),
@@ -82,7 +82,7 @@ pub(crate) struct Goal {
     action: String,
     stage: Stage,
     is_stopping: bool,
-    /// When a server was there last.
+    /// When a server was there last; before the first one, since when it is looked for.
     seen: Time,
     /// When the result is asked for again.
     again: Option<Time>,
@@ -91,7 +91,7 @@ pub(crate) struct Goal {
 impl Goal {
     /// Returns a goal for a server of this action, which is looked for from now on.
     pub(crate) fn new(action: String, now: Time) -> Self {
-        Self { action, stage: Stage::Looking { until: now + LOOK_WITHIN }, is_stopping: false, seen: now, again: None }
+        Self { action, stage: Stage::Looking, is_stopping: false, seen: now, again: None }
     }
 
     /// Takes an input.
@@ -99,12 +99,12 @@ impl Goal {
         match (&self.stage, input) {
             // An answer that comes late changes nothing.
             (Stage::Over(_), _) => {}
-            (Stage::Looking { .. }, Input::Stop) => self.end(Ending::Stopped),
-            (Stage::Looking { .. }, Input::Server { is_there: true }) => {
+            (Stage::Looking, Input::Stop) => self.end(Ending::Stopped),
+            (Stage::Looking, Input::Server { is_there: true }) => {
                 (self.stage, self.seen) = (Stage::Asked, now);
                 effects.push(Effect::Send);
             }
-            (Stage::Looking { until }, Input::Server { is_there: false }) if now >= *until => {
+            (Stage::Looking, Input::Server { is_there: false }) if now >= self.seen + LOOK_WITHIN => {
                 let within = LOOK_WITHIN.as_secs();
                 self.fail(&format!("no node of ROS 2 serves it within {within} s"));
             }
@@ -134,7 +134,7 @@ impl Goal {
                 self.is_stopping = true;
                 effects.push(Effect::Cancel);
             }
-            (Stage::Looking { .. } | Stage::Asked | Stage::Active, _) => {}
+            (Stage::Looking | Stage::Asked | Stage::Active, _) => {}
         }
     }
 
