@@ -4,7 +4,7 @@ use ros::logic::key::Topic;
 use ros::logic::token::{Endpoint, Role, Token};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most endpoints of other types that are known at one time.
+/// The most endpoints of other types that are known at one time, and the most that are told: a node may start again for ever.
 const KNOWN_MAX: usize = 1000;
 
 /// The endpoints of other types.
@@ -14,7 +14,8 @@ pub(crate) struct Others {
     expected: BTreeMap<String, (Role, Topic)>,
     /// By name, the tokens of endpoints with another type.
     known: BTreeMap<String, BTreeSet<String>>,
-    count: usize,
+    /// How many sentences were told.
+    told: usize,
 }
 
 impl Others {
@@ -28,11 +29,14 @@ impl Others {
         let Token { node, endpoint, .. } = Token::parse(key)?;
         let Endpoint { role, topic, .. } = endpoint?;
         let (partner, own) = self.expected.get(topic.name.as_str())?;
-        if role != *partner || (topic.of == own.of && topic.hash == own.hash) || self.count >= KNOWN_MAX {
+        if role != *partner || (topic.of == own.of && topic.hash == own.hash) || self.is_full() {
             return None;
         }
         let is_new = self.known.entry(topic.name.to_string()).or_default().insert(key.to_owned());
-        self.count += usize::from(is_new);
+        if !is_new || self.told >= KNOWN_MAX {
+            return None;
+        }
+        self.told += 1;
         let does = match role {
             Role::Publisher => "publishes",
             Role::Subscriber => "subscribes to",
@@ -46,13 +50,17 @@ impl Others {
         } else {
             format!("with type `{of}`, and its type is `{}` here", own.of)
         };
-        is_new.then(|| format!("node `{node}` {does} `{name}` {why}; nothing passes between them"))
+        Some(format!("node `{node}` {does} `{name}` {why}; nothing passes between them"))
+    }
+
+    fn is_full(&self) -> bool {
+        self.known.values().map(BTreeSet::len).sum::<usize>() >= KNOWN_MAX
     }
 
     /// Takes note that a token has vanished.
     pub(crate) fn vanish(&mut self, key: &str) {
         for tokens in self.known.values_mut() {
-            self.count -= usize::from(tokens.remove(key));
+            tokens.remove(key);
         }
     }
 
@@ -62,9 +70,9 @@ impl Others {
         u64::try_from(count).unwrap_or(u64::MAX)
     }
 
-    /// Forgets all tokens.
+    /// Forgets all tokens, but not how many were told.
     pub(crate) fn forget(&mut self) {
-        (self.known, self.count) = (BTreeMap::new(), 0);
+        self.known.clear();
     }
 }
 
@@ -120,5 +128,19 @@ mod tests {
         for nonsense in ["", "@ros2_lv", &token(1, "MP", &"n".repeat(4096)), &token(1, "NN", "")] {
             assert_eq!(others.appear(nonsense), None);
         }
+    }
+
+    #[test]
+    fn a_node_that_starts_again_and_again_is_told_a_limited_number_of_times() {
+        let mut others = others();
+        let of = "%scan/std_msgs::msg::dds_::Bool_/RIHS01_aa";
+        let mut told = 0;
+        for number in 0..2 * KNOWN_MAX {
+            let token = token(number, "MP", of);
+            told += usize::from(others.appear(&token).is_some());
+            assert_eq!(others.count("/scan"), 1);
+            if number % 2 == 0 { others.vanish(&token) } else { others.forget() }
+        }
+        assert_eq!(told, KNOWN_MAX);
     }
 }
