@@ -77,18 +77,15 @@ fn element(schema: &Schema, of: &Element<usize>, value: &Json) -> Option<Result<
 
 /// Returns the value of a field that is left out.
 fn initial(schema: &Schema, of: &Field<usize>) -> Result<Value, String> {
-    let one = || match &of.element {
-        Element::Message(index) => record(schema, schema.at(*index), &Map::new()),
-        Element::Text { .. } => Ok(Value::Text(String::new())),
-        Element::Primitive(primitive) => Ok(match primitive {
-            Primitive::Bool => Value::Truth(false),
-            Primitive::F32 => Value::Single(number(of)),
-            Primitive::F64 => Value::Double(number(of)),
-            Primitive::I8 | Primitive::I16 | Primitive::I32 | Primitive::I64 => Value::Signed(number(of)),
-            Primitive::Byte | Primitive::U8 | Primitive::U16 | Primitive::U32 | Primitive::U64 => {
-                Value::Unsigned(number(of))
-            }
-        }),
+    let zero = match &of.element {
+        Element::Message(_) => Json::Object(Map::new()),
+        Element::Text { .. } => Json::String(String::new()),
+        Element::Primitive(Primitive::Bool) => Json::Bool(false),
+        Element::Primitive(_) => of.default.as_ref().and_then(|text| number(text)).unwrap_or_else(|| Json::from(0)),
+    };
+    let one = || {
+        let misfit = || format!("`{}` has no default", of.name);
+        element(schema, &of.element, &zero).ok_or_else(misfit)?
     };
     match of.count {
         Count::One => one(),
@@ -97,9 +94,9 @@ fn initial(schema: &Schema, of: &Field<usize>) -> Result<Value, String> {
     }
 }
 
-/// Returns the default of the definition, or zero.
-fn number<N: Default + std::str::FromStr>(of: &Field<usize>) -> N {
-    of.default.as_ref().and_then(|default| default.parse().ok()).unwrap_or_default()
+/// Returns the number that a definition has as a default.
+fn number(text: &str) -> Option<Json> {
+    serde_json::from_str(text).ok().filter(Json::is_number)
 }
 
 #[cfg(test)]
