@@ -129,26 +129,32 @@ impl Action {
         Ok(Topic { name, of, hash })
     }
 
-    fn client(&self, session: &RosSession, id: u64, part: &str, of: TypeName) -> Result<Client, String> {
-        let (request, response) = (schema(&of.request())?, schema(&of.response())?);
+    fn client(&self, session: &RosSession, id: u64, topic: &Topic) -> Result<Client, String> {
+        let (request, response) = (schema(&topic.of.request())?, schema(&topic.of.response())?);
         let service = Arc::new(Service { request, response, counts: Mutex::default() });
-        let topic = self.topic(part, of)?;
-        lock(&self.graph).expect(topic.clone(), Way::Call.partner());
-        session.client(id, &topic, &service)
+        session.client(id, topic, &service)
     }
 
     fn connect(&mut self, message: Vec<u8>, now: Time) -> Result<(), String> {
         let id = entropy::bytes::<16>().map_err(|error| format!("no name for the goal: {error}"))?;
-        let session = RosSession::open(&self.network, self.node.clone(), Arc::clone(&self.graph))?;
-        let waker = self.waker.clone().unwrap_or_else(|| Waker::new(|| {}));
         let of = |ending: &str| self.forms.of.with(ending);
         let cancels = TypeName::new("action_msgs", Folder::Srv, "CancelGoal").ok_or("no name for a service")?;
-        // Feedback is heard before there is any.
         let feedback = self.topic("feedback", of("_FeedbackMessage"))?;
+        let send = self.topic("send_goal", of("_SendGoal"))?;
+        let cancel = self.topic("cancel_goal", cancels)?;
+        let result = self.topic("get_result", of("_GetResult"))?;
+        // The session tells of the servers that are there when it opens.
+        for (topic, way) in [(&feedback, Way::FromRos), (&send, Way::Call), (&cancel, Way::Call), (&result, Way::Call)]
+        {
+            lock(&self.graph).expect(topic.clone(), way.partner());
+        }
+        let session = RosSession::open(&self.network, self.node.clone(), Arc::clone(&self.graph))?;
+        let waker = self.waker.clone().unwrap_or_else(|| Waker::new(|| {}));
+        // Feedback is heard before there is any.
         let subscriber = session.subscriber(1, &feedback, QOS, Arc::clone(&self.feedback), waker)?;
-        let send = self.client(&session, 2, "send_goal", of("_SendGoal"))?;
-        let cancel = self.client(&session, 3, "cancel_goal", cancels)?;
-        let result = self.client(&session, 4, "get_result", of("_GetResult"))?;
+        let send = self.client(&session, 2, &send)?;
+        let cancel = self.client(&session, 3, &cancel)?;
+        let result = self.client(&session, 4, &result)?;
         let (goal, heard) = (Goal::new(self.name.to_string(), now), Heard::default());
         self.running =
             Some(Running { session, send, cancel, result, _subscriber: subscriber, id, message, goal, heard });
@@ -305,5 +311,30 @@ impl Module for Action {
 
     fn take_waker(&mut self, waker: Waker) {
         self.waker = Some(waker);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A session tells of the nodes that are there while it opens.
+    #[test]
+    fn partners_are_expected_before_the_session_opens() {
+        let given = ["action=/arm/fib", "type=example_interfaces/action/Fibonacci", "settings=nonsense=1"];
+        let mut action = Action::new(&Arguments::parse(PARAMETERS, &given).unwrap()).unwrap();
+        let goal = value::of_message(&[0, 1, 0, 0, 5, 0, 0, 0]);
+        let why = action.init(&goal, Time::ZERO).unwrap_err();
+        assert!(why.contains("cannot set `nonsense`"), "{why}");
+        for (role, part) in [
+            ("MP", "feedback/example_interfaces::action::dds_::Fibonacci_FeedbackMessage_"),
+            ("SS", "send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_"),
+            ("SS", "cancel_goal/action_msgs::srv::dds_::CancelGoal_"),
+            ("SS", "get_result/example_interfaces::action::dds_::Fibonacci_GetResult_"),
+        ] {
+            let token = format!("@ros2_lv/7/ab/0/1/{role}/%/%a/arm/%arm%fib%_action%{part}/RIHS01_bb/::,:,:,:,,");
+            let told = lock(&action.graph).appear(&token);
+            assert!(told.is_some_and(|why| why.contains("with another definition")), "{part}");
+        }
     }
 }
