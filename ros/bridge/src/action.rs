@@ -16,12 +16,12 @@ use controllers::sdk::{
     About, Arguments, Configured, Delivery, DeliveryError, Direction, Interface, Kind, Module, Outlets, Parameter,
     PortInterface, Progress, Stopping, Waker,
 };
+use ros::logic::cdr;
 use ros::logic::key::{GraphName, Topic};
 use ros::logic::name::{Folder, TypeName};
 use ros::logic::qos::Qos;
 use ros::logic::route::{SERVICE, Way};
 use ros::logic::schema::Schema;
-use ros::logic::{cdr, library};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -94,7 +94,7 @@ pub(crate) struct Action {
 
 impl Forms {
     fn new(of: TypeName) -> Result<Self, String> {
-        let part = |ending: &str| schema(&of.with(ending));
+        let part = |ending: &str| setup::schema(&of.with(ending));
         let (goal, result) = (part("_Goal")?, part("_Result")?);
         let (answer, feedback) = (part("_GetResult_Response")?, part("_FeedbackMessage")?);
         Ok(Self { of, goal, result, answer, feedback })
@@ -111,7 +111,7 @@ impl Action {
         let of = TypeName::parse(arguments.text("type")).filter(|of| of.folder() == Folder::Action);
         let forms = Forms::new(of.ok_or("its type is not an action of ROS 2")?)?;
         let stop = arguments.text("stop_ms").parse().map_err(|error| format!("`stop_ms`: {error}"))?;
-        let feedback: &'static str = Box::leak(forms.of.with("_Feedback").spec().into_boxed_str());
+        let feedback = setup::for_ever(forms.of.with("_Feedback").spec());
         let ports = vec![PortInterface::optional(FEEDBACK, Direction::Out, feedback)];
         let about = interface().about.stop_within(Duration::from_millis(stop));
         let interface = Interface { ports, about, ..interface() };
@@ -125,14 +125,8 @@ impl Action {
     fn topic(&self, part: &str, of: TypeName) -> Result<Topic, String> {
         let name = format!("{}/_action/{part}", self.name);
         let name = GraphName::parse(&name).ok_or_else(|| format!("`{name}` is longer than ROS 2 allows"))?;
-        let hash = self.network.hash(&schema(&of)?);
+        let hash = self.network.hash(&setup::schema(&of)?);
         Ok(Topic { name, of, hash })
-    }
-
-    fn client(&self, session: &RosSession, id: u64, topic: &Topic) -> Result<Client, String> {
-        let (request, response) = (schema(&topic.of.request())?, schema(&topic.of.response())?);
-        let service = Arc::new(Service { request, response, counts: Mutex::default() });
-        session.client(id, topic, &service)
     }
 
     fn connect(&mut self, message: Vec<u8>, now: Time) -> Result<(), String> {
@@ -152,9 +146,8 @@ impl Action {
         let waker = self.waker.clone().unwrap_or_else(|| Waker::new(|| {}));
         // Feedback is heard before there is any.
         let subscriber = session.subscriber(1, &feedback, QOS, Arc::clone(&self.feedback), waker)?;
-        let send = self.client(&session, 2, &send)?;
-        let cancel = self.client(&session, 3, &cancel)?;
-        let result = self.client(&session, 4, &result)?;
+        let client = |id: u64, topic: &Topic| session.client(id, topic, &Service::new(&topic.of)?);
+        let (send, cancel, result) = (client(2, &send)?, client(3, &cancel)?, client(4, &result)?);
         let (goal, heard) = (Goal::new(self.name.to_string(), now), Heard::default());
         self.running =
             Some(Running { session, send, cancel, result, _subscriber: subscriber, id, message, goal, heard });
@@ -238,10 +231,6 @@ fn result(forms: &Forms, answer: &[u8]) -> Input {
     }
 }
 
-fn schema(of: &TypeName) -> Result<Schema, String> {
-    library::schema(of).map_err(|error| format!("`{of}`: {error}"))
-}
-
 impl Module for Action {
     fn interface(&self) -> &Interface {
         &self.interface
@@ -302,10 +291,10 @@ impl Module for Action {
         let is_there = self.running.as_ref().is_some_and(|running| running.send.has_server());
         let name = |word: &str| format!("feedback {word}");
         vec![
-            crate::module::signal("server".to_owned(), u64::from(is_there)),
-            crate::module::signal(name("received"), counts.received),
-            crate::module::signal(name("lost"), counts.lost),
-            crate::module::signal(name("refused"), counts.refused),
+            setup::signal("server".to_owned(), u64::from(is_there)),
+            setup::signal(name("received"), counts.received),
+            setup::signal(name("lost"), counts.lost),
+            setup::signal(name("refused"), counts.refused),
         ]
     }
 

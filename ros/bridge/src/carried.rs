@@ -4,12 +4,14 @@ use crate::io::services::{Client, Server, Service};
 use crate::io::{Publisher, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::{Arrivals, Counts};
 use crate::logic::network::Network;
+use crate::setup;
 use comms::logic::object::{Access, ExportKind, Signature, TypeForm};
 use controllers::sdk::{CallInterface, Delivery, DeliveryError, Direction, ExportInterface, PortInterface, Waker};
+use ros::logic::cdr;
 use ros::logic::key::Topic;
+use ros::logic::name::TypeName;
 use ros::logic::route::{Route, Way};
 use ros::logic::schema::Schema;
-use ros::logic::{cdr, library, name::TypeName};
 use std::sync::{Arc, Mutex};
 
 /// A topic or a service that a bridge carries.
@@ -45,22 +47,17 @@ impl Carried {
     /// # Errors
     /// A sentence for a person.
     pub(crate) fn new(route: Route, network: &Network) -> Result<Self, String> {
-        let of = |name: &TypeName| library::schema(name).map_err(|error| format!("`{name}`: {error}"));
-        let schema = of(&route.of)?;
-        let service = || -> Result<Arc<Service>, String> {
-            let (request, response) = (of(&route.of.request())?, of(&route.of.response())?);
-            Ok(Arc::new(Service { request, response, counts: Mutex::default() }))
-        };
+        let schema = setup::schema(&route.of)?;
         let end = match route.way {
             Way::ToRos => End::ToRos { publisher: None, early: None, counts: Counts::default() },
             Way::FromRos => {
                 let waiting = Arc::new(Mutex::new(Arrivals::new(schema.clone(), depth(route.qos))));
                 End::FromRos { subscriber: None, waiting }
             }
-            Way::Call => End::Call { client: None, service: service()? },
-            Way::Serve => End::Serve { server: None, service: service()? },
+            Way::Call => End::Call { client: None, service: Service::new(&route.of)? },
+            Way::Serve => End::Serve { server: None, service: Service::new(&route.of)? },
         };
-        let (port, type_name) = (for_ever(route.port()), for_ever(route.of.spec()));
+        let (port, type_name) = (setup::for_ever(route.port()), setup::for_ever(route.of.spec()));
         let hash = network.hash(&schema);
         Ok(Self { port, type_name, route, schema, hash, end })
     }
@@ -161,9 +158,4 @@ impl Carried {
             End::Call { service, .. } | End::Serve { service, .. } => *lock(&service.counts),
         }
     }
-}
-
-/// Interfaces have names that live as long as the process; it makes them once.
-fn for_ever(text: String) -> &'static str {
-    Box::leak(text.into_boxed_str())
 }

@@ -166,12 +166,12 @@ impl Module for Bridge {
 
     fn signals(&self) -> Vec<Signal> {
         let router = self.session.as_ref().is_some_and(RosSession::is_connected);
-        let mut signals = vec![signal("router".to_owned(), u64::from(router))];
+        let mut signals = vec![setup::signal("router".to_owned(), u64::from(router))];
         for carried in &self.carried {
             let Counts { received, lost, refused } = carried.counts();
             let other_types = lock(&self.graph).count(carried.route.name.as_str());
             let named = [("received", received), ("lost", lost), ("refused", refused), ("of other types", other_types)];
-            signals.extend(named.map(|(word, count)| signal(format!("{} {word}", carried.route.name), count)));
+            signals.extend(named.map(|(word, count)| setup::signal(format!("{} {word}", carried.route.name), count)));
         }
         signals
     }
@@ -209,9 +209,4 @@ impl Module for Bridge {
     fn take_waker(&mut self, waker: Waker) {
         self.waker = Some(waker);
     }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "a count for people")]
-pub(crate) fn signal(name: String, count: u64) -> Signal {
-    Signal { name, unit: String::new(), value: count as f64, headline: false }
 }

@@ -1,7 +1,12 @@
-//! The network of ROS 2 and the name in it, from the arguments of a program.
+//! Parts that the bridge and actions share: the network of ROS 2 and the name in it from the arguments of a program, the schemas of
+//! types, and names and signals for interfaces.
 
 use crate::logic::network::Network;
+use comms::logic::signals::Signal;
 use controllers::sdk::{Arguments, Kind, Parameter};
+use ros::logic::library;
+use ros::logic::name::TypeName;
+use ros::logic::schema::Schema;
 
 /// The domain; without it the variable of ROS 2 counts.
 pub(crate) const DOMAIN: Parameter = Parameter::new("domain", Kind::Text(&[])).or("");
@@ -30,4 +35,23 @@ pub(crate) fn node_name(arguments: &Arguments) -> String {
     let name = format!("dca_{}_{}", arguments.deployment(), arguments.instance());
     let word = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     name.chars().map(word).take(NODE_NAME_MAX).collect()
+}
+
+/// Returns the schema of a standard type.
+///
+/// # Errors
+/// A sentence for a person.
+pub(crate) fn schema(of: &TypeName) -> Result<Schema, String> {
+    library::schema(of).map_err(|error| format!("`{of}`: {error}"))
+}
+
+/// Returns a text that lives as long as the process, as the names in interfaces do. An interface is made once.
+pub(crate) fn for_ever(text: String) -> &'static str {
+    Box::leak(text.into_boxed_str())
+}
+
+/// Returns a count as a signal.
+#[expect(clippy::cast_precision_loss, reason = "a count for people")]
+pub(crate) fn signal(name: String, count: u64) -> Signal {
+    Signal { name, unit: String::new(), value: count as f64, headline: false }
 }

@@ -4,6 +4,7 @@ use super::{RosSession, declare, key, lock, now_nanos, told};
 use crate::logic::arrivals::{Counts, MESSAGE_MAX, Refused};
 use crate::logic::replies::{Failure, Replies, Requests, WAITING_MAX};
 use crate::logic::value;
+use crate::setup;
 use comms::io::clock::now;
 use comms::logic::object::ObjectError;
 use comms::logic::time::Time;
@@ -11,6 +12,7 @@ use controllers::sdk::{RawReply, Waker};
 use ros::logic::attachment::{Attachment, Gid};
 use ros::logic::cdr;
 use ros::logic::key::Topic;
+use ros::logic::name::TypeName;
 use ros::logic::route::SERVICE;
 use ros::logic::schema::Schema;
 use ros::logic::token::Role;
@@ -32,8 +34,8 @@ const REASON_MAX: usize = 500;
 /// The schemas of a service, and the counts of its calls.
 #[derive(Debug)]
 pub(crate) struct Service {
-    pub(crate) request: Schema,
-    pub(crate) response: Schema,
+    request: Schema,
+    response: Schema,
     pub(crate) counts: Mutex<Counts>,
 }
 
@@ -73,6 +75,17 @@ pub(crate) struct Server {
 pub(crate) struct Request {
     query: Query,
     attachment: Attachment,
+}
+
+impl Service {
+    /// Returns a service of this type that has no calls yet.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn new(of: &TypeName) -> Result<Arc<Self>, String> {
+        let (request, response) = (setup::schema(&of.request())?, setup::schema(&of.response())?);
+        Ok(Arc::new(Self { request, response, counts: Mutex::default() }))
+    }
 }
 
 impl RosSession {
