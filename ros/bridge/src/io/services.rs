@@ -1,7 +1,7 @@
 //! Clients and servers of services of ROS 2.
 
 use super::{RosSession, declare, key, lock, now_nanos, told};
-use crate::logic::arrivals::{Counts, MESSAGE_MAX, Refused};
+use crate::logic::arrivals::{Counts, Refused, checked, fits};
 use crate::logic::replies::{Failure, Replies, Requests, WAITING_MAX};
 use crate::logic::value;
 use crate::setup;
@@ -222,12 +222,7 @@ impl Waiting {
     }
 
     fn response(&self, response: &[u8]) -> Result<Vec<u8>, Failure> {
-        let checked = if response.len() > MESSAGE_MAX {
-            Err(Refused::Long(response.len()))
-        } else {
-            cdr::check(&self.service.response, response).map_err(Refused::Bytes)
-        };
-        match checked {
+        match fits(&self.service.response, response) {
             Ok(()) => Ok(value::of_message(response)),
             Err(why) => Err(Failure::Refused(format!("the service was called, and its response is refused: {why}"))),
         }
@@ -277,7 +272,7 @@ impl Server {
 
 /// Takes a request; returns why it is refused, and how many were by then.
 fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) -> Result<(), (String, u64)> {
-    let (query, why) = match checked(&query, service) {
+    let (query, why) = match read(&query, service) {
         Err(why) => (query, why.to_string()),
         Ok((attachment, argument)) => {
             let added = lock(requests).add(Request { query, attachment }, argument);
@@ -296,14 +291,10 @@ fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) ->
 }
 
 /// Returns the attachment and the argument in a request.
-fn checked(query: &Query, service: &Service) -> Result<(Attachment, Vec<u8>), Refused> {
-    let attachment = query.attachment().and_then(|bytes| Attachment::decode(&bytes.to_bytes()));
-    let attachment = attachment.ok_or(Refused::Attachment)?;
+fn read(query: &Query, service: &Service) -> Result<(Attachment, Vec<u8>), Refused> {
+    let attachment = query.attachment().map(ZBytes::to_bytes);
     let request = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
-    if request.len() > MESSAGE_MAX {
-        return Err(Refused::Long(request.len()));
-    }
-    cdr::check(&service.request, &request)?;
+    let attachment = checked(&service.request, attachment.as_deref(), &request)?;
     Ok((attachment, value::of_message(&request)))
 }
 

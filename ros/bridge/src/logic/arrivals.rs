@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use thiserror::Error;
 
 /// The longest message, in bytes.
-pub(crate) const MESSAGE_MAX: usize = 64 << 20;
+const MESSAGE_MAX: usize = 64 << 20;
 
 /// Why a message of a topic is not passed on.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
@@ -70,7 +70,7 @@ impl Arrivals {
     /// # Errors
     /// It is not passed on.
     pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Told> {
-        let attachment = self.check(attachment, message).map_err(|why| {
+        let attachment = checked(&self.schema, attachment, message).map_err(|why| {
             self.counts.refused += 1;
             Told { why, refused: self.counts.refused }
         })?;
@@ -88,15 +88,6 @@ impl Arrivals {
         Ok(())
     }
 
-    fn check(&self, attachment: Option<&[u8]>, message: &[u8]) -> Result<Attachment, Refused> {
-        if message.len() > MESSAGE_MAX {
-            return Err(Refused::Long(message.len()));
-        }
-        let attachment = attachment.and_then(Attachment::decode).ok_or(Refused::Attachment)?;
-        cdr::check(&self.schema, message)?;
-        Ok(attachment)
-    }
-
     /// Returns the next message that waits.
     pub(crate) fn next(&mut self) -> Option<Arrived> {
         self.waiting.pop_front()
@@ -106,6 +97,27 @@ impl Arrivals {
     pub(crate) fn counts(&self) -> Counts {
         self.counts
     }
+}
+
+/// Returns the attachment of a message, if both are valid.
+///
+/// # Errors
+/// The message is not passed on.
+pub(crate) fn checked(schema: &Schema, attachment: Option<&[u8]>, message: &[u8]) -> Result<Attachment, Refused> {
+    let attachment = attachment.and_then(Attachment::decode).ok_or(Refused::Attachment)?;
+    fits(schema, message)?;
+    Ok(attachment)
+}
+
+/// Checks the size and the bytes of a message.
+///
+/// # Errors
+/// The message is not passed on.
+pub(crate) fn fits(schema: &Schema, message: &[u8]) -> Result<(), Refused> {
+    if message.len() > MESSAGE_MAX {
+        return Err(Refused::Long(message.len()));
+    }
+    Ok(cdr::check(schema, message)?)
 }
 
 #[cfg(test)]
