@@ -92,12 +92,11 @@ impl Bridge {
 
     /// Takes the messages of all topics that have arrived.
     fn arrived(&self) -> impl Iterator<Item = (&'static str, Arrived)> {
-        let of_topic = |carried: &Carried| match &carried.end {
-            End::FromRos { waiting, .. } => Some((carried.port, Arc::clone(waiting))),
+        let topics = self.carried.iter().filter_map(|carried| match &carried.end {
+            End::FromRos { waiting, .. } => Some((carried.port, waiting)),
             End::ToRos { .. } | End::Call { .. } | End::Serve { .. } => None,
-        };
-        let topics = self.carried.iter().filter_map(of_topic);
-        topics.flat_map(|(port, waiting)| std::iter::from_fn(move || lock(&waiting).next().map(|one| (port, one))))
+        });
+        topics.flat_map(|(port, waiting)| std::iter::from_fn(move || lock(waiting).next().map(|one| (port, one))))
     }
 
     fn carried(&mut self, port: &str) -> Option<&mut Carried> {
@@ -167,9 +166,10 @@ impl Module for Bridge {
     fn signals(&self) -> Vec<Signal> {
         let router = self.session.as_ref().is_some_and(RosSession::is_connected);
         let mut signals = vec![setup::signal("router".to_owned(), u64::from(router))];
+        let graph = lock(&self.graph);
         for carried in &self.carried {
             let Counts { received, lost, refused } = carried.counts();
-            let other_types = lock(&self.graph).count(carried.route.name.as_str());
+            let other_types = graph.count(carried.route.name.as_str());
             let named = [("received", received), ("lost", lost), ("refused", refused), ("of other types", other_types)];
             signals.extend(named.map(|(word, count)| setup::signal(format!("{} {word}", carried.route.name), count)));
         }
