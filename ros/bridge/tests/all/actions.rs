@@ -2,9 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
-use super::peer::{Bridge, Router, SOON, attachment, value, value_of};
+use super::peer::{Bridge, Router, SOON, attachment, reply, serve, value, value_of};
 use controllers::sdk::{Progress, Stopping};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::Receiver;
 use std::time::Duration;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
@@ -51,19 +51,9 @@ struct Server {
 impl Server {
     fn new(router: &Router) -> Self {
         let node = router.node();
-        let serve = |part: &str| {
-            let (tx, rx) = sync_channel(100);
-            let hear = move |query| drop(tx.try_send(query));
-            (node.declare_queryable(key(part)).complete(true).callback(hear).wait().unwrap(), rx)
-        };
-        let [(a, sent), (b, asked), (c, canceled)] = [SEND, RESULT, CANCEL].map(serve);
+        let [(a, sent), (b, asked), (c, canceled)] = [SEND, RESULT, CANCEL].map(|part| serve(&node, key(part)));
         Self { node, _services: [a, b, c], sent, asked, canceled }
     }
-}
-
-fn reply(query: &Query, response: &[u8]) {
-    let told = query.attachment().unwrap().clone();
-    query.reply(query.key_expr().clone(), response).attachment(told).wait().unwrap();
 }
 
 /// An action that has its goal.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
+use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
@@ -96,6 +97,19 @@ pub(crate) fn expect_reader(node: &Session, key: &str) {
         assert!(comms::io::clock::now() < until, "nobody reads `{key}`");
         pause.wait(Some(comms::io::clock::now() + Duration::from_millis(5)));
     }
+}
+
+/// Serves a key, and hands the queries over.
+pub(crate) fn serve(node: &Session, key: String) -> (Queryable<()>, Receiver<Query>) {
+    let (tx, rx) = sync_channel(100);
+    let hear = move |query| drop(tx.try_send(query));
+    (node.declare_queryable(key).complete(true).callback(hear).wait().expect("a peer of a test"), rx)
+}
+
+/// Answers a query, with the attachment of the query.
+pub(crate) fn reply(query: &Query, response: &[u8]) {
+    let told = query.attachment().expect("a peer of a test").clone();
+    query.reply(query.key_expr().clone(), response).attachment(told).wait().expect("a peer of a test");
 }
 
 /// Hears samples on a key.

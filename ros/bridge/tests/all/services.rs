@@ -2,11 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
-use super::peer::{Bridge, Router, SOON, attachment, expect_reader, tokens, value};
+use super::peer::{Bridge, Router, SOON, attachment, expect_reader, reply, serve, tokens, value};
 use comms::logic::object::ObjectError;
 use ros::logic::attachment::Gid;
 use std::sync::mpsc::{Receiver, sync_channel};
-use zenoh::query::{Query, QueryTarget, Queryable};
+use zenoh::query::{Query, QueryTarget};
 use zenoh::{Session, Wait};
 
 const CALL: &str = "?/robot1/reset std_srvs/srv/Trigger ::,10:,:,:,,";
@@ -30,18 +30,6 @@ fn response(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// A server that hands its queries over.
-fn serve(node: &Session) -> (Queryable<()>, Receiver<Query>) {
-    let (tx, rx) = sync_channel(100);
-    let hear = move |query| drop(tx.try_send(query));
-    (node.declare_queryable(key()).complete(true).callback(hear).wait().unwrap(), rx)
-}
-
-fn reply(query: &Query, response: Vec<u8>) {
-    let told = query.attachment().unwrap().clone();
-    query.reply(key(), response).attachment(told).wait().unwrap();
-}
-
 /// Calls until the bridge knows the server.
 fn call_known(bridge: &mut Bridge, queries: &Receiver<Query>) -> (Query, Receiver<Result<Vec<u8>, ObjectError>>) {
     for _ in 0..1000 {
@@ -58,7 +46,7 @@ fn a_call_has_the_answer_of_a_server() {
     let router = Router::new();
     let node = router.node();
     let (_tokens, shown) = tokens(&node, "@ros2_lv/7/*/*/*/SC/**");
-    let (_server, queries) = serve(&node);
+    let (_server, queries) = serve(&node, key());
     let mut bridge = Bridge::new(CALL, &router);
     let (_, token) = shown.recv_timeout(SOON).unwrap();
     let zid = token.split('/').nth(2).unwrap();
@@ -71,15 +59,15 @@ fn a_call_has_the_answer_of_a_server() {
     rule[8..16].copy_from_slice(&told[8..16]);
     rule[17..].copy_from_slice(&Gid::of(&token).0);
     assert_eq!(told, rule);
-    reply(&query, response("done"));
+    reply(&query, &response("done"));
     assert_eq!(answer.recv_timeout(SOON).unwrap(), Ok(value(&response("done"))));
     // Several calls wait at one time, and have their answers in any order.
     let answers = ["a", "b"].map(|_| bridge.call("robot1.reset", &value(&REQUEST)));
     let queries = [0; 2].map(|_| queries.recv_timeout(SOON).unwrap());
     let number = |query: &Query| query.attachment().unwrap().to_bytes()[0];
     assert_eq!(number(&queries[1]), number(&queries[0]) + 1);
-    reply(&queries[1], response("b"));
-    reply(&queries[0], response("a"));
+    reply(&queries[1], &response("b"));
+    reply(&queries[0], &response("a"));
     for (answer, text) in answers.iter().zip(["a", "b"]) {
         assert_eq!(answer.recv_timeout(SOON).unwrap(), Ok(value(&response(text))));
     }
@@ -100,7 +88,7 @@ fn a_call_without_an_answer_ends() {
         }
     };
     assert_eq!(why, "no node of ROS 2 answers the service `/robot1/reset`");
-    let (server, queries) = serve(&node);
+    let (server, queries) = serve(&node, key());
     let (query, answer) = call_known(&mut bridge, &queries);
     drop(query);
     assert_eq!(answer.recv_timeout(SOON).unwrap(), Err(ObjectError::Gone), "it may have been carried out");
@@ -116,12 +104,12 @@ fn a_call_without_an_answer_ends() {
 fn what_is_no_response_is_refused() {
     let router = Router::new();
     let node = router.node();
-    let (_server, queries) = serve(&node);
+    let (_server, queries) = serve(&node, key());
     let mut bridge = Bridge::new(CALL, &router);
     let whole = response("done");
     for nonsense in [&[][..], &whole[..whole.len() - 1], &[9; 40]] {
         let (query, answer) = call_known(&mut bridge, &queries);
-        reply(&query, nonsense.to_vec());
+        reply(&query, nonsense);
         let why = answer.recv_timeout(SOON).unwrap().unwrap_err().to_string();
         assert!(why.starts_with("the service was called, and its response is refused"), "{why}");
     }
@@ -140,14 +128,14 @@ fn what_is_no_response_is_refused() {
 fn an_answer_that_is_not_waited_for_is_dropped() {
     let router = Router::new();
     let node = router.node();
-    let (_server, queries) = serve(&node);
+    let (_server, queries) = serve(&node, key());
     let mut bridge = Bridge::new(CALL, &router);
     let (first, _) = call_known(&mut bridge, &queries);
     bridge.give_up();
     bridge.expect_signal("/robot1/reset lost", 1.0);
-    reply(&first, response("late"));
+    reply(&first, &response("late"));
     let (second, answer) = call_known(&mut bridge, &queries);
-    reply(&second, response("second"));
+    reply(&second, &response("second"));
     assert_eq!(answer.recv_timeout(SOON).unwrap(), Ok(value(&response("second"))));
 }
 
@@ -243,10 +231,10 @@ fn topics_and_services_are_carried_together() {
     let router = Router::new();
     let node = router.node();
     let routes = format!("{CALL};!/set std_srvs/srv/SetBool ::,10:,:,:,,;</chatter std_msgs/msg/String ::,10:,:,:,,");
-    let (_server, queries) = serve(&node);
+    let (_server, queries) = serve(&node, key());
     let mut bridge = Bridge::new(&routes, &router);
     let (query, answer) = call_known(&mut bridge, &queries);
-    reply(&query, response("done"));
+    reply(&query, &response("done"));
     assert!(answer.recv_timeout(SOON).unwrap().is_ok());
     let key = format!("7/chatter/{}", super::peer::STRING);
     expect_reader(&node, &key);
