@@ -303,6 +303,10 @@ impl Model {
     fn presence(&mut self, host: &str, presence: Presence) {
         let number = self.position.number;
         let Some(robot) = self.robot(host) else { return };
+        // It is asked again and again, and stays lost until it answers.
+        if robot.presence == Presence::Lost && matches!(presence, Presence::Silent(_)) {
+            return;
+        }
         if robot.presence != presence {
             (robot.presence, robot.changed) = (presence, number);
         }

@@ -127,6 +127,10 @@ fn a_lost_host_has_processes_that_its_peers_know() {
     let live = model.deployments().next().expect("it runs");
     assert_eq!(model.health(&live.processes["main/b"]), Health::Unknown);
     assert_eq!(model.robots().find(|robot| robot.host == "r2").map(|robot| &robot.presence), Some(&Presence::Lost));
+    // A lost host does not answer either: this is not new.
+    let seen = model.position();
+    model.apply(at(150), Input::Silent { host: "r2".into(), why: "it cannot be reached".into() });
+    assert!(model.since(seen).is_empty());
     // A host that has just answered is not lost.
     model.apply(at(200), status("r2", &[("main/b", "running")]));
     model.apply(at(210), Input::Absent(Box::new(absent)));
