@@ -353,6 +353,11 @@ async fn hear(client: Arc<Client>, program: Program, sink: Sender<Heard>) {
     let Program { deployment, host, path } = program;
     let request = Request::Logs { deployment: Some(deployment.name.clone()), process: path.clone(), follow: true };
     let Ok(mut answers) = client.ask_on(&host, &request) else { return };
+    // The earlier lines come again if they were heard before.
+    let begins = Input::OutputBegins { deployment: deployment.clone(), path: path.clone() };
+    if sink.send(Heard::Input(begins)).await.is_err() {
+        return;
+    }
     while let Some(Ok(Answer::Output(bytes))) = answers.next().await {
         let input = Input::Output { deployment: deployment.clone(), path: path.clone(), bytes };
         if sink.send(Heard::Input(input)).await.is_err() {

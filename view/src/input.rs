@@ -37,6 +37,13 @@ pub enum Input {
         /// Its plan.
         plan: Box<Plan>,
     },
+    /// The output of a program is told again from its beginning: the view drops the lines that it has.
+    OutputBegins {
+        /// Its deployment.
+        deployment: Deployment,
+        /// The absolute path of its process.
+        path: String,
+    },
     /// A program has written something.
     Output {
         /// Its deployment.

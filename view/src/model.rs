@@ -107,10 +107,14 @@ impl Model {
             Input::Event(event) => self.event(now, *event),
             Input::Note { host, text } => self.note(now, host, &text),
             Input::Plan { deployment, plan } => self.plan(&deployment, &plan),
+            Input::OutputBegins { deployment, path } => {
+                self.begun.forget(&deployment, &path);
+                self.lines.retain(|line| line.deployment != deployment || line.path != path);
+            }
             Input::Output { deployment, path, bytes } => {
-                for line in self.begun.push(&deployment, &path, &bytes) {
-                    let ordinal = self.lines.count();
-                    self.lines.push(self.position.number, OutputLine { ordinal, ..line });
+                for text in self.begun.push(&deployment, &path, &bytes) {
+                    let (ordinal, deployment, path) = (self.lines.count(), deployment.clone(), path.clone());
+                    self.lines.push(self.position.number, OutputLine { ordinal, deployment, path, text });
                 }
             }
             Input::Measured(measured) => self.measured(now, &measured),

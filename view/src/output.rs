@@ -30,7 +30,7 @@ pub(crate) struct Lines {
 
 impl Lines {
     /// Takes a piece in; returns the lines that it completes.
-    pub(crate) fn push(&mut self, deployment: &Deployment, path: &str, bytes: &[u8]) -> Vec<OutputLine> {
+    pub(crate) fn push(&mut self, deployment: &Deployment, path: &str, bytes: &[u8]) -> Vec<String> {
         let key = (deployment.clone(), path.to_owned());
         if !self.begun.contains_key(&key) && self.begun.len() >= BEGUN_MAX {
             self.begun.pop_first();
@@ -39,8 +39,7 @@ impl Lines {
         let mut lines = Vec::new();
         let mut line = |bytes: &[u8]| {
             let text = String::from_utf8_lossy(bytes);
-            let text = clean(text.strip_suffix('\r').unwrap_or(&text));
-            lines.push(OutputLine { ordinal: 0, deployment: deployment.clone(), path: path.to_owned(), text });
+            lines.push(clean(text.strip_suffix('\r').unwrap_or(&text)));
         };
         let mut pieces = bytes.split(|byte| *byte == b'\n').peekable();
         while let Some(piece) = pieces.next() {
@@ -57,6 +56,11 @@ impl Lines {
         }
         lines
     }
+
+    /// Drops the line of a program that has not ended.
+    pub(crate) fn forget(&mut self, deployment: &Deployment, path: &str) {
+        self.begun.remove(&(deployment.clone(), path.to_owned()));
+    }
 }
 
 /// Returns the end of the last whole character within the first `limit` bytes.
@@ -69,24 +73,20 @@ fn whole_characters(bytes: &[u8], limit: usize) -> usize {
 mod tests {
     use super::*;
 
-    fn texts(lines: Vec<OutputLine>) -> Vec<String> {
-        lines.into_iter().map(|line| line.text).collect()
-    }
-
     #[test]
     fn pieces_become_lines_of_one_program_each() {
         let door = Deployment { name: "door".into(), epoch: 1 };
         let mut lines = Lines::default();
-        assert_eq!(texts(lines.push(&door, "main/a", b"one\r\ntw")), ["one"]);
-        assert_eq!(texts(lines.push(&door, "main/b", b"other\n")), ["other"]);
-        assert_eq!(texts(lines.push(&door, "main/a", b"o\x1b[2J\n\n")), ["two\\x1b[2J", ""]);
+        assert_eq!(lines.push(&door, "main/a", b"one\r\ntw"), ["one"]);
+        assert_eq!(lines.push(&door, "main/b", b"other\n"), ["other"]);
+        assert_eq!(lines.push(&door, "main/a", b"o\x1b[2J\n\n"), ["two\\x1b[2J", ""]);
     }
 
     #[test]
     fn a_line_without_an_end_has_a_limit() {
         let door = Deployment { name: "door".into(), epoch: 1 };
         let mut lines = Lines::default();
-        let shown = texts(lines.push(&door, "main/a", "é".repeat(1000).as_bytes()));
+        let shown = lines.push(&door, "main/a", "é".repeat(1000).as_bytes());
         assert!(shown.iter().all(|line| line.chars().all(|c| c == 'é')), "{shown:?}");
         assert_eq!(shown.len(), 4);
         (0..1000).for_each(|number| drop(lines.push(&door, &format!("main/{number}"), b"x")));

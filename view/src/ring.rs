@@ -14,6 +14,8 @@ struct Numbered<T> {
 pub(crate) struct Ring<T> {
     items: VecDeque<Numbered<T>>,
     limit: usize,
+    /// How many items have come, all in all.
+    count: u64,
     dropped: u64,
     /// The number of the latest item that has left.
     dropped_last: u64,
@@ -21,7 +23,7 @@ pub(crate) struct Ring<T> {
 
 impl<T> Ring<T> {
     pub(crate) fn new(limit: usize) -> Self {
-        Self { items: VecDeque::new(), limit, dropped: 0, dropped_last: 0 }
+        Self { items: VecDeque::new(), limit, count: 0, dropped: 0, dropped_last: 0 }
     }
 
     pub(crate) fn push(&mut self, number: u64, item: T) {
@@ -30,6 +32,12 @@ impl<T> Ring<T> {
             self.dropped += 1;
         }
         self.items.push_back(Numbered { number, item });
+        self.count += 1;
+    }
+
+    /// Takes out the items that are not wanted any more.
+    pub(crate) fn retain(&mut self, is_wanted: impl Fn(&T) -> bool) {
+        self.items.retain(|one| is_wanted(&one.item));
     }
 
     /// Returns all items, the oldest first.
@@ -50,7 +58,7 @@ impl<T> Ring<T> {
 
     /// Returns how many items have come, all in all.
     pub(crate) fn count(&self) -> u64 {
-        self.dropped + u64::try_from(self.items.len()).unwrap_or(u64::MAX)
+        self.count
     }
 
     /// Returns how many items have left.

@@ -202,6 +202,19 @@ fn a_wire_counts_what_it_loses_and_how_fast() {
 }
 
 #[test]
+fn output_that_is_told_again_is_there_once() {
+    let mut model = Model::new(1);
+    let output =
+        |path: &str, bytes: &[u8]| Input::Output { deployment: door(), path: path.into(), bytes: bytes.into() };
+    model.apply(at(0), output("main/a", b"one\ntwo\nhal"));
+    model.apply(at(0), output("main/b", b"other\n"));
+    model.apply(at(1000), Input::OutputBegins { deployment: door(), path: "main/a".into() });
+    model.apply(at(1000), output("main/a", b"one\ntwo\nhalf\n"));
+    let lines: Vec<_> = model.lines().map(|line| (line.ordinal, line.text.as_str())).collect();
+    assert_eq!(lines, [(2, "other"), (3, "one"), (4, "two"), (5, "half")]);
+}
+
+#[test]
 fn an_estop_and_a_new_node_are_changes_and_age_is_not() {
     let mut model = Model::new(1);
     model.apply(at(0), Input::Status(Box::new(node("r1", Vec::new()))));
