@@ -228,11 +228,6 @@ impl LiveDeployment {
         Vec::from_iter(phases).join("/")
     }
 
-    /// Returns how many of its processes are so.
-    pub fn count(&self, health: Health) -> usize {
-        self.processes.values().filter(|process| process.health() == health).count()
-    }
-
     /// Takes in what a host reports.
     pub(crate) fn take(&mut self, look: Look<'_>, part: &DeploymentStatus, moments: Option<&Moments>) -> Taken {
         let mut taken = Taken::default();

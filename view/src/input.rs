@@ -70,6 +70,4 @@ pub struct Measured {
     pub port: String,
     /// Values a second (Hz).
     pub hertz: f64,
-    /// Bytes a second.
-    pub bytes_a_second: f64,
 }

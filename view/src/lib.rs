@@ -38,7 +38,7 @@ pub use changes::{Changes, Gone, Position};
 pub use deployment::{End, Health, LiveDeployment, Process, Question, Since};
 pub use freshness::{Freshness, STALE_AFTER};
 pub use input::{Input, Measured};
-pub use model::{EventLine, Model, Omitted};
+pub use model::{EventLine, Model};
 pub use output::OutputLine;
 pub use robot::{DatabaseLag, Presence, Robot};
 pub use wires::{Rate, Wire, WireEnd};

@@ -38,8 +38,6 @@ pub struct EventLine {
     pub ordinal: u64,
     /// When it was, since 1970, by the calendar clock of its home. None for an event of the view itself.
     pub time: Option<Duration>,
-    /// When it was, by the clock of the view.
-    pub at: Time,
     /// The host that it is about.
     pub host: String,
     /// The deployment, if it is about one.
@@ -54,13 +52,11 @@ pub struct EventLine {
 
 /// The number of items that were left out: they found no room, or their names cannot be shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Omitted {
+pub(crate) struct Omitted {
     /// Robots, deployments, processes and wires without room.
-    pub items: u64,
-    /// Old events and old lines of output.
-    pub lines: u64,
+    pub(crate) items: u64,
     /// Answers with a name that no spec can have.
-    pub names: u64,
+    pub(crate) names: u64,
 }
 
 /// All that a view can show.
@@ -105,7 +101,7 @@ impl Model {
             Input::Absent(absent) => self.absent(now, &absent),
             Input::Known(hosts) => self.known(now, &hosts),
             Input::Event(event) => self.event(now, *event),
-            Input::Note { host, text } => self.note(now, host, &text),
+            Input::Note { host, text } => self.note(&host, &text),
             Input::Plan { deployment, plan } => self.plan(&deployment, &plan),
             Input::OutputBegins { deployment, path } => {
                 self.begun.forget(&deployment, &path);
@@ -129,7 +125,8 @@ impl Model {
     }
 
     /// Returns the position after the last input.
-    pub fn position(&self) -> Position {
+    #[cfg(test)]
+    pub(crate) fn position(&self) -> Position {
         self.position
     }
 
@@ -185,8 +182,9 @@ impl Model {
     }
 
     /// Returns how much was left out.
-    pub fn omitted(&self) -> Omitted {
-        Omitted { lines: self.events.dropped() + self.lines.dropped(), ..self.omitted }
+    #[cfg(test)]
+    pub(crate) fn omitted(&self) -> Omitted {
+        self.omitted
     }
 
     /// Returns what has changed since a viewer has looked: everything if the position is of another model, or too old.
@@ -324,13 +322,12 @@ impl Model {
             }
         }
         for one in &absent.processes {
-            let Some(room) =
-                self.deployments.contains_key(&one.deployment).then(|| self.room_for(&one.deployment, &one.host))
-            else {
+            if !self.deployments.contains_key(&one.deployment) {
                 continue;
-            };
+            }
+            let Some(room) = self.room_for(&one.deployment, &one.host) else { continue };
             let (number, before) = (self.position.number, None);
-            let look = Look { now, number, host: &one.host, before, room: room.unwrap_or_default() };
+            let look = Look { now, number, host: &one.host, before, room };
             let taken = self.deployments.get_mut(&one.deployment).map(|live| live.take_absent(look, one));
             self.omitted.items += u64::from(taken == Some(false));
         }
@@ -350,10 +347,10 @@ impl Model {
         }
     }
 
-    fn note(&mut self, at: Time, host: String, text: &str) {
+    fn note(&mut self, host: &str, text: &str) {
         let (time, deployment, path, text) = (None, None, None, clean(text));
         let ordinal = self.events.count();
-        let event = EventLine { ordinal, time, at, host: clean(&host), deployment, path, text, is_failure: true };
+        let event = EventLine { ordinal, time, host: clean(host), deployment, path, text, is_failure: true };
         self.events.push(self.position.number, event);
     }
 
@@ -376,7 +373,7 @@ impl Model {
         // These are for programs that record a mission.
         if !matches!(report, Report::Programs { .. } | Report::Stepped { .. }) {
             let (ordinal, time, deployment) = (self.events.count(), Some(time), Some(id));
-            let event = EventLine { ordinal, time, at, host, deployment, path, text, is_failure };
+            let event = EventLine { ordinal, time, host, deployment, path, text, is_failure };
             self.events.push(self.position.number, event);
         }
     }

@@ -16,8 +16,6 @@ const WIRES_MAX: usize = 5000;
 pub struct Rate {
     /// Values a second (Hz).
     pub hertz: f64,
-    /// Bytes a second.
-    pub bytes_a_second: f64,
     /// When this was measured.
     pub at: Time,
 }
@@ -121,8 +119,7 @@ impl Wires {
     pub(crate) fn measured(&mut self, now: Time, number: u64, measured: &Measured) {
         let is_meant = |wire: &&mut Wire| wire.from.path == measured.path && wire.from.port == measured.port;
         for wire in self.all.values_mut().filter(is_meant) {
-            let Measured { hertz, bytes_a_second, .. } = *measured;
-            (wire.rate, wire.changed) = (Some(Rate { hertz, bytes_a_second, at: now }), number);
+            (wire.rate, wire.changed) = (Some(Rate { hertz: measured.hertz, at: now }), number);
         }
     }
 

@@ -85,9 +85,9 @@ async fn measure(
                 None => return Ok(()),
             },
             () = clock::sleep_until(told_at) => {
-                let (hertz, bytes_a_second) = (rate.hertz().unwrap_or(0.0), rate.bytes().unwrap_or(0.0));
+                let hertz = rate.hertz().unwrap_or(0.0);
                 let (deployment, path, port) = (deployment.clone(), path.clone(), port.clone());
-                let measured = Measured { deployment, path, port, hertz, bytes_a_second };
+                let measured = Measured { deployment, path, port, hertz };
                 if sink.send(Heard::Input(Input::Measured(measured))).await.is_err() {
                     return Ok(());
                 }
