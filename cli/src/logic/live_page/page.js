@@ -25,6 +25,13 @@ function age(seconds) {
 const now = () => performance.now() / 1000;
 const since = (item) => (item.at === null ? null : now() - item.at);
 
+function forget(deployment) {
+  model.deployments.delete(deployment);
+  for (const part of [model.processes, model.wires]) {
+    for (const [key, item] of part) if (item.deployment === deployment) part.delete(key);
+  }
+}
+
 function take(data) {
   if (data.whole) {
     for (const part of ["robots", "deployments", "processes", "wires"]) model[part].clear();
@@ -34,7 +41,7 @@ function take(data) {
     if (gone.robot !== undefined) model.robots.delete(gone.robot);
     else if (gone.process !== undefined) model.processes.delete(`${gone.deployment}:${gone.process}`);
     else if (gone.wire !== undefined) model.wires.delete(`${gone.deployment}:${gone.wire}`);
-    else model.deployments.delete(gone.deployment);
+    else forget(gone.deployment);
   }
   const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
   for (const robot of data.robots) model.robots.set(robot.host, robot);
