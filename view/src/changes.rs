@@ -2,7 +2,6 @@
 
 use crate::deployment::{LiveDeployment, Process};
 use crate::model::EventLine;
-use crate::output::OutputLine;
 use crate::robot::Robot;
 use crate::wires::Wire;
 use node::logic::protocol::Deployment;
@@ -47,7 +46,8 @@ pub enum Gone {
     Wire(Deployment, String),
 }
 
-/// The changes since a position. An item that has changed several times is here once, with its latest state.
+/// The changes since a position. An item that has changed several times is here once, with its latest state. Output of
+/// programs is not among them.
 #[derive(Clone, Debug)]
 pub struct Changes<'a> {
     /// The position to ask from the next time.
@@ -64,19 +64,15 @@ pub struct Changes<'a> {
     pub wires: Vec<(&'a Deployment, &'a Wire)>,
     /// New events, the oldest first.
     pub events: Vec<&'a EventLine>,
-    /// New lines of output, the oldest first.
-    pub lines: Vec<&'a OutputLine>,
     /// Items that are gone.
     pub gone: Vec<&'a Gone>,
-    /// Whether events or lines are missing before these: they came and left since the position.
-    pub has_gap: bool,
 }
 
 impl Changes<'_> {
     /// Returns whether nothing has changed.
     pub fn is_empty(&self) -> bool {
         let items = self.robots.len() + self.deployments.len() + self.processes.len() + self.wires.len();
-        !self.is_whole && items + self.events.len() + self.lines.len() + self.gone.len() == 0
+        !self.is_whole && items + self.events.len() + self.gone.len() == 0
     }
 }
 

@@ -204,9 +204,7 @@ impl Model {
             processes: processes.filter(|(_, process)| is_new(process.changed)).collect(),
             wires: wires.filter(|(_, wire)| is_new(wire.changed)).collect(),
             events: self.events.since(number).collect(),
-            lines: self.lines.since(number).collect(),
             gone: if is_whole { Vec::new() } else { self.gone.since(number).collect() },
-            has_gap: self.events.has_gap_since(number) || self.lines.has_gap_since(number),
         }
     }
 

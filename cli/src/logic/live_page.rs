@@ -4,8 +4,7 @@ use comms::logic::time::Time;
 use node::logic::protocol::Deployment;
 use serde_json::{Value, json};
 use view::{
-    Changes, EventLine, Freshness, Gone, Health, LiveDeployment, Model, OutputLine, Presence, Process, Robot,
-    STALE_AFTER, Wire,
+    Changes, EventLine, Freshness, Gone, Health, LiveDeployment, Model, Presence, Process, Robot, STALE_AFTER, Wire,
 };
 
 /// The page. The script takes the token of its session from it.
@@ -23,13 +22,11 @@ pub(crate) fn page(token: &str) -> String {
 pub(crate) fn changes(model: &Model, changes: &Changes<'_>, now: Time) -> Value {
     json!({
         "whole": changes.is_whole,
-        "gap": changes.has_gap,
         "robots": changes.robots.iter().map(|one| robot(one, now)).collect::<Vec<_>>(),
         "deployments": changes.deployments.iter().map(|one| deployment(one, now)).collect::<Vec<_>>(),
         "processes": changes.processes.iter().map(|(id, one)| process(model, id, one, now)).collect::<Vec<_>>(),
         "wires": changes.wires.iter().map(|(id, one)| wire(id, one)).collect::<Vec<_>>(),
         "events": changes.events.iter().map(|one| event(one)).collect::<Vec<_>>(),
-        "lines": changes.lines.iter().map(|one| line(one)).collect::<Vec<_>>(),
         "gone": changes.gone.iter().map(|one| gone(one)).collect::<Vec<_>>(),
         "questions": model.questions().map(|one| json!({
             "deployment": one.deployment.to_string(), "path": one.path, "number": one.question.number,
@@ -63,15 +60,14 @@ fn robot(robot: &Robot, now: Time) -> Value {
         })
     });
     json!({
-        "host": robot.host, "presence": presence, "why": why, "version": robot.version, "guard": robot.guard,
+        "host": robot.host, "presence": presence, "why": why, "version": robot.version,
         "up": robot.up(now).map(|up| up.as_secs()), "estop": robot.estop, "waiting": robot.waiting, "database": database,
     })
 }
 
 fn deployment(live: &LiveDeployment, now: Time) -> Value {
     json!({
-        "id": live.id.to_string(), "home": live.home, "phase": live.phase(),
-        "ended": live.end.is_some(), "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
+        "id": live.id.to_string(), "phase": live.phase(), "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
         "age": live.end.as_ref().map(|end| end.at).or(live.began).map(|at| age(now, at)),
     })
 }
@@ -100,14 +96,10 @@ fn wire(id: &Deployment, wire: &Wire) -> Value {
 
 fn event(event: &EventLine) -> Value {
     json!({
-        "ordinal": event.ordinal, "time": event.time.map(|time| time.as_secs_f64()), "host": event.host,
+        "time": event.time.map(|time| time.as_secs_f64()), "host": event.host,
         "deployment": event.deployment.as_ref().map(ToString::to_string), "path": event.path, "text": event.text,
         "failure": event.is_failure,
     })
-}
-
-fn line(line: &OutputLine) -> Value {
-    json!({ "ordinal": line.ordinal, "deployment": line.deployment.to_string(), "path": line.path, "text": line.text })
 }
 
 fn gone(gone: &Gone) -> Value {

@@ -95,8 +95,10 @@ function drawProcesses() {
       // The policy forbids styles in the page, and permits them from its script.
       name.style.paddingLeft = `${depth * INDENT}px`;
       const state = process.health === "unknown" ? "unknown" : process.state;
+      // Without an event that tells the moment, it was then or before.
+      const began = (process.exact ? "" : ">") + age(since(process));
       const restarts = process.restarts ? `, restarted ${process.restarts} times` : "";
-      row.append(name, element("td", process.health, state + restarts), element("td", "number", age(since(process))), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
+      row.append(name, element("td", process.health, state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
       table.append(row);
     }
     return table;
