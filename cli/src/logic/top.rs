@@ -9,7 +9,7 @@ use crate::logic::keys::Key;
 use comms::logic::time::Time;
 use node::logic::protocol::Deployment;
 use rows::Row;
-use view::{Model, Presence};
+use view::{Model, Robot};
 
 /// The longest filter, in bytes.
 const FILTER_MAX: usize = 60;
@@ -218,7 +218,7 @@ impl Top {
             Key::Escape => self.pane_mut().filter.clear(),
             Key::Char('l' | 'a') | Key::Enter => self.open(model),
             Key::Char('E') => self.mode = Mode::ConfirmEstop,
-            Key::Char('R') if is_stopped(model) => self.mode = Mode::ConfirmRelease,
+            Key::Char('R') if stopped(model).next().is_some() => self.mode = Mode::ConfirmRelease,
             Key::Char('R') => self.say("nothing is stopped: there is nothing to release"),
             Key::Char(_) | Key::Control(_) | Key::Function(_) | Key::Backspace => {}
         }
@@ -323,9 +323,9 @@ impl Top {
     }
 }
 
-/// Returns whether everything is stopped on some robot.
-fn is_stopped(model: &Model) -> bool {
-    model.robots().any(|robot| robot.estop.is_some() && robot.presence == Presence::Here)
+/// Returns the robots on which everything is stopped, as each has told last: also those that do not answer now.
+fn stopped(model: &Model) -> impl Iterator<Item = (&Robot, &str)> {
+    model.robots().filter_map(|robot| Some((robot, robot.estop.as_deref()?)))
 }
 
 #[cfg(test)]

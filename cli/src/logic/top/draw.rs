@@ -2,7 +2,7 @@
 
 use super::rows::{self, Row, Tone};
 use super::table::{self, Column, Placed};
-use super::{Mode, Tab, Top};
+use super::{Mode, Tab, Top, stopped};
 use node::logic::table::counted;
 use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
@@ -90,14 +90,12 @@ impl Canvas<'_> {
 
     fn summary(&mut self, model: &Model, time: Duration) {
         let freshness = model.freshness(self.top.now);
-        let stopped: Vec<&str> =
-            model.robots().filter(|robot| robot.estop.is_some()).map(|robot| robot.host.as_str()).collect();
         if !freshness.is_live() {
             return self.alarm(0, &format!(" {}: no robot answers", freshness.to_string().to_uppercase()));
         }
-        if !stopped.is_empty() {
-            let by = model.robots().find_map(|robot| robot.estop.clone()).unwrap_or_default();
-            return self.alarm(0, &format!(" EVERYTHING IS STOPPED on {}: {by} (R releases)", stopped.join(", ")));
+        if let Some((_, by)) = stopped(model).next() {
+            let hosts: Vec<&str> = stopped(model).map(|(robot, _)| robot.host.as_str()).collect();
+            return self.alarm(0, &format!(" EVERYTHING IS STOPPED on {}: {by} (R releases)", hosts.join(", ")));
         }
         let (robots, running) = (model.robots().count(), model.deployments().filter(|live| live.end.is_none()).count());
         let processes = || model.deployments().flat_map(|live| live.processes.values());

@@ -306,6 +306,8 @@ fn an_estop_is_on_every_page() {
         assert_eq!(lines(&shown)[0], expected);
         assert!(shown[(1, 0)].fg == Color::Red && shown[(79, 0)].modifier.contains(Modifier::REVERSED));
     }
+    // A robot that does not answer now stays stopped, and can be released.
+    model.apply(at(2), Input::Silent { host: "r1".into(), why: "it sleeps".into() });
     let mut top = Top::new(PLAIN);
     let released = [Key::Char('R'), Key::Char('y')].iter().find_map(|key| top.key(&model, *key));
     assert_eq!(released, Some(Action::Release));
