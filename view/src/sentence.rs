@@ -15,6 +15,11 @@ pub fn date_and_time(since_1970: Duration) -> String {
     date::text(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)).replace(' ', "T")
 }
 
+/// Returns the time of day of a time since 1970, in UTC: `23:59:59`.
+pub fn time_of_day(since_1970: Duration) -> String {
+    date_and_time(since_1970).get(11..19).unwrap_or_default().to_owned()
+}
+
 /// Returns a report as one line.
 pub fn report_text(report: &Report) -> String {
     match report {

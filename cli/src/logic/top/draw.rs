@@ -9,7 +9,7 @@ use ratatui_core::layout::Rect;
 use ratatui_core::style::{Color, Modifier, Style};
 use std::time::Duration;
 use unicode_width::UnicodeWidthStr as _;
-use view::sentence::date_and_time;
+use view::sentence::time_of_day;
 use view::{Health, Model, Presence};
 
 /// The lines around the rows: the summary, the pages, the titles, and the keys.
@@ -113,7 +113,7 @@ impl Canvas<'_> {
                 column = self.put(column, 0, &format!("  {count} {words}"), self.style(Tone::Bad));
             }
         }
-        let clock = date_and_time(time).get(11..19).map(|time| format!("{time}Z")).unwrap_or_default();
+        let clock = time_of_day(time) + "Z";
         let width = u16::try_from(clock.len()).unwrap_or_default();
         if column + 1 + width < self.area.width {
             self.put(self.area.width - width - 1, 0, &clock, Style::new());

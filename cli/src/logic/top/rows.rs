@@ -3,8 +3,9 @@
 use super::table::{Column, Width};
 use super::{Program, ProgramOutput, Tab};
 use comms::logic::time::Time;
+use std::collections::BTreeMap;
 use std::time::Duration;
-use view::sentence::date_and_time;
+use view::sentence::time_of_day;
 use view::{DatabaseLag, Health, LiveDeployment, Model, Presence, Process, Question, Robot, STALE_AFTER, Wire};
 
 /// The importance of a row, for its colour.
@@ -95,7 +96,7 @@ pub(crate) fn columns(tab: Tab) -> &'static [Column] {
 /// Returns the rows of a page.
 pub(crate) fn rows(model: &Model, now: Time, tab: Tab, program: Option<&Program>) -> Vec<Row> {
     match tab {
-        Tab::Robots => model.robots().map(|robot| robot_row(model, now, robot)).collect(),
+        Tab::Robots => robot_rows(model, now),
         Tab::Processes => model.deployments().flat_map(|live| deployment_rows(model, now, live)).collect(),
         Tab::Wires => wires(model).map(|(live, wire)| wire_row(now, live, wire)).collect(),
         Tab::Events => model.events().map(event_row).collect(),
@@ -142,7 +143,16 @@ fn question_id(question: &Question<'_>) -> String {
     format!("{}:{} {}", question.deployment, question.path, question.question.number)
 }
 
-fn robot_row(model: &Model, now: Time, robot: &Robot) -> Row {
+fn robot_rows(model: &Model, now: Time) -> Vec<Row> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for process in model.deployments().flat_map(|live| live.processes.values()) {
+        *counts.entry(&process.host).or_default() += 1;
+    }
+    let count = |robot: &Robot| counts.get(robot.host.as_str()).copied().unwrap_or_default();
+    model.robots().map(|robot| robot_row(now, robot, count(robot))).collect()
+}
+
+fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
     let freshness = robot.freshness(now);
     let (state, tone) = match &robot.presence {
         Presence::Here if robot.estop.is_some() => ("STOPPED".to_owned(), Tone::Bad),
@@ -151,8 +161,6 @@ fn robot_row(model: &Model, now: Time, robot: &Robot) -> Row {
         Presence::Silent(_) => ("does not answer".to_owned(), Tone::Bad),
         Presence::Lost => ("lost".to_owned(), Tone::Bad),
     };
-    let processes = model.deployments().flat_map(|live| live.processes.values());
-    let count = processes.filter(|process| process.host == robot.host).count();
     let age = robot.heard.map_or_else(|| "-".to_owned(), |heard| age(now.since(heard)));
     let note = match (&robot.estop, &robot.presence) {
         (Some(estop), _) => estop.clone(),
@@ -239,8 +247,7 @@ fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
 }
 
 fn event_row(event: &view::EventLine) -> Row {
-    let time = event.time.map(date_and_time).unwrap_or_default();
-    let time = time.get(11..19).unwrap_or_default().to_owned();
+    let time = event.time.map(time_of_day).unwrap_or_default();
     let deployment = event.deployment.as_ref().map(ToString::to_string).unwrap_or_default();
     let text = event.path.as_ref().map_or_else(|| event.text.clone(), |path| format!("{path}  {}", event.text));
     let tone = if event.is_failure { Tone::Bad } else { Tone::Plain };
