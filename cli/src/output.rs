@@ -4,15 +4,20 @@
 use crate::logic::mission::{Line, Style};
 use node::console;
 use std::fmt;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, IsTerminal, Write};
 
 /// Rows and columns of a terminal that does not report its size.
 pub const SCREEN_DEFAULT: (usize, usize) = (24, 80);
 
-/// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
+/// Returns whether texts on standard error may have colours.
 pub fn is_coloured() -> bool {
+    has_colours(&io::stderr())
+}
+
+/// Returns whether texts on a stream may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
+pub(crate) fn has_colours(stream: &impl IsTerminal) -> bool {
     let is_unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    io::stderr().is_terminal() && !is_unwanted && !is_dumb()
+    stream.is_terminal() && !is_unwanted && !is_dumb()
 }
 
 fn is_dumb() -> bool {

@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             live = Live::open(&arguments.connect) => live?,
             () = leave.asked() => return Ok(()),
         };
-        let look = Look { is_ascii: arguments.ascii, is_coloured: output::is_coloured() };
+        let look = Look { is_ascii: arguments.ascii, is_coloured: output::has_colours(&output::results()) };
         let mut shown = Shown::new(live, look)?;
         let watched = shown.watch(&mut leave).await;
         // The terminal is given back before anything is printed.
@@ -138,8 +138,7 @@ impl Shown {
         self.top.tick(now);
         let measured = self.top.measured(&self.model);
         self.live.follow(&self.model, self.top.heard(), measured);
-        let (rows, _) = output::screen().unwrap_or(output::SCREEN_DEFAULT);
-        self.top.resize(u16::try_from(rows).unwrap_or(u16::MAX));
+        self.top.resize(self.terminal.size().context("reading the size of the terminal")?.height);
         let (top, model, time) = (&self.top, &self.model, clock::unix_time());
         self.terminal
             .draw(|frame| draw::draw(top, model, time, frame.buffer_mut()))
