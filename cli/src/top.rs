@@ -57,10 +57,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         // The terminal is given back before anything is printed.
         let Shown { live, taken, mut orders, .. } = shown;
         drop(taken);
+        tokio::select! {
+            () = finish(&mut orders) => {}
+            () = leave.asked() => console::note("left before the result of an order: it may have been carried out"),
+        }
         orders.shutdown().await;
         live.close().await;
         watched
     })
+}
+
+/// Waits for the orders that are still being given, and prints the results.
+async fn finish(orders: &mut JoinSet<String>) {
+    if !orders.is_empty() {
+        console::note("waiting for the result of an order; Ctrl-C leaves without it");
+    }
+    while let Some(done) = orders.join_next().await {
+        console::note(&done.unwrap_or_else(|error| error.to_string()));
+    }
 }
 
 /// The view on the terminal.

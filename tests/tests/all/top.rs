@@ -58,6 +58,25 @@ fn a_person_looks_answers_stops_everything_and_leaves() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
+/// The keys for a stop and for leaving come at once, as on a slow line.
+#[test]
+fn an_order_that_was_given_is_carried_out_though_the_person_leaves() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let mut top = here.typed(80, &[], &["top"]);
+    top.wait_for("talker: Talker");
+    top.press("Eyq");
+    let left = top.left();
+    assert_eq!((left.code, left.is_restored), (Some(0), true), "{left:?}");
+    let (_, after) = left.written.rsplit_once(GIVEN_BACK).expect("the terminal is given back");
+    assert!(after.contains("c1: stopped; no program runs"), "{left:?}");
+    assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
+    assert_eq!(mission.ended(SOON).code, Some(1));
+}
+
 #[test]
 fn the_terminal_is_given_back_after_a_signal_and_without_colours_none_are_sent() {
     let cluster = Cluster::new();
