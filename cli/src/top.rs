@@ -191,10 +191,9 @@ impl Shown {
     async fn unlock(&mut self, hosts: &[(Arc<Client>, String)]) -> anyhow::Result<Result<(), Failure>> {
         for (client, host) in hosts {
             match client.asks_for_passphrase(host).await {
-                Ok(false) => continue,
                 Ok(true) => {}
                 // The order itself says what is wrong.
-                Err(_) => return Ok(Ok(())),
+                Ok(false) | Err(_) => continue,
             }
             self.keys.rest().await;
             self.taken = None;
