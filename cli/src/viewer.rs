@@ -15,7 +15,7 @@ use anyhow::{Context as _, anyhow};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
 use serde_json::Value;
-use serve::{Order, Shared};
+use serve::{ORDER_WITHIN, Order, Shared};
 use std::io::IsTerminal as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex};
@@ -23,12 +23,15 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
+use tokio::time::timeout;
 use view::Model;
 
 /// Where the page is, unless told otherwise.
 const ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7080);
 /// How often the plans of new deployments are asked for.
 const FOLLOW_EVERY: Duration = Duration::from_secs(1);
+/// How long browsers have for the results of their orders when the command is left.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
 /// How many connections there may be at once: a browser has one for the stream, and a few for files.
 const CONNECTIONS_MAX: usize = 32;
 /// How many orders wait; further ones wait in their connections.
@@ -71,6 +74,7 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
     let address = listener.local_addr()?;
     let (changed, version) = watch::channel(0_u64);
     let (orders_tx, mut orders) = mpsc::channel(ORDERS_MAX);
+    let mut given: JoinSet<String> = JoinSet::new();
     let number = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
     let door = Door {
         hosts: vec![address.to_string(), format!("localhost:{}", address.port())],
@@ -95,8 +99,9 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
                 }
             }
             Some(order) = orders.recv() => {
-                tasks.spawn(give(order, &live, &shared));
+                given.spawn(give(order, &live, &shared));
             }
+            Some(done) = given.join_next() => drop(done?),
             _ = follow.tick() => {
                 let model = shared.model();
                 live.follow(&model, None, None);
@@ -105,9 +110,33 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
             () = reader.left() => break,
         }
     }
+    orders.close();
+    while let Ok(order) = orders.try_recv() {
+        given.spawn(give(order, &live, &shared));
+    }
+    if !given.is_empty() {
+        finish(given).await;
+        // The browsers get the results. Their streams end, since nothing changes any more.
+        drop(changed);
+        let answered = async { while tasks.join_next().await.is_some() {} };
+        timeout(ANSWERED_WITHIN, answered).await.unwrap_or_default();
+    }
     tasks.shutdown().await;
     live.close().await;
     Ok(())
+}
+
+/// Waits for the orders that are still being given, and prints the results.
+async fn finish(mut given: JoinSet<String>) {
+    console::note("waiting for the results of orders");
+    let finished = async {
+        while let Some(done) = given.join_next().await {
+            console::note(&done.unwrap_or_else(|error| error.to_string()));
+        }
+    };
+    if timeout(ORDER_WITHIN, finished).await.is_err() {
+        console::note("left before the result of an order: it may have been carried out");
+    }
 }
 
 /// Unlocks the key of the user before the page is there, if the nodes are in a team. Without it, the page only shows.
@@ -124,8 +153,8 @@ async fn unlock(live: &Live) {
     }
 }
 
-/// Gives an order of the page, and answers with a word about it.
-fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = ()> + Send + use<> {
+/// Gives an order of the page; answers with a word about it, and returns it.
+fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = String> + Send + use<> {
     let Order { path, body, reply } = order;
     let action = action(&shared.model(), &path, &body);
     let clients = live.clients();
@@ -134,13 +163,14 @@ fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = ()> 
         let word = match action {
             Some(Action::Answer(answer)) => match home {
                 Some(client) => orders::tell(client, answer).await,
-                None => "its home does not answer".to_owned(),
+                None => format!("`{}` does not answer", answer.home),
             },
             Some(action) => orders::everywhere(&clients, &action).await,
-            None => "this is not open any more".to_owned(),
+            None => "the question is no longer open".to_owned(),
         };
         // A browser that has left needs no word.
-        drop(reply.send(word));
+        drop(reply.send(word.clone()));
+        word
     }
 }
 

@@ -22,7 +22,7 @@ const BEAT_EVERY: Duration = Duration::from_secs(1);
 /// How long after one message the next may come.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);
 /// How long an order may take.
-const ORDER_WITHIN: Duration = Duration::from_secs(60);
+pub(super) const ORDER_WITHIN: Duration = Duration::from_secs(60);
 
 const TEXT: &str = "text/plain; charset=utf-8";
 
@@ -138,7 +138,11 @@ async fn events(stream: &mut TcpStream, shared: &Shared, last: &str) -> io::Resu
         let sent_at = clock::now();
         tokio::select! {
             () = clock::sleep_until(sent_at + BEAT_EVERY) => {}
-            Ok(()) = version.changed() => clock::sleep_until(sent_at + AGAIN_AFTER).await,
+            changed = version.changed() => match changed {
+                Ok(()) => clock::sleep_until(sent_at + AGAIN_AFTER).await,
+                // The view ends.
+                Err(_) => return Ok(()),
+            },
         }
     }
 }
