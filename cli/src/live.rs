@@ -14,7 +14,7 @@ use comms::logic::time::Time;
 use measure::Measurement;
 use node::console::Failure;
 use node::logic::database::question::{Question, Reply};
-use node::logic::protocol::{Answer, Deployment, Event, Report, Request};
+use node::logic::protocol::{Answer, Deployment, Event, NodeStatus, Report, Request};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -40,8 +40,8 @@ type Place = (usize, String);
 /// A message of a task.
 enum Heard {
     Input(Input),
-    /// The status of a node, with the hosts that it misses.
-    Missing(Place, BTreeSet<String>),
+    /// The status of a node.
+    Status(Place, Box<NodeStatus>),
     /// The nodes that a connection reaches.
     Found(usize, BTreeSet<String>),
 }
@@ -106,7 +106,10 @@ impl Live {
                 }
                 heard = self.heard.recv() => match heard {
                     Some(Heard::Input(input)) => return input,
-                    Some(Heard::Missing(place, missing)) => self.missing(&place, missing),
+                    Some(Heard::Status(place, status)) => {
+                        self.missing(&place, &status);
+                        return Input::Status(status);
+                    }
                     Some(Heard::Found(number, hosts)) => return self.found(number, hosts),
                     // The source itself holds a sender.
                     None => std::future::pending().await,
@@ -202,9 +205,9 @@ impl Live {
         }
     }
 
-    fn missing(&mut self, place: &Place, missing: BTreeSet<String>) {
+    fn missing(&mut self, place: &Place, status: &NodeStatus) {
         if let Some(watched) = self.watched.get_mut(place) {
-            watched.missing = missing;
+            watched.missing = status.missing.iter().cloned().collect();
         }
     }
 
@@ -289,20 +292,17 @@ struct Asker {
 }
 
 impl Asker {
-    async fn ask(self, mut nudged: watch::Receiver<u64>) {
-        let mut database_at = clock::now();
+    /// Each answer is told at once. A slow database delays no status.
+    async fn ask(self, nudged: watch::Receiver<u64>) {
+        tokio::join!(self.statuses(nudged), self.databases());
+    }
+
+    async fn statuses(&self, mut nudged: watch::Receiver<u64>) {
         loop {
             let asked = clock::now();
             nudged.mark_unchanged();
-            let mut heard = self.status().await;
-            if asked >= database_at {
-                database_at = asked + DATABASE_EVERY;
-                heard.extend(self.database().await);
-            }
-            for one in heard {
-                if self.sink.send(one).await.is_err() {
-                    return;
-                }
+            if self.status().await.is_none() {
+                return;
             }
             tokio::select! {
                 () = clock::sleep_until(asked + ASK_EVERY) => {}
@@ -311,33 +311,44 @@ impl Asker {
         }
     }
 
-    async fn status(&self) -> Vec<Heard> {
+    async fn databases(&self) {
+        let (_, host) = &self.place;
+        loop {
+            let asked = clock::now();
+            let answer = self.client.ask(host, &Request::Database(Question::Status), ANSWER_WITHIN).await;
+            if let Ok(Answer::Database(Reply::Status(status))) = answer
+                && self.tell(Heard::Input(Input::Database(status))).await.is_none()
+            {
+                return;
+            }
+            clock::sleep_until(asked + DATABASE_EVERY).await;
+        }
+    }
+
+    /// Asks once; returns nothing if the view has ended.
+    async fn status(&self) -> Option<()> {
         let (_, host) = &self.place;
         let status = match self.client.ask(host, &Request::Status, ANSWER_WITHIN).await {
             Ok(Answer::Status(status)) => status,
-            Ok(other) => return self.silent(&client::unasked(host, &other)),
-            Err(failure) => return self.silent(&failure),
+            Ok(other) => return self.silent(&client::unasked(host, &other)).await,
+            Err(failure) => return self.silent(&failure).await,
         };
-        let missing: BTreeSet<String> = status.missing.iter().cloned().collect();
-        let is_asked = self.is_local && !missing.is_empty();
-        let mut heard =
-            vec![Heard::Missing(self.place.clone(), missing), Heard::Input(Input::Status(Box::new(status)))];
+        let is_asked = self.is_local && !status.missing.is_empty();
+        self.tell(Heard::Status(self.place.clone(), Box::new(status))).await?;
         if is_asked && let Ok(Answer::Absent(absent)) = self.client.ask(host, &Request::Absent, ANSWER_WITHIN).await {
-            heard.push(Heard::Input(Input::Absent(Box::new(absent))));
+            self.tell(Heard::Input(Input::Absent(Box::new(absent)))).await?;
         }
-        heard
+        Some(())
     }
 
-    fn silent(&self, failure: &Failure) -> Vec<Heard> {
+    async fn silent(&self, failure: &Failure) -> Option<()> {
         let (_, host) = &self.place;
-        vec![Heard::Input(Input::Silent { host: host.clone(), why: words(failure) })]
+        self.tell(Heard::Input(Input::Silent { host: host.clone(), why: words(failure) })).await
     }
 
-    async fn database(&self) -> Option<Heard> {
-        let (_, host) = &self.place;
-        let answer = self.client.ask(host, &Request::Database(Question::Status), ANSWER_WITHIN).await;
-        let Ok(Answer::Database(Reply::Status(status))) = answer else { return None };
-        Some(Heard::Input(Input::Database(status)))
+    /// Tells the view something; returns nothing if the view has ended.
+    async fn tell(&self, heard: Heard) -> Option<()> {
+        self.sink.send(heard).await.ok()
     }
 }
 
