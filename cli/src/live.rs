@@ -253,9 +253,10 @@ impl Live {
         }
     }
 
-    /// Measures an output instead of another.
+    /// Measures an output instead of another, or again if its measurement has ended by itself.
     fn measure(&mut self, output: Option<ProgramOutput>) {
-        if self.measurement.as_ref().map(Measurement::output) == output.as_ref() {
+        let is_same = self.measurement.as_ref().map(Measurement::output) == output.as_ref();
+        if is_same && !self.measurement.as_ref().is_some_and(Measurement::is_over) {
             return;
         }
         if let Some(measurement) = self.measurement.take() {
@@ -264,7 +265,8 @@ impl Live {
         if let Some(output) = output
             && let Some(client) = self.client_of(&output.program.host)
         {
-            self.measurement = Some(Measurement::begin(client, output, self.sink.clone(), &mut self.tasks));
+            let sink = self.sink.clone();
+            self.measurement = Some(Measurement::begin(client, output, sink, &mut self.tasks, is_same));
         }
     }
 }
@@ -294,7 +296,10 @@ struct Asker {
 impl Asker {
     /// Each answer is told at once. A slow database delays no status.
     async fn ask(self, nudged: watch::Receiver<u64>) {
-        tokio::join!(self.statuses(nudged), self.databases());
+        tokio::select! {
+            () = self.statuses(nudged) => {}
+            () = self.databases() => {}
+        }
     }
 
     async fn statuses(&self, mut nudged: watch::Receiver<u64>) {

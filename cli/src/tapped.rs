@@ -86,11 +86,11 @@ impl End {
 }
 
 /// A program that is meant.
-struct Program {
-    path: String,
-    host: String,
+pub(crate) struct Program {
+    pub(crate) path: String,
+    pub(crate) host: String,
     /// Where it is dialled.
-    dial: Dial,
+    pub(crate) dial: Dial,
 }
 
 /// Follows the requested outputs until `take` returns an end, Ctrl-C comes or the deployment is over.
@@ -242,7 +242,7 @@ pub(crate) async fn locations(
 }
 
 /// Dials a program where it is now, if that is elsewhere.
-async fn found_again(
+pub(crate) async fn found_again(
     client: &Client,
     taps: &Taps,
     deployment: &Deployment,

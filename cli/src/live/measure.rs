@@ -5,19 +5,24 @@ use crate::client::{Client, words};
 use crate::io::taps::Taps;
 use crate::logic::tap::Rate;
 use crate::logic::top::{Program, ProgramOutput};
-use crate::tapped::{locations, outputs_of};
+use crate::tapped::{self, found_again, locations, outputs_of};
 use anyhow::anyhow;
 use comms::io::clock;
+use comms::logic::time::Time;
 use node::console::Failure;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Sender};
 use tokio::sync::oneshot;
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, JoinSet};
 use view::{Input, Measured};
 
 /// How often a rate is told.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
+/// How often a program without values is looked for: it may have been started again.
+const FIND_EVERY: Duration = Duration::from_secs(3);
+/// How long after its begin a measurement that has ended by itself may begin again.
+const AGAIN_AFTER: Duration = Duration::from_secs(3);
 /// How many values wait to be counted; more are left out, and their numbers show it.
 const VALUES_MAX: usize = 4096;
 
@@ -25,23 +30,36 @@ const VALUES_MAX: usize = 4096;
 pub(super) struct Measurement {
     output: ProgramOutput,
     end: oneshot::Sender<()>,
+    task: AbortHandle,
+    begun: Time,
 }
 
 impl Measurement {
-    /// Begins to measure an output.
+    /// Begins to measure an output. If it is measured again, a failure is not told again.
     pub(super) fn begin(
         client: Arc<Client>,
         output: ProgramOutput,
         sink: Sender<Heard>,
         tasks: &mut JoinSet<()>,
+        is_again: bool,
     ) -> Self {
         let (end, ended) = oneshot::channel();
-        tasks.spawn(run(client, output.clone(), sink, ended));
-        Self { output, end }
+        let measuring = run(client, output.clone(), sink.clone(), ended);
+        let task = tasks.spawn(async move {
+            if let Some(note) = measuring.await.filter(|_| !is_again) {
+                sink.send(Heard::Input(note)).await.unwrap_or_default();
+            }
+        });
+        Self { output, end, task, begun: clock::now() }
     }
 
     pub(super) fn output(&self) -> &ProgramOutput {
         &self.output
+    }
+
+    /// Returns whether it has ended by itself and may begin again, for example since its program had no links yet.
+    pub(super) fn is_over(&self) -> bool {
+        self.task.is_finished() && clock::now().since(self.begun) >= AGAIN_AFTER
     }
 
     /// Stops the measurement: then its program sends no values to it.
@@ -51,17 +69,21 @@ impl Measurement {
     }
 }
 
-async fn run(client: Arc<Client>, output: ProgramOutput, sink: Sender<Heard>, mut ended: oneshot::Receiver<()>) {
-    let Ok(mut taps) = Taps::open(client.team()).await else { return };
+/// Measures until the end; returns a note if that fails.
+async fn run(
+    client: Arc<Client>,
+    output: ProgramOutput,
+    sink: Sender<Heard>,
+    mut ended: oneshot::Receiver<()>,
+) -> Option<Input> {
+    let mut taps = Taps::open(client.team()).await.ok()?;
     let failed = tokio::select! {
         measured = measure(&client, &mut taps, &output, &sink) => measured.err(),
         _ = &mut ended => None,
     };
-    if let Some(failure) = failed {
-        let (host, text) = (output.program.host, format!("`{}` cannot be measured: {}", output.port, words(&failure)));
-        sink.send(Heard::Input(Input::Note { host, text })).await.unwrap_or_default();
-    }
     taps.close().await;
+    let text = format!("`{}` cannot be measured: {}", output.port, words(&failed?));
+    Some(Input::Note { host: output.program.host, text })
 }
 
 async fn measure(
@@ -74,24 +96,31 @@ async fn measure(
     let located = locations(client, host, deployment).await?;
     let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
     let dial = dial.ok_or_else(|| anyhow!("`{path}` has no links yet"))?;
-    outputs_of(taps, deployment, path, dial).await?;
+    outputs_of(taps, deployment, path, dial.clone()).await?;
+    let mut tapped = tapped::Program { path: path.clone(), host: host.clone(), dial };
     let (values_tx, mut values) = mpsc::channel(VALUES_MAX);
     taps.hear(&deployment.name, path, port, 0, values_tx).await?;
-    let (mut rate, mut told_at) = (Rate::default(), clock::now() + TOLD_EVERY);
+    let (mut rate, begun) = (Rate::default(), clock::now());
+    let (mut told_at, mut find_at) = (begun + TOLD_EVERY, begun + FIND_EVERY);
     loop {
         tokio::select! {
             value = values.recv() => match value {
-                Some((_, tapped)) => rate.take(&tapped),
+                Some((_, value)) => rate.take(&value),
                 None => return Ok(()),
             },
             () = clock::sleep_until(told_at) => {
-                let hertz = rate.hertz().unwrap_or(0.0);
-                let (deployment, path, port) = (deployment.clone(), path.clone(), port.clone());
-                let measured = Measured { deployment, path, port, hertz };
-                if sink.send(Heard::Input(Input::Measured(measured))).await.is_err() {
-                    return Ok(());
+                if let Some(hertz) = rate.hertz() {
+                    let (deployment, path, port) = (deployment.clone(), path.clone(), port.clone());
+                    let measured = Measured { deployment, path, port, hertz };
+                    if sink.send(Heard::Input(Input::Measured(measured))).await.is_err() {
+                        return Ok(());
+                    }
+                } else if clock::now() >= find_at {
+                    // It is looked for again if that fails.
+                    drop(found_again(client, taps, deployment, &mut tapped).await);
+                    find_at = clock::now() + FIND_EVERY;
                 }
-                (rate, told_at) = (rate.next(), told_at + TOLD_EVERY);
+                (rate, told_at) = (rate.next(), clock::now() + TOLD_EVERY);
             }
         }
     }
