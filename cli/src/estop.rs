@@ -5,7 +5,7 @@
 
 use crate::ConnectArgs;
 use crate::absent;
-use crate::client::{ANSWER_WITHIN, Client, Clients, unasked, words};
+use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked, words};
 use crate::io::user;
 use anyhow::anyhow;
 use comms::io::clock;
@@ -15,6 +15,7 @@ use node::logic::protocol::{Answer, Estop, Estopped, Request};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use tokio::task::JoinSet;
 
 /// How long programs may take to stop before their host counts as not answering.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
@@ -47,6 +48,13 @@ pub(crate) enum Outcome {
     Unknown(String),
     /// Its keys are revoked: no node of the team links to it.
     Revoked,
+}
+
+/// The hosts that one connection reaches.
+struct Reached {
+    outcomes: BTreeMap<String, Outcome>,
+    /// Their states, after they were asked.
+    statuses: Result<Statuses, Failure>,
 }
 
 impl Outcome {
@@ -106,23 +114,34 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks each known host.
+/// Asks each known host, over all connections at once.
 pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
-    let mut hosts = BTreeMap::new();
-    let mut all = Vec::new();
-    for client in clients.iter() {
-        let known = client.all().await?;
-        all.push((client, known));
+    let asked = clients.shared().into_iter().map(|client| {
+        let (mut asked, request) = (JoinSet::new(), request.clone());
+        asked.spawn(async move { over(&client, &request).await });
+        asked
+    });
+    let (mut hosts, mut found, mut failed) = (BTreeMap::new(), Vec::new(), Vec::new());
+    for (client, mut asked) in clients.iter().zip(asked.collect::<Vec<_>>()) {
+        let (outcomes, statuses) = match asked.join_next().await {
+            Some(Ok(Reached { outcomes, statuses })) => (outcomes, statuses),
+            Some(Err(panic)) => (BTreeMap::new(), Err(panic.into())),
+            None => continue,
+        };
+        hosts.extend(outcomes);
+        match statuses {
+            Ok(statuses) => found.push((client, statuses)),
+            Err(failure) => failed.push((client, failure)),
+        }
     }
-    for (client, known) in &all {
-        hosts.extend(wave(client, known, request).await);
+    if found.is_empty()
+        && let Some((_, failure)) = failed.pop()
+    {
+        return Err(failure);
     }
-    // Hosts that have come in the meantime, or that only others know.
-    let found = clients.look().await?;
-    for (client, statuses) in &found {
-        let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();
-        let more: BTreeSet<String> = named.filter(|host| !hosts.contains_key(host)).collect();
-        hosts.extend(wave(client, &more, request).await);
+    for (client, failure) in failed {
+        let name = client.local().unwrap_or("the network").to_owned();
+        hosts.entry(name).or_insert_with(|| Outcome::Unknown(words(&failure)));
     }
     let away = absent::ask(&found).await;
     for host in away.hosts.iter().map(|one| &one.host).chain(&away.silent) {
@@ -141,6 +160,21 @@ pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<B
         return Err(Failure::Unreachable(anyhow!("no node answers: nothing was stopped")));
     }
     Ok(hosts)
+}
+
+/// Asks each host that a connection reaches.
+async fn over(client: &Client, request: &Request) -> Reached {
+    // Where this fails, the hosts are those that the statuses name.
+    let known = client.all().await.unwrap_or_default();
+    let mut outcomes: BTreeMap<String, Outcome> = wave(client, &known, request).await.into_iter().collect();
+    let statuses = client.statuses_noted(|_| {}).await;
+    // Hosts that have come in the meantime, or that only others know.
+    if let Ok(statuses) = &statuses {
+        let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();
+        let more: BTreeSet<String> = named.filter(|host| !outcomes.contains_key(host)).collect();
+        outcomes.extend(wave(client, &more, request).await);
+    }
+    Reached { outcomes, statuses }
 }
 
 /// Asks some hosts at once, and waits for all of them.
