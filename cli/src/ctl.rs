@@ -1,7 +1,7 @@
 //! `dca ctl`: questions and states of an activity that runs, and orders of people for it.
 
 use crate::ConnectArgs;
-use crate::client::{Clients, unasked};
+use crate::client::{Client, Clients, unasked};
 use crate::complete;
 use crate::io::user;
 use crate::logic::process_name::{DeploymentName, ProcessName, is_path};
@@ -160,10 +160,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let activity = if let [one] = meant.as_slice() { one.activity.as_ref() } else { None };
     let order_told = order.told(activity).map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
     let request = TellRequest { name, process, order: order_told, by: user::name_and_host() };
-    let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
-    let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
-    let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
-    match told {
+    match deliver(client, &home, request, deployment.epoch).await? {
         Delivery::Taken { path, taken } => {
             console::say(&format!("{}\n", confirmed(order.name(), &path, taken)));
             Ok(())
@@ -176,11 +173,25 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
+/// Signs an order where that is necessary, and has the home of a deployment deliver it.
+pub(crate) async fn deliver(
+    client: &Client,
+    home: &str,
+    request: TellRequest,
+    epoch: u64,
+) -> Result<Delivery, Failure> {
+    let request = client.signed(home, Request::Tell(Box::new(request)), epoch).await?;
+    let answer = client.ask(home, &request, ANSWER_WITHIN).await?;
+    if let Answer::Delivered(told) = answer { Ok(told) } else { Err(unasked(home, &answer)) }
+}
+
 /// The reaction of an activity to an order.
 pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
-        Taken::Waits => format!("`{path}` has {order}, and takes it when what is being stopped has stopped"),
+        Taken::Waits => {
+            format!("`{path}` has {order}, and reacts when the processes that are being stopped have ended")
+        }
         Taken::Ignored => format!("`{path}` has {order}, and no transition takes it in the present states"),
     }
 }

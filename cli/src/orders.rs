@@ -1,11 +1,10 @@
 //! Orders of a person who looks at a live view: stop everything, release it, answer a question.
 
-use crate::client::{ANSWER_WITHIN, Client, Clients, unasked, words};
+use crate::client::{Client, Clients, words};
 use crate::io::user;
 use crate::logic::top::{Action, GivenAnswer};
 use crate::{ctl, estop};
-use node::console::Failure;
-use node::logic::protocol::{ActivityInput, Answer, Delivery, Estop, Request, TellRequest};
+use node::logic::protocol::{ActivityInput, Delivery, Estop, Request, TellRequest};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -33,15 +32,10 @@ pub(crate) async fn tell(client: Arc<Client>, given: GivenAnswer) -> String {
     let GivenAnswer { deployment, home, path, question, option } = given;
     let order = ActivityInput::Answer { question, option: option.clone() };
     let request = TellRequest { name: deployment.name.clone(), process: path, order, by: user::name_and_host() };
-    let told = async {
-        let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
-        let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
-        let Answer::Delivered(told) = answer else { return Err(unasked(&home, &answer)) };
-        Ok(match told {
-            Delivery::Taken { path, taken } => ctl::confirmed(&format!("the answer `{option}`"), &path, taken),
-            Delivery::Refused(why) => format!("cannot give the answer: {why}"),
-            Delivery::Unconfirmed(why) => format!("the answer is not confirmed: {why}"),
-        })
-    };
-    told.await.unwrap_or_else(|failure: Failure| words(&failure))
+    match ctl::deliver(&client, &home, request, deployment.epoch).await {
+        Ok(Delivery::Taken { path, taken }) => ctl::confirmed(&format!("the answer `{option}`"), &path, taken),
+        Ok(Delivery::Refused(why)) => format!("cannot give the answer: {why}"),
+        Ok(Delivery::Unconfirmed(why)) => format!("the answer is not confirmed: {why}"),
+        Err(failure) => words(&failure),
+    }
 }
