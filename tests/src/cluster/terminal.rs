@@ -3,11 +3,35 @@
 use super::SOON;
 use comms::io::clock::now;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Winsize, tcsetwinsize};
 use std::process::{Command, Stdio};
+
+/// The rows of a terminal.
+pub(super) const ROWS: u16 = 24;
+
+/// A terminal.
+pub(super) struct Terminal {
+    /// The end that a person looks at.
+    pub(super) screen: OwnedFd,
+    /// The end of the command.
+    pub(super) line: OwnedFd,
+}
+
+/// Opens a terminal.
+pub(super) fn open(columns: u16) -> Terminal {
+    let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
+    grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
+    let name = ptsname(&screen, Vec::new()).expect("a terminal has a name");
+    let line = rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
+    let line = line.expect("the terminal is there");
+    let size = Winsize { ws_row: ROWS, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
+    tcsetwinsize(&line, size).expect("a terminal has a size");
+    Terminal { screen, line }
+}
 
 /// Runs a command to its end, which an interrupt brings once it has written `wanted`; returns its exit code and all
 /// that it wrote.
@@ -15,13 +39,7 @@ use std::process::{Command, Stdio};
 /// # Panics
 /// Panics if the command has not ended `SOON`, or if no terminal can be opened.
 pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) -> (Option<i32>, String) {
-    let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
-    grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
-    let name = ptsname(&screen, Vec::new()).expect("a terminal has a name");
-    let line = rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
-    let line = line.expect("the terminal is there");
-    let size = Winsize { ws_row: 24, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
-    tcsetwinsize(&line, size).expect("a terminal has a size");
+    let Terminal { screen, line } = open(columns);
     let other = line.try_clone().expect("a descriptor is left");
     command.stdin(Stdio::null()).stdout(line).stderr(other);
     let mut child = command.spawn().expect("it can be started");

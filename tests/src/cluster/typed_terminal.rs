@@ -1,19 +1,15 @@
 //! A command on a terminal at which a person types: what is on the screen, and whether the terminal is as before.
 
 use super::SOON;
+use super::terminal::{self, ROWS, Terminal};
 use comms::io::clock::now;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
-use rustix::fs::{Mode, OFlags};
 use rustix::process::{Pid, Signal, kill_process};
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{Winsize, tcgetattr, tcsetwinsize};
+use rustix::termios::tcgetattr;
 use std::fmt::Write as _;
 use std::process::{Child, Command};
 use std::time::Duration;
-
-/// The rows of the terminal.
-const ROWS: usize = 24;
 
 /// The end of a command at a terminal.
 #[derive(Debug)]
@@ -38,14 +34,7 @@ pub struct TypedTerminal {
 
 impl TypedTerminal {
     pub(super) fn start(mut command: Command, columns: u16) -> Self {
-        let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
-        grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
-        let name = ptsname(&screen, Vec::new()).expect("a terminal has a name");
-        let line = rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
-        let line = line.expect("the terminal is there");
-        let rows = u16::try_from(ROWS).expect("it is small");
-        let size = Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
-        tcsetwinsize(&line, size).expect("a terminal has a size");
+        let Terminal { screen, line } = terminal::open(columns);
         let settings = settings(&line);
         let end = || line.try_clone().expect("a descriptor is left");
         command.stdin(end()).stdout(end()).stderr(end());
@@ -144,7 +133,7 @@ fn settings(line: &OwnedFd) -> String {
 
 /// Returns the screen that a text leaves behind: texts at places, and cleared screens. Colours are left out.
 fn screen(written: &str) -> String {
-    let (mut cells, mut row, mut column) = (vec![Vec::<char>::new(); ROWS], 0, 0);
+    let (mut cells, mut row, mut column) = (vec![Vec::<char>::new(); usize::from(ROWS)], 0, 0);
     let mut characters = written.chars().peekable();
     while let Some(character) = characters.next() {
         match character {
