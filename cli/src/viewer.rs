@@ -17,7 +17,7 @@ use node::console::{self, Failure, block_on};
 use serde_json::Value;
 use serve::{ORDER_WITHIN, Order, Shared};
 use std::io::IsTerminal as _;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -26,8 +26,6 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use view::Model;
 
-/// Where the page is, unless told otherwise.
-const ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7080);
 /// How often the plans of new deployments are asked for.
 const FOLLOW_EVERY: Duration = Duration::from_secs(1);
 /// How long browsers have for the results of their orders when the command is left.
@@ -42,14 +40,14 @@ const ORDERS_MAX: usize = 4;
 pub(crate) struct Arguments {
     /// Serve a page for a browser on this machine [default: 127.0.0.1:7080]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:7080", required = true)]
-    page: Option<SocketAddr>,
+    page: SocketAddr,
     #[command(flatten)]
     connect: ConnectArgs,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let address = arguments.page.unwrap_or(ADDRESS);
+    let address = arguments.page;
     if !address.ip().is_loopback() {
         return Err(Failure::Usage(anyhow!(
             "cannot serve a page at `{address}`: it would be open to the network. Use an address of this machine, such as \

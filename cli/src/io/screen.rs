@@ -14,7 +14,7 @@ use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
-/// How long one wait for a key takes at most, in nanoseconds: so long a person waits until the keys are given back.
+/// How long one wait for a key takes at most, in nanoseconds. [`Keys::rest`] waits this long at most.
 const KEY_WITHIN: i64 = 100_000_000;
 /// The other screen, without a cursor; and back. Source: ctlseqs of xterm, DECSET 1049 and DECTCEM.
 const ENTER: &str = "\x1b[?1049h\x1b[?25l\x1b[2J";

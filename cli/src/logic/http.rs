@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 /// The longest head of a request, in bytes.
-pub(crate) const HEAD_MAX: usize = 16 << 10;
+const HEAD_MAX: usize = 16 << 10;
 /// The longest body of a request, in bytes.
 pub(crate) const BODY_MAX: usize = 8 << 10;
 /// The most header fields.
@@ -30,7 +30,8 @@ pub(crate) enum Status {
 }
 
 impl Status {
-    fn line(self) -> &'static str {
+    /// Returns its number and its words.
+    pub(crate) fn line(self) -> &'static str {
         match self {
             Self::Ok => "200 OK",
             Self::SeeOther => "303 See Other",

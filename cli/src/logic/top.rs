@@ -259,7 +259,7 @@ impl Top {
             return None;
         };
         let Some(question) = rows::question_of(model, id) else {
-            self.say("this question is not open any more");
+            self.say("the question is no longer open");
             return None;
         };
         let place = usize::from(u8::try_from(digit).unwrap_or(b'1') - b'1');

@@ -1,6 +1,6 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
-use crate::logic::http::{self, Door, Entry, HEAD_MAX, Head, Status};
+use crate::logic::http::{self, Door, Entry, Head, Status};
 use crate::logic::live_page::{self, ICON, SCRIPT, STYLE};
 use comms::io::clock;
 use serde_json::{Value, json};
@@ -74,8 +74,8 @@ async fn request(stream: &mut TcpStream) -> io::Result<Result<(Head, Vec<u8>), S
         bytes.extend_from_slice(&chunk[..count]);
         match http::head(&bytes) {
             Ok(Some(whole)) => break whole,
-            Ok(None) if bytes.len() <= HEAD_MAX => {}
-            Ok(None) => return Ok(Err(Status::TooLarge)),
+            // A head that is too long is an error.
+            Ok(None) => {}
             Err(status) => return Ok(Err(status)),
         }
     };
@@ -88,7 +88,9 @@ async fn request(stream: &mut TcpStream) -> io::Result<Result<(Head, Vec<u8>), S
 }
 
 async fn refuse(stream: &mut TcpStream, status: Status) -> io::Result<()> {
-    let text = "this page opens with the link that `dca view --page` has printed\n";
+    let is_without_link = status == Status::Forbidden;
+    let link = "this page opens with the link that `dca view --page` has printed";
+    let text = format!("{}\n", if is_without_link { link } else { status.line() });
     stream.write_all(&http::answer(status, TEXT, "", text.as_bytes())).await
 }
 
@@ -121,7 +123,9 @@ async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {
     match timeout(ORDER_WITHIN, given).await {
         Ok(Some(word)) => word,
         Ok(None) => "not done: the view ends".to_owned(),
-        Err(_) => "it has taken too long; look at the robots".to_owned(),
+        Err(_) => {
+            format!("no result within {} s; the robots below show whether they are stopped", ORDER_WITHIN.as_secs())
+        }
     }
 }
 

@@ -173,7 +173,7 @@ impl Canvas<'_> {
             Tab::Processes => "nothing is deployed",
             Tab::Wires => "no deployment has wires",
             Tab::Events => "nothing has happened yet",
-            Tab::Output if self.top.program.is_some() => "it has written nothing yet",
+            Tab::Output if self.top.program.is_some() => "this process has written nothing yet",
             Tab::Output => "choose a process on page 2, and press Enter",
             Tab::Questions => "no question is open",
         }
