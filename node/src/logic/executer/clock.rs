@@ -11,11 +11,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// The longest delay that is made up for. An older due time counts as this old. So a node that was away for long does
-/// not have to carry out each tick of that time.
+/// The longest delay that is made up for. All timers move later by the rest of a longer delay. So a node that was away for
+/// long does not have to carry out each tick of that time.
 const MADE_UP: Duration = Duration::from_secs(10);
 
-/// A timer that is set. In this order they run out: of two that are due together, the one that began first.
+/// A timer that is set. Alarms run out in this order. Of two alarms that are due together, the alarm that began first runs
+/// out first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) struct Alarm {
     due: Time,
@@ -50,16 +51,27 @@ impl Clock {
 
     /// An event arrives that is not the end of a timer. Timers that are due and late have still to run out after it.
     pub(super) fn read(&mut self, now: Time) {
+        self.catch_up(now);
         let due = self.deadline().filter(|_| self.is_exact);
-        self.now = due.map_or(now, |due| due.min(now)).max(oldest(now));
+        self.now = due.map_or(now, |due| due.min(now));
     }
 
     /// Takes the next timer that has run out.
     pub(super) fn ring(&mut self, now: Time) -> Option<Alarm> {
+        self.catch_up(now);
         let alarm = *self.alarms.first().filter(|alarm| alarm.due <= now)?;
         self.alarms.remove(&alarm);
-        self.now = if self.is_exact { alarm.due.max(oldest(now)) } else { now };
+        self.now = if self.is_exact { alarm.due } else { now };
         Some(alarm)
+    }
+
+    /// Moves all timers later by the delay that is not made up for. Their order and distances stay.
+    fn catch_up(&mut self, now: Time) {
+        let Some(late) = self.deadline().map(|due| oldest(now).since(due)) else { return };
+        if self.is_exact && !late.is_zero() {
+            let alarms = std::mem::take(&mut self.alarms);
+            self.alarms = alarms.into_iter().map(|alarm| Alarm { due: alarm.due + late, ..alarm }).collect();
+        }
     }
 
     /// Sets a timer. Nothing counts from before `start`.
@@ -145,8 +157,18 @@ mod tests {
     fn a_long_absence_is_made_up_for_in_part() {
         let mut clock = ticking(true);
         let ticks = rung(&mut clock, at(3_600_050));
-        assert_eq!(ticks.len(), 102, "one tick, the other timer, and the ticks of 10 s");
+        assert_eq!(ticks.len(), 102, "all timers are moved by the rest of the delay, and 10 s are made up for");
         assert!(clock.deadline() > Some(at(3_600_050)));
+        // The other timer is due 350 ms after the first tick.
+        assert_eq!(ticks[..6], [0, 0, 0, 0, 1, 0]);
+    }
+
+    #[test]
+    fn an_event_after_a_long_absence_keeps_the_distances_of_timers() {
+        let mut clock = ticking(true);
+        clock.read(at(3_600_050));
+        clock.arm(2, 1, ms(150), Time::ZERO);
+        assert_eq!(rung(&mut clock, at(3_600_050))[..7], [0, 0, 2, 0, 0, 1, 0]);
     }
 
     #[test]
