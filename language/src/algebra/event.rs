@@ -1,5 +1,6 @@
 //! The events and commands of the algebra.
 
+use crate::automaton;
 use crate::plan::text_value;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -166,6 +167,26 @@ pub enum Event {
     },
     /// The surroundings of an activity have noticed something.
     Notice(u32),
+}
+
+impl Event {
+    /// Returns the same event for the automaton of an activity, if it is a message or a notice.
+    pub fn told(self) -> Option<automaton::Event> {
+        match self {
+            Self::Message { port, filters, priority, value } => {
+                let filters = filters.into_iter().map(|filter| filter as usize).collect();
+                Some(automaton::Event::Message { port: port as usize, filters, priority, value })
+            }
+            Self::Notice(notice) => Some(automaton::Event::Notice(notice as usize)),
+            Self::Start(_)
+            | Self::Stop
+            | Self::Done { .. }
+            | Self::Aborted { .. }
+            | Self::Stopped { .. }
+            | Self::StopUnconfirmed { .. }
+            | Self::Elapsed { .. } => None,
+        }
+    }
 }
 
 /// One order of a supervisor. A step gives them in the order in which they are to be carried out.

@@ -81,7 +81,6 @@ use super::event::{Command, Event, Outcome, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Cell, MemberState, State};
-use crate::automaton;
 pub use carry::{Carried, Misfit, carry};
 use std::ops::IndexMut;
 
@@ -139,12 +138,7 @@ pub(super) fn step_in<C: Cells, S: Seats>(
             let node = reaction.armed(timer, activation)?;
             reaction.e_timer(node, timer).and_then(|outcome| reaction.e_ctx(node, outcome))
         }
-        Event::Message { port, filters, priority, value } => {
-            let filters = filters.into_iter().map(|filter| filter as usize).collect();
-            let message = automaton::Event::Message { port: port as usize, filters, priority, value };
-            reaction.e_chart(message)
-        }
-        Event::Notice(notice) => reaction.e_chart(automaton::Event::Notice(notice as usize)),
+        Event::Message { .. } | Event::Notice(_) => event.told().and_then(|told| reaction.e_chart(told)),
     };
     outcome.or_else(|| reaction.e_grant())
 }

@@ -3,6 +3,7 @@
 use super::chart::{Target, Transition, Trigger};
 use super::configuration::Configuration;
 use super::enter::effective_targets;
+use super::event::Event;
 use super::shape::Automaton;
 use crate::algebra::{Cause, Reason, Value};
 use serde::{Deserialize, Serialize};
@@ -70,6 +71,20 @@ impl Cue {
             | Self::Complete(_)
             | Self::Timer(_) => Value::EMPTY,
         }
+    }
+}
+
+impl Configuration {
+    /// Returns whether a transition takes a message or a notice now. No transition takes any other event here.
+    pub fn takes(&self, automaton: &Automaton, event: Event) -> bool {
+        let cue = match event {
+            Event::Message { port, filters, value, .. } => Cue::Message { port, filters, value },
+            Event::Notice(notice) => Cue::Notice(notice),
+            Event::Start(_) | Event::Stop | Event::Ended { .. } | Event::Elapsed { .. } | Event::Overrun => {
+                return false;
+            }
+        };
+        !select(automaton, self, &cue).is_empty()
     }
 }
 
@@ -172,4 +187,45 @@ pub(super) fn exit_set(
         }
     };
     inside.filter(|&state| configuration.active[state]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Action, Chart, ChartState, Fragment, step};
+    use super::*;
+
+    /// A transition that stays and only writes a line takes its event, although nothing changes.
+    #[test]
+    fn a_transition_that_only_logs_takes_its_event() {
+        let stay = |source, trigger, actions| Transition { actions, ..Transition::new(source, trigger, Target::Stay) };
+        let says = vec![Action::Log(vec![Fragment::Text("heard".into())])];
+        let chart = Chart {
+            states: vec![ChartState::compound("lamp", None, 1), ChartState::atomic("dark", 0)],
+            transitions: vec![
+                stay(1, Trigger::Message { port: 0, filter: Some(4) }, says.clone()),
+                stay(1, Trigger::Notice(2), says),
+            ],
+            ports: vec![8],
+            ..Chart::default()
+        };
+        let lamp = Automaton::new(chart).expect("it is an automaton");
+        let mut place = Configuration::new(&lamp);
+        let message = |filters| Event::Message { port: 0, filters, priority: 0, value: Value::EMPTY };
+        assert!(!place.takes(&lamp, message(vec![4])), "it does not run");
+        step(&lamp, &mut place, Event::Start(Value::EMPTY), &mut Vec::new());
+        let before = place.clone();
+        for (event, takes) in [
+            (message(vec![4]), true),
+            (message(vec![3]), false),
+            (Event::Notice(2), true),
+            (Event::Notice(1), false),
+            (Event::Stop, false),
+        ] {
+            assert_eq!(place.takes(&lamp, event.clone()), takes, "{event:?}");
+            if event != Event::Stop {
+                step(&lamp, &mut place, event, &mut Vec::new());
+                assert_eq!(place, before);
+            }
+        }
+    }
 }

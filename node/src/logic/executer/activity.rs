@@ -137,16 +137,16 @@ impl Executer {
 
     /// Takes an order of a person.
     fn take(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Taking {
-        let before = self.state.chart().cloned();
-        let waits = before.as_ref().is_some_and(Configuration::is_waiting);
-        let ending = self.react(event, context, out);
-        let is_unmoved = ending.is_none() && before.as_ref() == self.state.chart();
-        let taken = match (waits, is_unmoved) {
-            (true, _) => Taken::Waits,
-            (false, true) => Taken::Ignored,
-            (false, false) => Taken::Reacted,
+        let place = self.program.automaton().zip(self.state.chart());
+        let takes = |(automaton, place): (_, &Configuration)| {
+            event.clone().told().is_some_and(|told| place.takes(automaton, told))
         };
-        Taking { ending, taken: Ok(taken) }
+        let taken = match place {
+            Some((_, place)) if place.is_waiting() => Taken::Waits,
+            place if place.is_some_and(takes) => Taken::Reacted,
+            _ => Taken::Ignored,
+        };
+        Taking { ending: self.react(event, context, out), taken: Ok(taken) }
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.

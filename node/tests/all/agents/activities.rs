@@ -327,7 +327,12 @@ activity First(here: Host) {
     move instof Stubborn(here);
     look instof Long(here);
     var n: 0..9 = 0;
-    initial state out { run move; on message m where text == "next" -> next; on message m where text == "end" -> done; }
+    initial state out {
+        run move;
+        on message m where text == "next" -> next;
+        on message m where text == "end" -> done;
+        on message m where text == "hello" { log("hello"); }
+    }
     state next { run look; on message m where text == "count" { n += 1; } on message m where text == "end" -> done; }
 }
 process main() {
@@ -363,6 +368,7 @@ fn an_activity_confirms_what_it_does_with_a_message() {
     let idle = |path: &str| Delivery::Refused(format!("`{path}` is not active"));
     assert_eq!(delivered(&mut world, "after", "next"), idle("main/after"));
     assert_eq!(delivered(&mut world, "round", "what"), taken("main/round", Taken::Ignored));
+    assert_eq!(delivered(&mut world, "round", "hello"), taken("main/round", Taken::Reacted));
     world.suspended = true;
     assert_eq!(delivered(&mut world, "round", "next"), taken("main/round", Taken::Reacted));
     // Its transition waits for a stop that no shim carries out.
