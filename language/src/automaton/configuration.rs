@@ -54,6 +54,13 @@ pub(super) struct Queued {
     pub(super) cue: Cue,
 }
 
+impl Queued {
+    /// Whether it is a message at a port.
+    pub(super) fn is_at(&self, port: usize) -> bool {
+        matches!(&self.cue, Cue::Message { port: other, .. } if *other == port)
+    }
+}
+
 /// A step between configurations that waits for the end of runs.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Pending {
@@ -110,11 +117,10 @@ impl Configuration {
 
     /// Returns whether a message of this priority at this port would be lost: rule 51.
     pub fn has_no_room(&self, automaton: &Automaton, port: usize, priority: u8) -> bool {
-        let is_here = |cue: &Cue| matches!(cue, Cue::Message { port: other, .. } if *other == port);
-        let waiting: Vec<&Queued> = self.queue.iter().filter(|queued| is_here(&queued.cue)).collect();
+        let waiting = || self.queue.iter().filter(|queued| queued.is_at(port));
         let limit = automaton.chart().ports.get(port).copied().unwrap_or(0);
-        let is_last = waiting.iter().all(|queued| queued.priority >= u16::from(priority));
-        self.is_waiting() && waiting.len() >= limit && is_last
+        let is_last = || waiting().all(|queued| queued.priority >= u16::from(priority));
+        self.is_waiting() && waiting().count() >= limit && is_last()
     }
 
     /// Returns the value of a finite variable.

@@ -124,9 +124,8 @@ impl Reaction<'_> {
         let limit = *self.automaton.chart().ports.get(port)?;
         let outcome = self.receive(u16::from(priority), cue);
         let queue = &mut self.configuration.queue;
-        let is_here = |cue: &Cue| matches!(cue, Cue::Message { port: other, .. } if *other == port);
-        if queue.iter().filter(|queued| is_here(&queued.cue)).count() > limit
-            && let Some(last) = queue.iter().rposition(|queued| is_here(&queued.cue))
+        if queue.iter().filter(|queued| queued.is_at(port)).count() > limit
+            && let Some(last) = queue.iter().rposition(|queued| queued.is_at(port))
         {
             queue.remove(last);
             self.commands.push(Command::Lost { port });

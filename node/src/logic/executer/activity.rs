@@ -114,14 +114,13 @@ impl Executer {
         match told {
             ActivityInput::Message { port, text, priority } => {
                 let event = chart.message(port, text, *priority);
-                let has_no_room = |automaton| {
-                    let number = chart.inputs.iter().position(|name| name == port);
-                    number.is_some_and(|number| place.has_no_room(automaton, number, *priority))
-                };
-                if self.program.automaton().is_some_and(has_no_room) {
+                let event = event.ok_or_else(|| format!("`{path}` has no input port `{port}`"))?;
+                if let (Event::Message { port: number, .. }, Some(automaton)) = (&event, self.program.automaton())
+                    && place.has_no_room(automaton, *number as usize, *priority)
+                {
                     return Err(format!("too many messages wait at `{port}` of `{path}`"));
                 }
-                event.ok_or_else(|| format!("`{path}` has no input port `{port}`"))
+                Ok(event)
             }
             ActivityInput::Notice(notice) => {
                 chart.notice(notice).ok_or_else(|| format!("`{path}` has no transition `on {notice}`"))
