@@ -9,6 +9,7 @@ use crate::story::inside::Way;
 use language::algebra::{Program, Value};
 use language::plan::{Expression, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
+use std::time::Duration;
 
 /// A group with at most this many configurations, estimated from its operators, is not divided.
 const WHOLE_MAX: u64 = 20_000;
@@ -429,6 +430,20 @@ pub(crate) fn walk(expression: &Expression, visit: &mut impl FnMut(&Expression))
     for operand in expression.operands() {
         walk(operand, visit);
     }
+}
+
+/// The times of the timers of an expression, in textual order.
+pub(crate) fn times_of(expression: &Expression) -> Vec<Duration> {
+    let mut times = Vec::new();
+    if let Expression::Chart(chart) = expression {
+        times.extend(chart.chart.transitions.iter().filter_map(|transition| transition.trigger.time()));
+    }
+    walk(expression, &mut |expression| {
+        if let Expression::Wait(time) | Expression::Shield { bound: Some(time), .. } = expression {
+            times.push(*time);
+        }
+    });
+    times
 }
 
 /// The same operator over other operands.

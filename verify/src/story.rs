@@ -5,7 +5,7 @@ pub(crate) mod inside;
 mod states;
 
 use crate::explore::Graph;
-use crate::model::{Model, Seat};
+use crate::model::{Model, Seat, times_of};
 use crate::system::MemberRef;
 use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, System};
 use event::event;
@@ -382,16 +382,7 @@ fn root_name(system: &System<'_>) -> String {
 
 /// The time of a timer, by its number in textual order.
 pub(crate) fn timer_of(expression: &Expression, timer: usize) -> Option<Duration> {
-    let mut times = Vec::new();
-    if let Expression::Chart(chart) = expression {
-        times.extend(chart.chart.transitions.iter().filter_map(|transition| transition.trigger.time()));
-    }
-    crate::model::walk(expression, &mut |expression| {
-        if let Expression::Wait(time) | Expression::Shield { bound: Some(time), .. } = expression {
-            times.push(*time);
-        }
-    });
-    times.get(timer).copied()
+    times_of(expression).get(timer).copied()
 }
 
 /// A time as a person writes it.

@@ -8,12 +8,13 @@
 //! Bounds far from 0 are rounded up, so that a short period beside a long time does not give a zone for each tick.
 
 use super::Frame;
+use crate::model::times_of;
 use language::algebra::{Command, Program};
 use language::automaton::{Action, Target, Transition};
 use language::plan::{Expression, TIMER_LEAST};
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Longer times count as this long: 36 years, in nanoseconds.
@@ -144,11 +145,11 @@ struct Zones {
     matters: Vec<bool>,
     /// The greatest time of which all times of the activity are multiples, in nanoseconds.
     unit: u64,
-    known: Mutex<BTreeMap<u64, Known>>,
+    known: Mutex<BTreeMap<u64, Arc<Known>>>,
 }
 
 /// A zone, and the timers that may run out next.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Known {
     zone: Zone,
     next: Vec<u32>,
@@ -160,7 +161,7 @@ impl Zones {
         let Expression::Chart(chart) = expression else { return None };
         let timed = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some());
         let mut matters: Vec<bool> = timed.map(has_effect).collect();
-        let times: Vec<Duration> = (0..).map_while(|timer| crate::story::timer_of(expression, timer)).collect();
+        let times = times_of(expression);
         matters.resize(times.len(), true);
         let unit = times.iter().map(|time| nanoseconds(*time)).fold(0, common);
         let is_ordered = matters.iter().filter(|matters| **matters).count() > 1;
@@ -172,7 +173,7 @@ impl Zones {
     }
 
     /// The zone of a number. Number 0 is that of no timers.
-    fn known(&self, number: u64) -> Option<Known> {
+    fn known(&self, number: u64) -> Option<Arc<Known>> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner).get(&number).cloned()
     }
 
@@ -189,7 +190,7 @@ impl Zones {
         }
         known.entry(number).or_insert_with(|| {
             let next = zone.timers.iter().copied().filter(|&timer| zone.elapsed(timer).is_some()).collect();
-            Known { zone, next }
+            Arc::new(Known { zone, next })
         });
         number
     }
@@ -240,8 +241,8 @@ impl Clocks {
     /// Whether no other timer of a unit runs out before this one.
     pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, timer: u32) -> bool {
         let Some((place, zones)) = self.place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
-        let may = |known: &Known| known.next.contains(&timer) || known.zone.place(timer).is_none();
-        zones.known(frame.zones[place]).is_none_or(|known| may(&known))
+        let known = zones.known(frame.zones[place]);
+        known.is_none_or(|known| known.next.contains(&timer) || known.zone.place(timer).is_none())
     }
 
     /// Follows the timers of a unit through its reaction to an event, which may be the end of a timer.
@@ -253,7 +254,7 @@ impl Clocks {
         if known.is_none() && !begins {
             return;
         }
-        let mut zone = known.map_or_else(Zone::new, |known| known.zone);
+        let mut zone = known.map_or_else(Zone::new, |known| known.zone.clone());
         zone.close();
         if let Some(after) = elapsed.and_then(|timer| zone.elapsed(timer)) {
             zone = after;
