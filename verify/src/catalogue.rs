@@ -100,11 +100,9 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
             continue;
         }
         let over = graph.which(&system, is_over);
-        (ends[index], ways[index]) = ends_of(&system, &graph, &over);
+        (ends[index], ways[index]) = ends_of(&system, &graph, &over, has_activity);
         if has_activity {
             ends_at_once = graph.from(0).any(|(_, started)| over[started as usize]);
-        } else {
-            ways[index].clear();
         }
         // From its start it can end, and from somewhere else it cannot.
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
@@ -133,8 +131,8 @@ fn is_taken_down(model: &Model<'_>, part: usize) -> bool {
     !source.is_piece && (is_away || escalates(model, source.group))
 }
 
-/// How the whole of a system ends, of all that was seen, and a way to each end that no stop causes.
-fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> (Ends, Vec<Way>) {
+/// How the whole of a system ends, of all that was seen, and if wanted a way to each end that no stop causes.
+fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool], wants_ways: bool) -> (Ends, Vec<Way>) {
     let (mut ends, mut ways) = (Ends::default(), Vec::<Way>::new());
     let (mut frame, mut changes) = (system.initial(), Vec::new());
     let mut stepper = system.stepper();
@@ -149,7 +147,8 @@ fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> (Ends, Vec<Way>
                     Changed::Aborted => Some(None),
                     Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => None,
                 };
-                let is_new = |value: &Option<Value>| !is_asked && ways.iter().all(|way| way.value != *value);
+                let is_new =
+                    |value: &Option<Value>| wants_ways && !is_asked && ways.iter().all(|way| way.value != *value);
                 if let Some(value) = value.filter(is_new) {
                     let labels = graph.way(state).into_iter().chain([label]).collect();
                     ways.push(Way { value, labels });
