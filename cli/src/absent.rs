@@ -109,6 +109,12 @@ pub(crate) fn no_process_of(name: &ProcessName, found: &[(&Client, Statuses)], a
     nowhere(&format!("process `{name}`"), near, away)
 }
 
+/// Says that no node that answers has a deployment; hosts that do not answer may have it.
+pub(crate) fn no_deployment(name: &DeploymentName, found: &[(&Client, Statuses)], away: &Absences) -> Failure {
+    let near = suggestion::deployment(name, paths(found).map(|(deployment, _)| deployment));
+    nowhere(&format!("deployment `{name}`"), near, away)
+}
+
 /// Says that no node that answers has something; hosts that do not answer may have it.
 pub(crate) fn nowhere(what: &str, near: Option<String>, away: &Absences) -> Failure {
     let hint = suggestion::question(near, "`dca status` lists what is");
@@ -140,10 +146,7 @@ pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Status
     let away = ask(found).await;
     match away.end(name) {
         Some(end) => away.not_confirmed(name, end),
-        None => {
-            let near = suggestion::deployment(name, paths(found).map(|(deployment, _)| deployment));
-            nowhere(&format!("deployment `{name}`"), near, &away)
-        }
+        None => no_deployment(name, found, &away),
     }
 }
 

@@ -197,7 +197,7 @@ async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure
         Some((client, home, waiting)) => stop_waiting(client, home, &waiting.name).await?,
         None if is_over(name, &all) => {
             let away = absent::ask(&all).await;
-            let Some(end) = away.end(name) else { return Err(absent::not_running(name, &all).await) };
+            let Some(end) = away.end(name) else { return Err(absent::no_deployment(name, &all, &away)) };
             let unconfirmed: Vec<String> = end.hosts.iter().map(|one| one.host.clone()).collect();
             let failure = away.not_confirmed(name, end);
             return Ok(Ended { is_stopped: !absent::is_unknown_at_home(end), unconfirmed, failure: Some(failure) });
