@@ -174,6 +174,11 @@ impl Mission {
         self.rejoin_later(host, out.now);
     }
 
+    /// Returns whether a host of it has failed.
+    pub(super) fn is_lost(&self, host: &str) -> bool {
+        self.hosts.get(host).is_some_and(HostPart::has_failed)
+    }
+
     /// Returns the names of the hosts that have not failed.
     pub(super) fn reachable(&self) -> impl Iterator<Item = &String> {
         self.hosts.iter().filter(|(_, part)| !part.has_failed()).map(|(host, _)| host)

@@ -38,7 +38,7 @@ impl Switches {
         let plan = &mission.plan;
         let (group, slot) = member(plan, &request.process)?;
         let host = group_host(plan, group).unwrap_or_default();
-        if mission.hosts.get(host).is_some_and(|part| part.has_failed()) {
+        if mission.is_lost(host) {
             return Err(format!("host `{host}`, which supervises `{}`, is lost", request.process));
         }
         let owned = plan.groups.get(group as usize).map(|group| owned_sets(group, slot)).unwrap_or_default();

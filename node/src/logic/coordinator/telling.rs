@@ -47,7 +47,7 @@ impl Orders {
         let (group, path, chart) = activity(&mission.plan, &request.process).map_err(Delivery::Refused)?;
         check(chart, &path, &request.order).map_err(Delivery::Refused)?;
         let host = group_host(&mission.plan, group).unwrap_or_default().to_owned();
-        if is_lost(mission, &host) {
+        if mission.is_lost(&host) {
             return Err(Delivery::Unconfirmed(format!("host `{host}`, which runs `{path}`, is lost")));
         }
         let (told, by) = (request.order.clone(), Some(request.by.clone()));
@@ -72,17 +72,20 @@ impl Orders {
     /// Gives up supervisors that do not answer.
     pub(super) fn tick(&mut self, mission: &Mission, out: &mut Out<'_>) {
         let now = out.now;
-        let is_over = |handed: &mut Handed| handed.until <= now || is_lost(mission, &handed.host);
-        for (call, Handed { path, host, .. }) in self.0.extract_if(.., |_, handed| is_over(handed)) {
-            let why = match is_lost(mission, &host) {
-                true => format!("it was handed to host `{host}`, which is lost; `{path}` has not confirmed it"),
-                false => format!(
-                    "it was handed to host `{host}`, and `{path}` has not confirmed it within {} s; it may still arrive",
-                    CONFIRM_WITHIN.as_secs()
-                ),
+        self.0.retain(|call, Handed { path, host, until }| {
+            let why = if mission.is_lost(host) {
+                format!("it was handed to host `{host}`, which is lost; `{path}` has not confirmed it")
+            } else if *until <= now {
+                let within = CONFIRM_WITHIN.as_secs();
+                format!(
+                    "it was handed to host `{host}`, and `{path}` has not confirmed it within {within} s; it may still arrive"
+                )
+            } else {
+                return true;
             };
-            out.answer_last(call, Answer::Delivered(Delivery::Unconfirmed(why)));
-        }
+            out.answer_last(*call, Answer::Delivered(Delivery::Unconfirmed(why)));
+            false
+        });
     }
 
     /// Answers all calls: the deployment ends.
@@ -91,10 +94,6 @@ impl Orders {
             out.answer_last(call, Answer::Delivered(Delivery::Refused(format!("`{name}` ends"))));
         }
     }
-}
-
-fn is_lost(mission: &Mission, host: &str) -> bool {
-    mission.hosts.get(host).is_some_and(|part| part.has_failed())
 }
 
 /// Whether an activity takes an order of a person.
