@@ -188,17 +188,6 @@ pub fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Opti
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_robot_that_is_not_in_the_team_is_named() {
-        let why = no_robot("r99", ["r1", "r9", "r9"].into_iter()).unwrap();
-        assert_eq!(
-            why,
-            "the team has no robot `r99`, so nothing was written: its robots are `r1`, `r9`; did you mean `r9`?"
-        );
-        assert_eq!(no_robot("r1", ["r1", "r2"].into_iter()), None);
-        assert_eq!(no_robot("r1", std::iter::empty()), None, "who is in no team knows no robot");
-    }
     use crate::logic::database::question::{ContentsStatus, StoreStatus};
     use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
     use dbmanager::logic::view::past::When;
@@ -236,6 +225,17 @@ mod tests {
             alarms: vec![],
             other_team: vec![],
         }
+    }
+
+    #[test]
+    fn a_robot_that_is_not_in_the_team_is_named() {
+        let why = no_robot("r99", ["r1", "r9", "r9"].into_iter()).unwrap();
+        assert_eq!(
+            why,
+            "the team has no robot `r99`, so nothing was written: its robots are `r1`, `r9`; did you mean `r9`?"
+        );
+        assert_eq!(no_robot("r1", ["r1", "r2"].into_iter()), None);
+        assert_eq!(no_robot("r1", std::iter::empty()), None, "a robot without a team does not know the members");
     }
 
     #[test]
