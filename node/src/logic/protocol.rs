@@ -363,7 +363,7 @@ pub enum Delivery {
     },
     /// The activity has not taken it, for this reason.
     Refused(String),
-    /// Whether the activity takes it is not known, for this reason.
+    /// The activity has not confirmed it, for this reason.
     Unconfirmed(String),
 }
 
