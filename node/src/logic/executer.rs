@@ -45,7 +45,7 @@ pub(super) const SWITCH_WITHIN: Duration = Duration::from_secs(1);
 /// The shortest time between two activations of one member, and the shortest wait: a loop whose rounds end at once must
 /// not keep a node from everything else.
 pub(super) const PACE: Duration = TIMER_LEAST;
-/// So many timers run out in one turn of the node at most.
+/// The most timers that run out in one turn of the node.
 const ALARMS_MAX: usize = 256;
 /// So many steps are recorded at once, or as many as there were when the group ends.
 const STEPS_MAX: usize = 32;

@@ -22,7 +22,7 @@ pub(crate) fn mode(aborts: bool) -> Mode {
     Mode { aborts, stops: aborts, ..Mode::default() }
 }
 
-/// The steps of a box to its end, which is the last of them; none if the box is told of by its end alone.
+/// The steps of a box to its end, which is the last of them; none if the story tells only the end of the box.
 pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<Vec<Step>> {
     let (unit, member, value) = if let Label::Done(unit, member, value) = label {
         (usize::from(unit), usize::from(member), Some(system.value(value)))

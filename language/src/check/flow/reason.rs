@@ -8,7 +8,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEADLINE;
 use std::collections::BTreeSet;
 
-/// Reports transitions `on aborted("TEXT")` whose text is that of no `fail` and no `abort` in what runs there.
+/// Reports transitions `on aborted("TEXT")` whose text no `fail` and no `abort` has in what runs there.
 pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics) {
     let Some(ExprKind::Chart(model)) = process.actions.as_ref().map(|actions| &actions.kind) else { return };
     for (transition, &span) in model.chart.chart.transitions.iter().zip(&model.places) {
@@ -41,7 +41,7 @@ struct Reasons<'s> {
 }
 
 impl<'s> Reasons<'s> {
-    /// Adds those of an expression of a group.
+    /// Adds the texts of an expression of a group.
     fn of(&mut self, process: &'s Process, expr: &'s Expr) {
         if let ExprKind::Fail(text) = &expr.kind {
             self.texts.insert(text);

@@ -105,7 +105,7 @@ impl Executer {
         self.react(event, context, out)
     }
 
-    /// The event that an order is for the activity, or why there is none.
+    /// Returns the event of an order for the activity, or the reason why the activity cannot take the order.
     fn event_of(&self, told: &ActivityInput, plan: &Plan) -> Result<Event, String> {
         let path = plan.groups.get(self.group as usize).map_or("", |group| group.path.as_str());
         let idle = || format!("`{path}` is not active");
