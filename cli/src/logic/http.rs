@@ -3,6 +3,7 @@
 //! Source: RFC 9112 for messages, RFC 6265 for cookies, the Fetch standard for `Sec-Fetch-Site`.
 
 use std::fmt::Write as _;
+use std::net::SocketAddr;
 
 /// The longest head of a request, in bytes.
 const HEAD_MAX: usize = 16 << 10;
@@ -10,8 +11,9 @@ const HEAD_MAX: usize = 16 << 10;
 pub(crate) const BODY_MAX: usize = 8 << 10;
 /// The most header fields.
 const FIELDS_MAX: usize = 64;
-/// The name of the cookie that shows that a browser has opened the link of this view.
-const COOKIE: &str = "dca-view";
+/// The begin of the name of the cookie that shows that a browser has opened the link of this view. The port follows: a
+/// browser sends the cookies of all ports of a host to each of them.
+const COOKIE: &str = "dca-view-";
 /// The policy for the browser: it loads only this page, its style and its script, and runs no script within the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -49,7 +51,7 @@ impl Status {
 pub(crate) struct Head {
     pub(crate) is_post: bool,
     pub(crate) path: String,
-    query: String,
+    pub(crate) query: String,
     host: String,
     origin: Option<String>,
     site: Option<String>,
@@ -103,8 +105,8 @@ pub(crate) fn head(bytes: &[u8]) -> Result<Option<(Head, usize)>, Status> {
 /// The secrets of a view, and the address under which it is opened.
 #[derive(Clone, Debug)]
 pub(crate) struct Door {
-    /// The names and ports under which browsers reach it: `127.0.0.1:7080`.
-    pub(crate) hosts: Vec<String>,
+    /// The address at which it listens.
+    pub(crate) address: SocketAddr,
     /// The secret in the link that is printed.
     pub(crate) key: String,
     /// The secret in the page, which each order repeats.
@@ -124,7 +126,8 @@ impl Door {
     /// Checks whether a request comes from a browser that has opened the link, and an order from the page itself.
     pub(crate) fn check(&self, head: &Head) -> Result<Entry, Status> {
         // A page of another site that has its name point here has another host.
-        if !self.hosts.contains(&head.host) {
+        let (address, port) = (self.address, self.address.port());
+        if head.host != address.to_string() && head.host != format!("localhost:{port}") {
             return Err(Status::Forbidden);
         }
         let key = head.query.strip_prefix("key=").unwrap_or_default();
@@ -132,7 +135,7 @@ impl Door {
             return Ok(Entry::Link);
         }
         let cookie = head.cookie.split(';').filter_map(|one| one.trim().split_once('='));
-        let is_known = cookie.into_iter().any(|(name, value)| name == COOKIE && is_equal(value, &self.key));
+        let is_known = cookie.into_iter().any(|(name, value)| name == self.cookie() && is_equal(value, &self.key));
         if !is_known {
             return Err(Status::Forbidden);
         }
@@ -145,9 +148,15 @@ impl Door {
         Ok(Entry::Granted)
     }
 
+    /// Returns the name of its cookie.
+    fn cookie(&self) -> String {
+        format!("{COOKIE}{}", self.address.port())
+    }
+
     /// Returns the answer to the link.
     pub(crate) fn welcome(&self) -> Vec<u8> {
-        let cookie = format!("Set-Cookie: {COOKIE}={}; HttpOnly; SameSite=Strict; Path=/\r\nLocation: /\r\n", self.key);
+        let (name, key) = (self.cookie(), &self.key);
+        let cookie = format!("Set-Cookie: {name}={key}; HttpOnly; SameSite=Strict; Path=/\r\nLocation: /\r\n");
         answer(Status::SeeOther, "text/plain; charset=utf-8", &cookie, b"")
     }
 }
@@ -189,7 +198,7 @@ mod tests {
     use super::*;
 
     fn door() -> Door {
-        Door { hosts: vec!["127.0.0.1:7080".into(), "localhost:7080".into()], key: "k1".into(), token: "t1".into() }
+        Door { address: ([127, 0, 0, 1], 7080).into(), key: "k1".into(), token: "t1".into() }
     }
 
     fn read(text: &str) -> Result<Head, Status> {
@@ -206,13 +215,17 @@ mod tests {
         check("GET /?key=k1 HTTP/1.1\nHost: 127.0.0.1:7080\n\n", Ok(Entry::Link));
         check("GET /?key=k2 HTTP/1.1\nHost: 127.0.0.1:7080\n\n", Err(Status::Forbidden));
         check("GET / HTTP/1.1\nHost: 127.0.0.1:7080\n\n", Err(Status::Forbidden));
-        check("GET /events HTTP/1.1\nHost: localhost:7080\nCookie: a=b; dca-view=k1\n\n", Ok(Entry::Granted));
-        check("GET /events HTTP/1.1\nHost: localhost:7080\nCookie: dca-view=\n\n", Err(Status::Forbidden));
+        check("GET /events HTTP/1.1\nHost: localhost:7080\nCookie: a=b; dca-view-7080=k1\n\n", Ok(Entry::Granted));
+        check("GET /events HTTP/1.1\nHost: localhost:7080\nCookie: dca-view-7080=\n\n", Err(Status::Forbidden));
+        // The views at two ports have the same cookies.
+        let both = "Cookie: dca-view-7081=k2; dca-view-7080=k1";
+        check(&format!("GET /events HTTP/1.1\nHost: localhost:7080\n{both}\n\n"), Ok(Entry::Granted));
+        check("GET /events HTTP/1.1\nHost: localhost:7080\nCookie: dca-view-7081=k1\n\n", Err(Status::Forbidden));
     }
 
     #[test]
     fn another_site_cannot_give_orders_or_read() {
-        let begin = "POST /estop HTTP/1.1\nHost: 127.0.0.1:7080\nCookie: dca-view=k1\n";
+        let begin = "POST /estop HTTP/1.1\nHost: 127.0.0.1:7080\nCookie: dca-view-7080=k1\n";
         check(&format!("{begin}X-Dca-Token: t1\nOrigin: http://127.0.0.1:7080\n\n"), Ok(Entry::Granted));
         check(&format!("{begin}Origin: http://127.0.0.1:7080\n\n"), Err(Status::Forbidden));
         check(&format!("{begin}X-Dca-Token: t2\n\n"), Err(Status::Forbidden));

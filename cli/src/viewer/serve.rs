@@ -105,6 +105,10 @@ async fn answer(stream: &mut TcpStream, shared: &Shared, head: &Head, body: &[u8
         (false, "/page.css") => ("text/css; charset=utf-8", STYLE.to_owned()),
         (false, "/page.js") => ("text/javascript; charset=utf-8", SCRIPT.to_owned()),
         (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
+        // A browser that connects again by itself tells the position in its field; one that opens the stream anew in the query.
+        (false, "/events") if head.last_event_id.is_empty() => {
+            return events(stream, shared, head.query.strip_prefix("after=").unwrap_or_default()).await;
+        }
         (false, "/events") => return events(stream, shared, &head.last_event_id).await,
         (true, "/estop" | "/release" | "/answer") => (TEXT, order(shared, head, body).await),
         (_, _) => return stream.write_all(&http::answer(Status::NotFound, TEXT, "", b"there is no such page\n")).await,

@@ -159,15 +159,16 @@ function drawAlarms() {
   const old = silent === null ? null : Math.max(silent >= ages.limit ? silent : 0, ages.all ?? Infinity);
   const isStale = old === null || old >= ages.limit;
   byId("stale").hidden = !isStale;
-  byId("stale").textContent = old === null || old === Infinity ? "no data yet" : `not live since ${Math.floor(old)} s`;
+  const words = old === null || old === Infinity ? "no data yet" : `not live since ${Math.floor(old)} s`;
+  byId("stale").textContent = isDisplaced ? `${words}: other windows show this page; click here to go on` : words;
   const stopped = [...model.robots.values()].filter((robot) => robot.estop);
   byId("stopped").hidden = stopped.length === 0;
   byId("stopped").textContent = stopped.length ? `Everything is stopped on ${stopped.map((one) => one.host).join(", ")}: ${stopped[0].estop}` : "";
   byId("release").hidden = stopped.length === 0;
   const failed = [...model.processes.values()].filter((one) => one.health === "failed").length;
   const count = (number, one, many) => `${number} ${number === 1 ? one : many}`;
-  const words = `${count(model.robots.size, "robot", "robots")}, ${count(model.processes.size, "process", "processes")}`;
-  byId("summary").textContent = failed ? `${words}, ${failed} failed` : words;
+  const counts = `${count(model.robots.size, "robot", "robots")}, ${count(model.processes.size, "process", "processes")}`;
+  byId("summary").textContent = failed ? `${counts}, ${failed} failed` : counts;
 }
 
 function draw() {
@@ -204,8 +205,50 @@ byId("estop").addEventListener("click", () => sure("Stop everything on all robot
 byId("release").addEventListener("click", () => sure("Let programs begin again on all robots?", () => order("/release", {})));
 byId("filter").addEventListener("input", drawEvents);
 
-const stream = new EventSource("/events");
-stream.addEventListener("message", (message) => {
+// A browser permits a host six connections, and each stream is one. So a page that nobody sees has none, and all pages of a
+// browser together have no more than there are locks: orders need a connection, too. A page that is opened takes the lock of another.
+const STREAMS_MAX = 4;
+let stream = null;
+let position = "";
+let letGo = () => {};
+let isAsking = false;
+let isDisplaced = false;
+
+function leave() {
+  stream?.close();
+  stream = null;
+  letGo();
+  letGo = () => {};
+}
+
+// Resolves to whether the lock is held, which it is until `letGo` is called or another page takes it.
+function hold(number, options) {
+  return new Promise((resolve) => {
+    const held = (lock) => {
+      resolve(lock !== null);
+      return lock === null ? undefined : new Promise((release) => (letGo = release));
+    };
+    navigator.locks.request(`stream ${number}`, options, held).catch(() => {
+      isDisplaced = true;
+      leave();
+    });
+  });
+}
+
+async function follow() {
+  if (document.hidden) return leave();
+  if (stream !== null || isAsking) return;
+  isAsking = true;
+  let isHeld = false;
+  for (let number = 0; number < STREAMS_MAX && !isHeld; number += 1) isHeld = await hold(number, { ifAvailable: true });
+  if (!isHeld) await hold(Math.floor(Math.random() * STREAMS_MAX), { steal: true });
+  isAsking = isDisplaced = false;
+  stream = new EventSource(`/events?after=${position}`);
+  stream.addEventListener("message", hear);
+}
+
+function hear(message) {
+  position = message.lastEventId;
   const data = JSON.parse(message.data);
   heard = now();
   ages = data.ages;
@@ -216,5 +259,9 @@ stream.addEventListener("message", (message) => {
     drawRobots();
     drawAlarms();
   }
-});
+}
+
+document.addEventListener("visibilitychange", follow);
+for (const event of ["focus", "pointerdown", "keydown"]) window.addEventListener(event, follow);
+follow();
 setInterval(drawAlarms, 500);

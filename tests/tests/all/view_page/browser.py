@@ -1,8 +1,8 @@
 """Looks at the page of `dca view --page` as a person does, in a real browser.
 
 Arguments: the link, the folder for pictures. Reads words from standard input and answers each with a line: `see TEXT` waits for a text,
-`gone TEXT` waits until it is gone, `press NAME` presses a button, `picture NAME` draws it at 390 and 1400 pixels, `errors` fails if the page had
-errors, `end` ends it.
+`gone TEXT` waits until it is gone, `press NAME` presses a button, `picture NAME` draws it at 390 and 1400 pixels, `again N` opens the page in N
+further windows, and then looks at the first one again, `errors` fails if the page had errors, `end` ends it.
 """
 
 import sys
@@ -56,10 +56,27 @@ def picture(page, name):
             page.screenshot(path=f"{FOLDER}/{name}-{scheme}-{width}.png")
 
 
+def open_again(page, count):
+    """More windows than a browser has connections for one host: each is live when it is opened, and gives orders."""
+    others = []
+    for _ in range(count):
+        other = page.context.new_page()
+        other.goto(LINK)
+        other.get_by_text("running").first.wait_for(timeout=WITHIN)
+        others.append(other)
+    answer = others[0].evaluate("order('/answer', {}).then(() => byId('word').textContent)")
+    assert "no longer open" in answer, answer
+    page.get_by_text("other windows show this page").wait_for(timeout=WITHIN)
+    page.get_by_text("other windows show this page").click()
+    page.get_by_text("not live since").wait_for(state="hidden", timeout=WITHIN)
+    for other in others:
+        other.close()
+
+
 def main():
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        page = browser.new_page()
+        page = browser.new_context().new_page()
         wrong = []
         page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -76,6 +93,8 @@ def main():
                     page.get_by_role("button", name=text, exact=True).first.click(timeout=WITHIN)
                 elif order == "picture":
                     picture(page, text)
+                elif order == "again":
+                    open_again(page, int(text))
                 elif order == "errors":
                     known = [error for error in wrong if "ERR_" not in error]
                     assert not known, known
