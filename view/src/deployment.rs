@@ -228,6 +228,11 @@ impl LiveDeployment {
         Vec::from_iter(phases).join("/")
     }
 
+    /// Returns whether a host has a part of it, or may have.
+    pub(crate) fn is_on(&self, host: &str) -> bool {
+        self.phases.contains_key(host) || self.processes.values().any(|process| process.host == host)
+    }
+
     /// Takes in what a host reports.
     pub(crate) fn take(&mut self, look: Look<'_>, part: &DeploymentStatus, moments: Option<&Moments>) -> Taken {
         let mut taken = Taken::default();

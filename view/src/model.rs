@@ -16,6 +16,9 @@ use node::logic::protocol::{Absent, Change, Deployment, Ending, Event, NodeStatu
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+/// How long a robot is shown that no node lists any more. A node that a link is lost to is left out for a moment before it is
+/// listed as missing.
+const GONE_AFTER: Duration = Duration::from_secs(10);
 /// The most robots.
 const ROBOTS_MAX: usize = 256;
 /// The most deployments that run.
@@ -244,10 +247,9 @@ impl Model {
             self.omitted.items += omitted;
             self.forget(id, gone);
         }
-        let left =
-            self.deployments.iter().filter(|(id, live)| live.phases.contains_key(&status.host) && !there.contains(id));
+        let left = self.deployments.iter().filter(|(id, live)| live.is_on(&status.host) && !there.contains(id));
         for id in left.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
-            self.leave(now, &id, &status.host);
+            self.leave(now, &id, &status.host, "over");
         }
     }
 
@@ -275,13 +277,13 @@ impl Model {
         }
     }
 
-    /// Takes note that a host has no part of a deployment any more.
-    fn leave(&mut self, now: Time, id: &Deployment, host: &str) {
+    /// Takes note that a host has no part of a deployment any more. A deployment without a host has ended so.
+    fn leave(&mut self, now: Time, id: &Deployment, host: &str, end: &str) {
         let number = self.position.number;
         let Some(live) = self.deployments.get_mut(id) else { return };
         let gone = live.leave(host, number);
         if live.phases.is_empty() && live.end.is_none() {
-            live.end = Some(End { at: now, text: "over".to_owned(), is_failed: false, is_told: false });
+            live.end = Some(End { at: now, text: end.to_owned(), is_failed: false, is_told: false });
         }
         self.forget(id, gone);
         self.limit_ended();
@@ -332,11 +334,21 @@ impl Model {
     }
 
     fn known(&mut self, now: Time, hosts: &BTreeSet<String>) {
-        for host in self.robots.keys().filter(|host| !hosts.contains(*host)).cloned().collect::<Vec<_>>() {
+        for host in self.robots.keys().cloned().collect::<Vec<_>>() {
+            let Some(robot) = self.robots.get_mut(&host) else { continue };
+            if hosts.contains(&host) {
+                robot.unlisted = None;
+                continue;
+            }
+            let since = *robot.unlisted.get_or_insert(now);
+            if now.since(since) < GONE_AFTER {
+                self.presence(&host, Presence::Silent("no node that answers reaches it".to_owned()));
+                continue;
+            }
             self.robots.remove(&host);
-            let parts = self.deployments.values().filter(|live| live.phases.contains_key(&host));
+            let parts = self.deployments.values().filter(|live| live.is_on(&host));
             for id in parts.map(|live| live.id.clone()).collect::<Vec<_>>() {
-                self.leave(now, &id, &host);
+                self.leave(now, &id, &host, "not known: its hosts have left");
             }
             self.gone.push(self.position.number, Gone::Robot(host));
         }

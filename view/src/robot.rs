@@ -55,6 +55,8 @@ pub struct Robot {
     pub waiting: Vec<String>,
     /// The state of its database.
     pub database: Option<DatabaseLag>,
+    /// Since when no node lists it.
+    pub(crate) unlisted: Option<Time>,
     pub(crate) changed: u64,
 }
 
@@ -71,6 +73,7 @@ impl Robot {
             estop: None,
             waiting: Vec::new(),
             database: None,
+            unlisted: None,
             changed,
         }
     }
@@ -104,6 +107,7 @@ impl Robot {
             estop: status.estop.as_ref().map(|estop| clean(&estop.to_string())),
             waiting: waiting.map(|one| format!("{} {}", one.name, one.state())).collect(),
             database: self.database.clone(),
+            unlisted: None,
             changed: self.changed,
         };
         let is_new = !is_same_node

@@ -137,6 +137,40 @@ fn a_lost_host_has_processes_that_its_peers_know() {
     assert!(model.robots().all(|robot| robot.presence == Presence::Here));
 }
 
+/// Between the loss of its link and its place among the missing, no node lists a host.
+#[test]
+fn a_host_that_is_not_listed_for_a_moment_stays() {
+    let mut model = Model::new(1);
+    let hosts = |hosts: &[&str]| Input::Known(hosts.iter().map(|host| (*host).to_owned()).collect());
+    model.apply(at(0), status("r2", &[("main/b", "running")]));
+    model.apply(at(1000), hosts(&["r1"]));
+    model.apply(at(9000), hosts(&["r1"]));
+    let robot = model.robots().find(|robot| robot.host == "r2").expect("it is kept");
+    assert_eq!(robot.presence, Presence::Silent("no node that answers reaches it".into()));
+    assert_eq!((robot.heard, model.health(only(&model))), (Some(at(0)), Health::Unknown));
+    model.apply(at(10_000), hosts(&["r1", "r2"]));
+    model.apply(at(19_000), hosts(&["r1"]));
+    model.apply(at(28_000), hosts(&["r1"]));
+    assert!(model.robots().any(|robot| robot.host == "r2"), "it was listed in between");
+    model.apply(at(29_000), hosts(&["r1"]));
+    assert!(model.robots().all(|robot| robot.host != "r2"));
+    let phases: Vec<String> = model.deployments().map(|live| live.phase()).collect();
+    assert_eq!(phases, ["not known: its hosts have left"]);
+}
+
+#[test]
+fn a_host_that_is_back_without_a_deployment_has_no_processes_of_it() {
+    let mut model = Model::new(1);
+    model.apply(at(0), status("r1", &[("main", "running")]));
+    let away = AbsentProcess { deployment: door(), host: "r2".into(), path: "main/b".into(), kind: "Arm".into() };
+    let absent = Absent { hosts: Vec::new(), ends: Vec::new(), processes: vec![away] };
+    model.apply(at(100), Input::Absent(Box::new(absent)));
+    model.apply(at(200), Input::Status(Box::new(node("r1", Vec::new()))));
+    model.apply(at(300), Input::Status(Box::new(node("r2", Vec::new()))));
+    let live = model.deployments().next().expect("it is kept");
+    assert!(live.processes.is_empty(), "{:?}", live.processes);
+}
+
 #[test]
 fn a_deployment_ends_as_its_event_says() {
     let mut model = Model::new(1);
@@ -248,6 +282,7 @@ fn a_viewer_resumes_where_it_was_and_else_begins_again() {
     let seen = changes.position;
     model.apply(at(3000), status("r1", &[("main", "running")]));
     model.apply(at(3000), Input::Known(BTreeSet::new()));
+    model.apply(at(13_000), Input::Known(BTreeSet::new()));
     let changes = model.since(seen);
     let gone = [Gone::Process(door(), "main/a".into()), Gone::Process(door(), "main".into()), Gone::Robot("r1".into())];
     assert_eq!(changes.gone.iter().map(|gone| (*gone).clone()).collect::<Vec<_>>(), gone);
@@ -325,7 +360,7 @@ fn every_viewer_sees_the_same_in_the_end() {
                 1 => Input::Silent { host, why: "why".into() },
                 _ => Input::Status(Box::new(node(&host, parts))),
             };
-            model.apply(at(step * 100), input);
+            model.apply(at(step * 1000), input);
             for viewer in viewers.iter_mut().filter(|_| next(3) == 0) {
                 let changes = model.since(viewer.position);
                 viewer.take(&changes);
