@@ -95,7 +95,7 @@ impl Canvas<'_> {
         }
         if let Some((_, by)) = stopped(model).next() {
             let hosts: Vec<&str> = stopped(model).map(|(robot, _)| robot.host.as_str()).collect();
-            return self.alarm(0, &format!(" EVERYTHING IS STOPPED on {}: {by} (R releases)", hosts.join(", ")));
+            return self.alarm(0, &format!(" EVERYTHING IS STOPPED (R releases) on {}: {by}", hosts.join(", ")));
         }
         let (robots, running) = (model.robots().count(), model.deployments().filter(|live| live.end.is_none()).count());
         let processes = || model.deployments().flat_map(|live| live.processes.values());
@@ -141,14 +141,22 @@ impl Canvas<'_> {
         let widest = widest(columns, &rows);
         let placed = table::fit(columns, &widest, usize::from(self.area.width.saturating_sub(1)));
         let titles: Vec<String> = columns.iter().map(|column| column.title.to_owned()).collect();
-        let title = line(columns, &placed, &titles);
+        let title = match (self.top.tab, &self.top.program) {
+            (Tab::Output, Some(program)) => format!("{}:{}", program.deployment, program.path),
+            (_, _) => line(columns, &placed, &titles),
+        };
         self.put(1, 2, &title, Style::new().add_modifier(Modifier::UNDERLINED));
         if rows.is_empty() {
             self.put(1, 3, self.nothing(), self.style(Tone::Quiet));
             return;
         }
         let selected = self.top.place(&rows).unwrap_or_default();
-        let height = usize::from(self.area.height.saturating_sub(AROUND)).max(1);
+        let detail = self.detail(columns, &placed, &rows[selected]);
+        let below = u16::try_from(detail.len()).unwrap_or_default();
+        for (at, text) in (self.area.height.saturating_sub(1 + below)..).zip(&detail) {
+            self.put(1, at, text, self.style(Tone::Title));
+        }
+        let height = usize::from(self.area.height.saturating_sub(AROUND + below)).max(1);
         let first = first_visible(selected, height, rows.len());
         for (at, row) in rows.iter().enumerate().skip(first).take(height) {
             let mut style = self.style(row.tone);
@@ -163,6 +171,17 @@ impl Canvas<'_> {
         }
     }
 
+    /// Returns the whole texts of the row under the cursor that its columns have cut, in lines for below the table. They take a third
+    /// of the terminal at most, and a question that is being answered two thirds.
+    fn detail(&self, columns: &[Column], placed: &[Placed], row: &Row) -> Vec<String> {
+        let is_cut = |one: &&Placed| row.cells.get(one.place).is_some_and(|cell| cell.width() > one.width);
+        let text = |one: &Placed| format!("{}: {}", columns[one.place].title, row.cells[one.place].trim());
+        let texts: Vec<String> = placed.iter().filter(is_cut).map(text).collect();
+        let part = if matches!(self.top.mode, Mode::Answer(_)) { 2 } else { 1 };
+        let limit = usize::from(self.area.height.saturating_sub(AROUND)) * part / 3;
+        table::wrap(&texts.join("  "), usize::from(self.area.width.saturating_sub(1)), limit)
+    }
+
     /// Returns the sentence for a page without rows.
     fn nothing(&self) -> &'static str {
         if !self.top.pane().filter.is_empty() {
@@ -173,7 +192,7 @@ impl Canvas<'_> {
             Tab::Processes => "nothing is deployed",
             Tab::Wires => "no deployment has wires",
             Tab::Events => "nothing has happened yet",
-            Tab::Output if self.top.program.is_some() => "this process has written nothing yet",
+            Tab::Output if self.top.program.is_some() => "it has written nothing yet",
             Tab::Output => "choose a process on page 2, and press Enter",
             Tab::Questions => "no question is open",
         }
@@ -205,7 +224,10 @@ impl Canvas<'_> {
                 let options = options.unwrap_or_default();
                 let keys: Vec<String> =
                     options.iter().enumerate().map(|(at, text)| format!("{}: {text}", at + 1)).collect();
-                return self.alarm(line, &format!(" Answer: {}  other keys: none", keys.join("  ")));
+                if keys.is_empty() {
+                    return self.alarm(line, " This question is no longer open; any key goes on");
+                }
+                return self.alarm(line, &format!(" Answer: {}  other keys: cancel", keys.join("  ")));
             }
             Mode::Filter => {
                 self.put(0, line, &format!(" filter: {}_", pane.filter), self.style(Tone::Title));

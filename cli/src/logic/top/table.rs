@@ -73,6 +73,45 @@ pub(crate) fn cell(text: &str, width: usize, is_right: bool) -> String {
     if is_right { blank + &shown } else { shown + &blank }
 }
 
+/// Returns a text in lines of this width, at most `limit` of them. It breaks between words where it can. Of a text that is longer,
+/// the last line ends with `...`.
+pub(crate) fn wrap(text: &str, width: usize, limit: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let mut rest = word.to_owned();
+        while !rest.is_empty() {
+            let line = lines.last_mut().expect("there is one");
+            let gap = usize::from(!line.is_empty());
+            if line.width() + gap + rest.width() <= width {
+                line.push_str(&" "[..gap]);
+                line.push_str(&rest);
+                break;
+            }
+            if !line.is_empty() {
+                lines.push(String::new());
+                continue;
+            }
+            let piece = cell(&rest, width, false).trim_end().to_owned();
+            if piece.is_empty() {
+                break;
+            }
+            rest = rest.split_off(piece.len());
+            *line = piece;
+            lines.push(String::new());
+        }
+    }
+    if lines.last().is_some_and(String::is_empty) {
+        lines.pop();
+    }
+    if lines.len() > limit {
+        lines.truncate(limit);
+        if let Some(last) = lines.last_mut() {
+            *last = cell(last, width.saturating_sub(4), false).trim_end().to_owned() + " ...";
+        }
+    }
+    lines
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,6 +132,16 @@ mod tests {
         check([60, 70, 4], 50, &[(0, 32), (1, 10), (2, 4)]);
         check([60, 70, 4], 30, &[(0, 18), (1, 10)]);
         check([60, 70, 4], 10, &[(0, 16), (1, 10)]);
+    }
+
+    #[test]
+    fn a_text_is_wrapped_between_words() {
+        assert_eq!(wrap("may the arm move?", 8, 9), ["may the", "arm", "move?"]);
+        assert_eq!(wrap("abcdefgh ij", 3, 9), ["abc", "def", "gh", "ij"]);
+        assert_eq!(wrap("one two three four", 8, 2), ["one two", "thre ..."]);
+        assert_eq!(wrap("日本語", 4, 9), ["日本", "語"]);
+        assert_eq!(wrap("日", 1, 9), [""; 0]);
+        assert_eq!(wrap("", 5, 9), [""; 0]);
     }
 
     #[test]

@@ -130,11 +130,11 @@ fn robots_have_an_age() {
         &[Key::Char('1')],
         &model(),
         &expect![[r#"
-         2 robots  1 deployment  5 processes  1 failed                        00:02:03Z
-         1 Robots  2 Processes  3 Wires  4 Events  5 Output  6 Questions (1)
-         ROBOT  STATE  DATA   UP  PROCESSES  DATABASE  NOTE
-         r1     here     2s  66m          3            open to everybody on the network:
-         r2     here     1s  66m          2            open to everybody on the network:
+            2 robots  1 deployment  5 processes  1 failed                        00:02:03Z
+            1 Robots  2 Processes  3 Wires  4 Events  5 Output  6 Questions (1)
+            ROBOT  STATE  DATA   UP  PROCESSES  DATABASE  NOTE
+            r1     here     2s  66m          3            open to everybody on the network:
+            r2     here     1s  66m          2            open to everybody on the network:
 
 
 
@@ -142,9 +142,9 @@ fn robots_have_an_age() {
 
 
 
-
-         ? help  / filter  E stop everything  q leave
-    "#]],
+            NOTE: open to everybody on the network: --insecure-lan
+            ? help  / filter  E stop everything  q leave
+        "#]],
     );
 }
 
@@ -205,11 +205,11 @@ fn the_output_of_the_process_under_the_cursor_is_shown() {
         &[Key::Down, Key::Down, Key::Enter],
         &model,
         &expect![[r#"
-         2 robots  1 deployment  5 processes  1 failed                        00:02:03Z
-         1 Robots  2 Processes  3 Wires  4 Events  5 Output  6 Questions (1)
-         LINE
-         \x1b[2Jhello
-         world
+            2 robots  1 deployment  5 processes  1 failed                        00:02:03Z
+            1 Robots  2 Processes  3 Wires  4 Events  5 Output  6 Questions (1)
+            door@3:main/ask
+            \x1b[2Jhello
+            world
 
 
 
@@ -218,8 +218,8 @@ fn the_output_of_the_process_under_the_cursor_is_shown() {
 
 
 
-         ? help  / filter  E stop everything  q leave
-    "#]],
+            ? help  / filter  E stop everything  q leave
+        "#]],
     );
 }
 
@@ -243,7 +243,7 @@ fn a_question_is_answered_by_a_number() {
 
 
 
-         Answer: 1: yes  2: no  other keys: none
+         Answer: 1: yes  2: no  other keys: cancel
     "#]],
     );
     let mut top = Top::new(PLAIN);
@@ -292,6 +292,28 @@ fn an_estop_is_given_only_after_a_yes() {
     assert_eq!(press(&mut top, &[Key::Char('R'), Key::Char('y')]), None, "nothing is stopped");
 }
 
+/// The end of a question decides: nobody answers what cannot be read.
+#[test]
+fn a_long_question_is_shown_whole_where_it_is_answered() {
+    let text = "Is the door free, is nobody behind it, and is the floor dry? If you are not sure, look again, since a no costs \
+                nothing, and a yes moves an arm of 60 kg: DANGER";
+    let mut asking = with_question();
+    let activity = asking.activity.as_mut().expect("it asks");
+    activity.questions[0].text = text.into();
+    let mut model = Model::new(1);
+    model.apply(at(0), Input::Status(Box::new(node("r1", vec![asking]))));
+    let mut top = Top::new(PLAIN);
+    top.tick(at(1));
+    for key in [Key::Char('6'), Key::Enter] {
+        top.key(&model, key);
+    }
+    let shown = lines(&picture(&top, &model, 80));
+    let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+    let below: Vec<String> = words(&shown[4..shown.len() - 1].join(" "));
+    assert!(below.join(" ").contains(&words(text).join(" ")), "{shown:#?}");
+    assert_eq!(shown.last().map(String::as_str), Some(" Answer: 1: yes  2: no  other keys: cancel"));
+}
+
 #[test]
 fn an_estop_is_on_every_page() {
     let mut model = model();
@@ -302,7 +324,7 @@ fn an_estop_is_on_every_page() {
         top.tick(at(2));
         top.key(&model, Key::Char(page));
         let shown = picture(&top, &model, 80);
-        let expected = " EVERYTHING IS STOPPED on r1: everything was stopped by ann@c1: a person (R rele";
+        let expected = " EVERYTHING IS STOPPED (R releases) on r1: everything was stopped by ann@c1: a p";
         assert_eq!(lines(&shown)[0], expected);
         assert!(shown[(1, 0)].fg == Color::Red && shown[(79, 0)].modifier.contains(Modifier::REVERSED));
     }
