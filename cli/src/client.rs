@@ -368,21 +368,32 @@ impl Client {
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
-    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to
-    /// look. Revoked nodes, which it lists until it counts them as lost, are left out.
+    /// Returns every node that can be reached.
     pub(crate) async fn all(&self) -> Result<BTreeSet<String>, Failure> {
-        if let Some(local) = &self.local
-            && let Some((hosts, up)) = self.reached_by(local).await
-        {
-            return match KNOWS_AFTER.checked_sub(up) {
-                Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
-                None => {
-                    let revoked = self.revoked(std::iter::once(local.as_str())).await;
-                    Ok(hosts.into_iter().filter(|host| host == local || !revoked.contains(host)).collect())
-                }
-            };
+        match self.listed().await {
+            Some(listed) => listed,
+            None => self.hosts(&[]).await,
         }
-        self.hosts(&[]).await
+    }
+
+    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to
+    /// look. Revoked nodes, which it lists until it counts them as lost, are left out. None if it does not answer.
+    pub(crate) async fn listed(&self) -> Option<Result<BTreeSet<String>, Failure>> {
+        let Some(local) = &self.local else { return Some(self.hosts(&[]).await) };
+        let (hosts, up) = self.reached_by(local).await?;
+        Some(match KNOWS_AFTER.checked_sub(up) {
+            Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
+            None => {
+                let revoked = self.revoked(std::iter::once(local.as_str())).await;
+                Ok(hosts.into_iter().filter(|host| host == local || !revoked.contains(host)).collect())
+            }
+        })
+    }
+
+    /// Returns whether another node than the one that it goes through runs on this machine.
+    pub(crate) fn has_another(&self) -> bool {
+        let (Some(base), Some(local)) = (&self.base, &self.local) else { return false };
+        run_dir::running(base).is_ok_and(|nodes| nodes.iter().any(|(name, _)| name != local))
     }
 
     /// Closes the connection.

@@ -31,6 +31,8 @@ const AGAIN_AFTER: Duration = Duration::from_millis(100);
 const DATABASE_EVERY: Duration = Duration::from_secs(10);
 /// How long after one question for a plan the next may come.
 const PLAN_AGAIN: Duration = Duration::from_secs(3);
+/// How long the node of this machine may be silent until another one on this machine is used.
+const SILENT_MAX: Duration = Duration::from_secs(5);
 /// How many inputs wait to be shown; further senders wait.
 const INPUTS_MAX: usize = 256;
 
@@ -44,6 +46,8 @@ enum Heard {
     Status(Place, Box<NodeStatus>),
     /// The nodes that a connection reaches.
     Found(usize, BTreeSet<String>),
+    /// New connections, if there are nodes.
+    Opened(Option<Box<Feed>>),
 }
 
 /// A node that is asked.
@@ -54,13 +58,22 @@ struct Watched {
     missing: BTreeSet<String>,
 }
 
+/// A connection to nodes.
+struct Connection {
+    client: Arc<Client>,
+    /// The nodes that it reaches.
+    reached: BTreeSet<String>,
+    /// When the node of this machine behind it has answered last, or when it was opened.
+    answered: Time,
+}
+
 /// The source of inputs.
 pub(crate) struct Live {
+    connect: ConnectArgs,
     feed: Feed,
-    clients: Vec<Arc<Client>>,
+    connections: Vec<Connection>,
     watched: BTreeMap<Place, Watched>,
-    /// The nodes that each connection reaches.
-    reached: BTreeMap<usize, BTreeSet<String>>,
+    is_opening: bool,
     /// When the plan of a deployment was asked for last.
     plans: BTreeMap<Deployment, Time>,
     /// The process whose output is heard, and the task.
@@ -77,10 +90,11 @@ impl Live {
         let feed = Feed::open(connect, Mode::Follow).await?;
         let (sink, heard) = mpsc::channel(INPUTS_MAX);
         let mut live = Self {
+            connect: connect.clone(),
             feed,
-            clients: Vec::new(),
+            connections: Vec::new(),
             watched: BTreeMap::new(),
-            reached: BTreeMap::new(),
+            is_opening: false,
             plans: BTreeMap::new(),
             output: None,
             measurement: None,
@@ -111,6 +125,12 @@ impl Live {
                         return Input::Status(status);
                     }
                     Some(Heard::Found(number, hosts)) => return self.found(number, hosts),
+                    Some(Heard::Opened(feed)) => {
+                        self.is_opening = false;
+                        if let Some(feed) = feed {
+                            return self.go_on_with(*feed);
+                        }
+                    }
                     // The source itself holds a sender.
                     None => std::future::pending().await,
                 },
@@ -122,6 +142,7 @@ impl Live {
     pub(crate) fn follow(&mut self, model: &Model, heard: Option<&Program>, measured: Option<ProgramOutput>) {
         self.take_clients();
         let now = clock::now();
+        self.open_again(now);
         for lacking in model.without_plan() {
             if self.plans.get(&lacking.id).is_some_and(|last| now.since(*last) < PLAN_AGAIN) {
                 continue;
@@ -151,13 +172,22 @@ impl Live {
     /// Returns each connection through a node of this machine, and that node.
     pub(crate) fn locals(&self) -> Vec<(Arc<Client>, String)> {
         let local = |client: &Arc<Client>| Some((Arc::clone(client), client.local()?.to_owned()));
-        self.clients.iter().filter_map(local).collect()
+        self.connections.iter().map(|connection| &connection.client).filter_map(local).collect()
     }
 
     /// Returns the connection to a host.
     pub(crate) fn client_of(&self, host: &str) -> Option<Arc<Client>> {
         let (number, _) = self.watched.keys().find(|(_, name)| name == host)?;
-        self.clients.get(*number).cloned()
+        self.client(*number).cloned()
+    }
+
+    fn client(&self, number: usize) -> Option<&Arc<Client>> {
+        self.connections.get(number).map(|connection| &connection.client)
+    }
+
+    /// Returns where its nodes are, for orders when none of them answers.
+    pub(crate) fn connect(&self) -> ConnectArgs {
+        self.connect.clone()
     }
 
     /// Closes everything.
@@ -167,17 +197,17 @@ impl Live {
         }
         self.watched.values().for_each(|watched| watched.task.abort());
         self.tasks.shutdown().await;
-        self.clients.clear();
+        self.connections.clear();
         self.feed.close().await;
     }
 
     /// Begins to look for nodes over connections that are new.
     fn take_clients(&mut self) {
         let all = self.feed.clients().shared();
-        for client in all.into_iter().skip(self.clients.len()) {
-            let (number, sink) = (self.clients.len(), self.sink.clone());
+        for client in all.into_iter().skip(self.connections.len()) {
+            let (number, sink) = (self.connections.len(), self.sink.clone());
             self.tasks.spawn(find(number, Arc::clone(&client), sink));
-            self.clients.push(client);
+            self.connections.push(Connection { client, reached: BTreeSet::new(), answered: clock::now() });
         }
     }
 
@@ -205,7 +235,47 @@ impl Live {
         }
     }
 
+    /// Connects through another node of this machine once the one behind a connection is silent.
+    fn open_again(&mut self, now: Time) {
+        let is_silent = |connection: &Connection| {
+            let client = &connection.client;
+            client.local().is_some() && now.since(connection.answered) >= SILENT_MAX && client.has_another()
+        };
+        if self.is_opening || !self.connections.iter().any(is_silent) {
+            return;
+        }
+        self.is_opening = true;
+        let (connect, heard, sink) = (self.connect.clone(), self.feed.heard(), self.sink.clone());
+        self.tasks.spawn(async move {
+            let feed = Feed::resume(&connect, Mode::Follow, heard).await.ok().map(Box::new);
+            sink.send(Heard::Opened(feed)).await.unwrap_or_default();
+        });
+    }
+
+    /// Asks and listens over new connections instead of the present ones.
+    fn go_on_with(&mut self, feed: Feed) -> Input {
+        self.tasks.abort_all();
+        // What the old tasks have sent is about connections that are no more.
+        (self.sink, self.heard) = mpsc::channel(INPUTS_MAX);
+        (self.output, self.measurement) = (None, None);
+        self.watched.clear();
+        self.plans.clear();
+        for new in feed.clients().iter() {
+            self.connections.iter().for_each(|old| new.take_keys(&old.client));
+        }
+        self.connections.clear();
+        let old = std::mem::replace(&mut self.feed, feed);
+        self.tasks.spawn(old.close());
+        self.take_clients();
+        let host = self.locals().into_iter().map(|(_, host)| host).next().unwrap_or_default();
+        Input::Note { text: format!("everything is heard through `{host}` now"), host }
+    }
+
     fn missing(&mut self, place: &Place, status: &NodeStatus) {
+        let (number, host) = place;
+        if let Some(connection) = self.connections.get_mut(*number).filter(|one| one.client.local() == Some(host)) {
+            connection.answered = clock::now();
+        }
         if let Some(watched) = self.watched.get_mut(place) {
             watched.missing = status.missing.iter().cloned().collect();
         }
@@ -215,7 +285,7 @@ impl Live {
     fn found(&mut self, number: usize, hosts: BTreeSet<String>) -> Input {
         for host in &hosts {
             let place = (number, host.clone());
-            if let Some(client) = self.clients.get(number).filter(|_| !self.watched.contains_key(&place)) {
+            if let Some(client) = self.client(number).filter(|_| !self.watched.contains_key(&place)) {
                 let (nudge, nudged) = watch::channel(0);
                 let is_local = client.local() == Some(host) || client.local().is_none();
                 let asker =
@@ -224,9 +294,12 @@ impl Live {
                 self.watched.insert(place, Watched { task, nudge, missing: BTreeSet::new() });
             }
         }
-        self.reached.insert(number, hosts);
+        if let Some(connection) = self.connections.get_mut(number) {
+            connection.reached = hosts;
+        }
         let missing = self.watched.values().flat_map(|watched| &watched.missing);
-        let known: BTreeSet<String> = self.reached.values().flatten().chain(missing).cloned().collect();
+        let reached = self.connections.iter().flat_map(|connection| &connection.reached);
+        let known: BTreeSet<String> = reached.chain(missing).cloned().collect();
         self.watched.retain(|(_, host), watched| {
             let is_known = known.contains(host);
             if !is_known {
@@ -271,11 +344,11 @@ impl Live {
     }
 }
 
-/// Looks for the nodes that a connection reaches.
+/// Looks for the nodes that a connection reaches. A node of this machine that does not answer is no sign that others have left.
 async fn find(number: usize, client: Arc<Client>, sink: Sender<Heard>) {
     loop {
         let looked = clock::now();
-        if let Ok(hosts) = client.all().await
+        if let Some(Ok(hosts)) = client.listed().await
             && sink.send(Heard::Found(number, hosts)).await.is_err()
         {
             return;

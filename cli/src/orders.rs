@@ -1,15 +1,17 @@
 //! Orders of a person who looks at a live view: stop everything, release it, answer a question.
 
 use crate::client::{Client, Clients, words};
+use crate::estop::{self, Outcome};
 use crate::io::user;
 use crate::logic::top::{Action, GivenAnswer};
-use crate::{ctl, estop};
+use crate::{ConnectArgs, ctl};
 use node::logic::protocol::{ActivityInput, Delivery, Estop, Request, TellRequest};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Stops everything on every node, or releases it; returns the results in one line.
-pub(crate) async fn everywhere(clients: &Clients, action: &Action) -> String {
+/// Stops everything on every node, or releases it; returns the results in one line. If no node answers over the present
+/// connections, it is tried over new ones.
+pub(crate) async fn everywhere(clients: &Clients, connect: &ConnectArgs, action: &Action) -> String {
     let request = if *action == Action::Release {
         Request::ReleaseEstop
     } else {
@@ -17,7 +19,10 @@ pub(crate) async fn everywhere(clients: &Clients, action: &Action) -> String {
     };
     let outcomes = match estop::everywhere(clients, &request).await {
         Ok(outcomes) => outcomes,
-        Err(failure) => return words(&failure),
+        Err(failure) => match anew(clients, connect, &request).await {
+            Some(outcomes) => outcomes,
+            None => return words(&failure),
+        },
     };
     let mut by_words: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (host, outcome) in outcomes {
@@ -25,6 +30,23 @@ pub(crate) async fn everywhere(clients: &Clients, action: &Action) -> String {
     }
     let lines = by_words.into_iter().map(|(words, hosts)| format!("{}: {words}", hosts.join(", ")));
     lines.collect::<Vec<_>>().join(" | ")
+}
+
+/// Asks every node over new connections: the node behind the present ones may be gone, and another there. Nothing is asked of
+/// the person.
+async fn anew(clients: &Clients, connect: &ConnectArgs, request: &Request) -> Option<BTreeMap<String, Outcome>> {
+    let fresh = Clients::open(connect).await.ok()?;
+    for new in fresh.iter() {
+        clients.iter().for_each(|old| new.take_keys(old));
+        if let Some(host) = new.local()
+            && new.asks_for_passphrase(host).await.unwrap_or(true)
+        {
+            return None;
+        }
+    }
+    let outcomes = estop::everywhere(&fresh, request).await.ok();
+    fresh.close().await;
+    outcomes
 }
 
 /// Answers a question; returns the result in one line.

@@ -162,7 +162,7 @@ impl Shown {
     }
 
     async fn act(&mut self, action: Action) -> anyhow::Result<()> {
-        let clients = self.live.clients();
+        let (clients, connect) = (self.live.clients(), self.live.connect());
         let hosts: Vec<(Arc<Client>, String)> = match &action {
             Action::Answer(answer) => {
                 self.live.client_of(&answer.home).map(|client| (client, answer.home.clone())).into_iter().collect()
@@ -176,7 +176,7 @@ impl Shown {
         match action {
             Action::Estop | Action::Release => {
                 self.top.say(if action == Action::Estop { "stopping everything …" } else { "releasing …" });
-                self.orders.spawn(async move { orders::everywhere(&clients, &action).await });
+                self.orders.spawn(async move { orders::everywhere(&clients, &connect, &action).await });
             }
             Action::Answer(answer) => match hosts.into_iter().next() {
                 Some((client, _)) => drop(self.orders.spawn(orders::tell(client, answer))),

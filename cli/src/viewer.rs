@@ -151,7 +151,7 @@ async fn unlock(live: &Live) {
 fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = String> + Send + use<> {
     let Order { path, body, reply } = order;
     let action = action(&shared.model(), &path, &body);
-    let clients = live.clients();
+    let (clients, connect) = (live.clients(), live.connect());
     let home = if let Some(Action::Answer(answer)) = &action { live.client_of(&answer.home) } else { None };
     async move {
         let word = match action {
@@ -159,7 +159,7 @@ fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = Stri
                 Some(client) => orders::tell(client, answer).await,
                 None => format!("`{}` does not answer", answer.home),
             },
-            Some(action) => orders::everywhere(&clients, &action).await,
+            Some(action) => orders::everywhere(&clients, &connect, &action).await,
             None => "the question is no longer open".to_owned(),
         };
         // A browser that has left needs no word.

@@ -87,6 +87,8 @@ pub(crate) struct Feed {
     catching_up: Option<BTreeSet<Place>>,
     /// The number of the next event of each deployment.
     next: BTreeMap<(usize, Deployment), u64>,
+    /// The same, as an earlier feed has heard them.
+    before: BTreeMap<Deployment, u64>,
     ready: VecDeque<FeedItem>,
     messages: Receiver<SourceMessage>,
     sink: Sender<SourceMessage>,
@@ -110,8 +112,17 @@ pub(crate) async fn deployments(connect: &ConnectArgs) -> Result<BTreeSet<Deploy
 impl Feed {
     /// Begins to listen to every node that can be reached.
     pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {
+        Self::resume(connect, mode, BTreeMap::new()).await
+    }
+
+    /// Does the same, and leaves out the events that an earlier feed has heard.
+    pub(crate) async fn resume(
+        connect: &ConnectArgs,
+        mode: Mode,
+        before: BTreeMap<Deployment, u64>,
+    ) -> Result<Self, Failure> {
         let Clients { clients, hanging } = Clients::open(connect).await?;
-        let mut feed = Self::new(mode);
+        let mut feed = Self { before, ..Self::new(mode) };
         // A command on this machine that cannot be asked may have events as well.
         let hanging = hanging.map(|failure| FeedItem::Lost("this machine".to_owned(), words(&failure)));
         feed.ready.extend(hanging.filter(|_| mode == Mode::Snapshot));
@@ -184,6 +195,7 @@ impl Feed {
             places: BTreeMap::new(),
             catching_up: Some(BTreeSet::new()),
             next: BTreeMap::new(),
+            before: BTreeMap::new(),
             ready: VecDeque::new(),
             messages,
             sink,
@@ -206,6 +218,16 @@ impl Feed {
                 None => std::future::pending().await,
             }
         }
+    }
+
+    /// Returns the number of the next event of each deployment, for a feed that goes on after this one.
+    pub(crate) fn heard(&self) -> BTreeMap<Deployment, u64> {
+        let mut heard = self.before.clone();
+        for ((_, deployment), next) in &self.next {
+            let known = heard.entry(deployment.clone()).or_default();
+            *known = (*known).max(*next);
+        }
+        heard
     }
 
     /// Returns the connections that it has now.
@@ -305,7 +327,8 @@ impl Feed {
             self.told(&place);
         }
         for event in events {
-            let next = self.next.entry((place.0, event.deployment.clone())).or_default();
+            let before = || self.before.get(&event.deployment).copied().unwrap_or_default();
+            let next = self.next.entry((place.0, event.deployment.clone())).or_insert_with(before);
             if event.number >= *next {
                 *next = event.number + 1;
                 self.ready.push_back(FeedItem::Event(Box::new(event)));
@@ -408,6 +431,7 @@ async fn next_look(last: Time) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use node::logic::protocol::Report;
 
     #[test]
     fn a_node_that_answers_late_is_back() {
@@ -423,6 +447,28 @@ mod tests {
         let why = "it has not answered in time";
         let expected = [format!("Lost(\"c2\", {why:?})"), format!("Lost(\"c3\", {why:?})")];
         assert_eq!(said, [&expected[..], &["Current".to_owned(), "Back(\"c2\")".to_owned()]].concat());
+    }
+
+    #[test]
+    fn a_feed_that_goes_on_after_another_leaves_out_what_that_has_heard() {
+        let event = |name: &str, number| {
+            let (deployment, report) =
+                (Deployment { name: name.to_owned(), epoch: 1 }, Report::Refused { reasons: Vec::new() });
+            Event { deployment, number, host: "c1".into(), ago: Duration::ZERO, report, time: Duration::ZERO }
+        };
+        let mut first = Feed::new(Mode::Follow);
+        first.take(SourceMessage::Events((0, "c1".to_owned()), vec![event("door", 0), event("door", 1)]));
+        let mut feed = Feed { before: first.heard(), ..Feed::new(Mode::Follow) };
+        let again = [("door", 0), ("door", 1), ("door", 2), ("arm", 0)].map(|(name, number)| event(name, number));
+        feed.take(SourceMessage::Events((0, "c2".to_owned()), again.into()));
+        let heard: Vec<(&str, u64)> = feed
+            .ready
+            .iter()
+            .filter_map(|item| {
+                if let FeedItem::Event(event) = item { Some((&*event.deployment.name, event.number)) } else { None }
+            })
+            .collect();
+        assert_eq!(heard, [("door", 2), ("arm", 0)]);
     }
 
     #[test]

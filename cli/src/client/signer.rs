@@ -168,6 +168,14 @@ impl Client {
         Ok(team)
     }
 
+    /// Uses the unlocked key of another connection of this command.
+    pub(crate) fn take_keys(&self, other: &Self) {
+        let signer = other.signing.state.lock().unwrap_or_else(PoisonError::into_inner).signer.clone();
+        if signer.is_some() {
+            self.signing.state.lock().unwrap_or_else(PoisonError::into_inner).signer = signer;
+        }
+    }
+
     /// Returns whether a request that has to be signed for this node would ask for the passphrase at the terminal.
     pub(crate) async fn asks_for_passphrase(&self, host: &str) -> Result<bool, Failure> {
         let team = self.team_of(host).await?;
