@@ -15,14 +15,15 @@ use anyhow::{Context as _, anyhow};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
 use serde_json::Value;
-use serve::{ORDER_WITHIN, Order, Shared};
+use serve::{Guest, ORDER_WITHIN, Order, Shared};
+use std::collections::VecDeque;
 use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::timeout;
 use view::Model;
 
@@ -31,7 +32,10 @@ const FOLLOW_EVERY: Duration = Duration::from_secs(1);
 /// How long browsers have for the results of their orders when the command is left.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
 /// How many connections there may be at once: a browser has one for the stream, and a few for files.
-const CONNECTIONS_MAX: usize = 32;
+const CONNECTIONS_MAX: usize = 128;
+/// How many of them may not have shown the key yet. A further one takes the place of the oldest, so no stranger keeps a person from
+/// giving an order.
+const STRANGERS_MAX: usize = 64;
 /// How many orders wait; further ones wait in their connections.
 const ORDERS_MAX: usize = 4;
 
@@ -79,6 +83,7 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
     console::note("open this link in a browser on this machine (Ctrl-C to leave)");
     let shared = Arc::new(Shared { door, model: Mutex::new(Model::new(number)), version, orders: orders_tx });
     let mut tasks: JoinSet<()> = JoinSet::new();
+    let mut strangers: VecDeque<(AbortHandle, Arc<Guest>)> = VecDeque::new();
     let mut follow = tokio::time::interval(FOLLOW_EVERY);
     loop {
         tokio::select! {
@@ -88,9 +93,14 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
             }
             accepted = listener.accept(), if tasks.len() < CONNECTIONS_MAX => {
                 // A browser that has left before it was accepted is no reason to end.
-                if let Ok((stream, _)) = accepted {
-                    tasks.spawn(serve::connection(stream, Arc::clone(&shared)));
+                let Ok((stream, _)) = accepted else { continue };
+                strangers.retain(|(task, guest)| !task.is_finished() && !guest.is_known());
+                if strangers.len() >= STRANGERS_MAX && let Some((oldest, _)) = strangers.pop_front() {
+                    oldest.abort();
                 }
+                let guest = Arc::new(Guest::default());
+                let task = tasks.spawn(serve::connection(stream, Arc::clone(&shared), Arc::clone(&guest)));
+                strangers.push_back((task, guest));
             }
             Some(order) = orders.recv() => {
                 given.spawn(give(order, &live, &shared));
@@ -100,7 +110,7 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
                 let model = shared.model();
                 live.follow(&model, None, None);
             }
-            Some(ended) = tasks.join_next() => ended?,
+            Some(ended) = tasks.join_next() => ended.or_else(|error| if error.is_cancelled() { Ok(()) } else { Err(error) })?,
             () = reader.left() => break,
         }
     }

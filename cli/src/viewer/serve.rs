@@ -5,7 +5,8 @@ use crate::logic::live_page::{self, ICON, SCRIPT, STYLE};
 use comms::io::clock;
 use serde_json::{Value, json};
 use std::io;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
@@ -43,6 +44,16 @@ pub(super) struct Shared {
     pub(super) orders: mpsc::Sender<Order>,
 }
 
+/// Tells whether a connection has shown the key.
+#[derive(Debug, Default)]
+pub(super) struct Guest(AtomicBool);
+
+impl Guest {
+    pub(super) fn is_known(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
 impl Shared {
     pub(super) fn model(&self) -> MutexGuard<'_, Model> {
         self.model.lock().unwrap_or_else(PoisonError::into_inner)
@@ -50,10 +61,14 @@ impl Shared {
 }
 
 /// Answers one request. A browser that leaves or sends nonsense ends only its own connection.
-pub(super) async fn connection(mut stream: TcpStream, shared: std::sync::Arc<Shared>) {
+pub(super) async fn connection(mut stream: TcpStream, shared: Arc<Shared>, guest: Arc<Guest>) {
     let request = timeout(REQUEST_WITHIN, request(&mut stream)).await;
     let answered = match request {
-        Ok(Ok(Ok((head, body)))) => answer(&mut stream, &shared, &head, &body).await,
+        Ok(Ok(Ok((head, body)))) => {
+            let entry = shared.door.check(&head);
+            guest.0.store(entry.is_ok(), Ordering::Relaxed);
+            answer(&mut stream, &shared, entry, &head, &body).await
+        }
         Ok(Ok(Err(status))) => refuse(&mut stream, status).await,
         Ok(Err(_)) | Err(_) => return,
     };
@@ -94,8 +109,14 @@ async fn refuse(stream: &mut TcpStream, status: Status) -> io::Result<()> {
     stream.write_all(&http::answer(status, TEXT, "", text.as_bytes())).await
 }
 
-async fn answer(stream: &mut TcpStream, shared: &Shared, head: &Head, body: &[u8]) -> io::Result<()> {
-    match shared.door.check(head) {
+async fn answer(
+    stream: &mut TcpStream,
+    shared: &Shared,
+    entry: Result<Entry, Status>,
+    head: &Head,
+    body: &[u8],
+) -> io::Result<()> {
+    match entry {
         Err(status) => return refuse(stream, status).await,
         Ok(Entry::Link) => return stream.write_all(&shared.door.welcome()).await,
         Ok(Entry::Granted) => {}
@@ -110,10 +131,17 @@ async fn answer(stream: &mut TcpStream, shared: &Shared, head: &Head, body: &[u8
             return events(stream, shared, head.query.strip_prefix("after=").unwrap_or_default()).await;
         }
         (false, "/events") => return events(stream, shared, &head.last_event_id).await,
+        // A person who was not answered has given up, and does not expect it any more.
+        (true, _) if is_left(stream) => return Ok(()),
         (true, "/estop" | "/release" | "/answer") => (TEXT, order(shared, head, body).await),
         (_, _) => return stream.write_all(&http::answer(Status::NotFound, TEXT, "", b"there is no such page\n")).await,
     };
     stream.write_all(&http::answer(Status::Ok, kind, "", file.as_bytes())).await
+}
+
+/// Returns whether the browser has closed its connection.
+fn is_left(stream: &TcpStream) -> bool {
+    matches!(stream.try_read(&mut [0]), Ok(0))
 }
 
 async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {

@@ -49,7 +49,7 @@ fn a_person_looks_answers_stops_everything_and_leaves() {
     top.wait_for("Stop everything on 1 robot at once?");
     assert!(cluster.leaf("main/talker").is_some());
     top.press("y");
-    top.wait_for("EVERYTHING IS STOPPED on c1");
+    top.wait_for("EVERYTHING IS STOPPED");
     assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
     top.press("q");
     let left = top.left();

@@ -50,6 +50,18 @@ impl Page {
         answer
     }
 
+    /// Returns the secret in the page.
+    fn token(&self) -> String {
+        let html = self.ask("GET /", &self.cookie(), "");
+        assert!(html.starts_with("HTTP/1.1 200"), "{html}");
+        let (_, token) = html.split_once("name=\"dca-token\" content=\"").expect("the page has a token");
+        token.split('"').next().unwrap_or_default().to_owned()
+    }
+
+    fn fields_of_orders(&self) -> String {
+        format!("{}X-Dca-Token: {}\r\n", self.cookie(), self.token())
+    }
+
     fn cookie(&self) -> String {
         let port = self.address.rsplit_once(':').expect("an address has a port").1;
         format!("Cookie: dca-view-{port}={}\r\n", self.key)
@@ -82,10 +94,8 @@ fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
     let welcome = page.ask(&format!("GET /?key={}", page.key), "", "");
     assert!(welcome.starts_with("HTTP/1.1 303") && welcome.contains("HttpOnly; SameSite=Strict"), "{welcome}");
     let cookie = page.cookie();
-    let html = page.ask("GET /", &cookie, "");
-    let (_, token) = html.split_once("name=\"dca-token\" content=\"").expect("the page has a token");
-    let token = token.split('"').next().unwrap_or_default();
-    assert!(html.starts_with("HTTP/1.1 200") && !token.is_empty() && token != page.key, "{html}");
+    let token = page.token();
+    assert!(!token.is_empty() && token != page.key, "{token}");
     // A stream is resumed after the last event that was received.
     let mut stream = page.request("GET /events", &cookie, "");
     let first = read_until(&mut stream, "\"path\":\"main/one\"");
@@ -102,13 +112,56 @@ fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
     });
     let refused = page.ask("POST /estop", &cookie, "{}");
     assert!(refused.starts_with("HTTP/1.1 403") && cluster.leaf("main/one").is_some(), "{refused}");
-    let done = page.ask("POST /estop", &format!("{cookie}X-Dca-Token: {token}\r\n"), "{}");
+    let done = page.ask("POST /estop", &page.fields_of_orders(), "{}");
     assert!(done.contains("c1: stopped; no program runs"), "{done}");
     assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
     read_until(&mut stream, "everything was stopped by");
     page.view.signal(Signal::TERM);
     assert_eq!(page.view.ended(SOON).code, Some(0));
     assert_eq!(mission.ended(SOON).code, Some(1));
+}
+
+/// Idle connections of others take no connection from a person, and an order that its person has given up is not carried out.
+#[test]
+fn strangers_and_late_orders_do_nothing() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let page = Page::open(&here);
+    let fields = page.fields_of_orders();
+    let idle: Vec<TcpStream> =
+        (0..200).map(|_| TcpStream::connect(&page.address).expect("the page is there")).collect();
+    page.view.signal(Signal::STOP);
+    drop(page.request("POST /estop", &fields, "{}"));
+    page.view.signal(Signal::CONT);
+    let refused = page.ask("POST /answer", &fields, "{}");
+    assert!(refused.contains("no longer open"), "{refused}");
+    assert!(cluster.leaf("main/one").is_some(), "the order that was given up is not carried out");
+    let done = page.ask("POST /estop", &fields, "{}");
+    assert!(done.contains("c1: stopped; no program runs"), "{done}");
+    drop(idle);
+}
+
+#[test]
+fn a_view_goes_on_through_another_node_of_its_machine() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let (first, _second) = (here.node("c1", &[]), here.node("c2", &[]));
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", &SPEC.replace("c1", "c2"))]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let page = Page::open(&here);
+    let (cookie, fields) = (page.cookie(), page.fields_of_orders());
+    let mut stream = page.request("GET /events", &cookie, "");
+    read_until(&mut stream, "\"host\":\"c1\"");
+    first.signal(Signal::KILL);
+    let done = page.ask("POST /estop", &fields, "{}");
+    assert!(done.contains("c2: stopped; no program runs"), "{done}");
+    let seen = read_until(&mut stream, "everything is heard through `c2` now");
+    assert!(!seen.contains("\"robot\":\"c2\""), "`c2` was never gone: {seen}");
+    let done = page.ask("POST /release", &fields, "{}");
+    assert!(done.contains("c2: "), "{done}");
 }
 
 #[test]

@@ -5,6 +5,8 @@ const byId = (id) => document.getElementById(id);
 const model = { robots: new Map(), deployments: new Map(), processes: new Map(), wires: new Map(), events: [], questions: [] };
 const EVENTS_MAX = 500;
 const INDENT = 16;
+// Seconds without a sign of the view after which an order is taken back.
+const GIVE_UP_AFTER = 5;
 let ages = { all: null, robots: {}, limit: 3 };
 let heard = null;
 
@@ -182,13 +184,27 @@ function draw() {
 
 async function order(path, body) {
   byId("word").textContent = "…";
+  byId("word").className = "";
+  const given = now();
+  const left = new AbortController();
+  // An order that nobody takes is taken back, so that it is not carried out much later.
+  const look = setInterval(() => {
+    if (now() - given > GIVE_UP_AFTER && now() - (heard ?? 0) > GIVE_UP_AFTER) left.abort();
+  }, 500);
+  let word = "";
+  let isDone = false;
   try {
     const headers = { "X-Dca-Token": token, "Content-Type": "application/json" };
-    const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
-    byId("word").textContent = await answer.text();
+    const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body), signal: left.signal });
+    word = await answer.text();
+    isDone = answer.ok;
+    if (answer.status === 403) word = "NOT DONE: this window belongs to a view that has ended; open the link that `dca view --page` prints now";
   } catch (error) {
-    byId("word").textContent = `not done: ${error.message}`;
+    word = left.signal.aborted ? "NOT DONE: the view does not answer; `dca estop` on a terminal stops everything" : `NOT DONE: ${error.message}`;
   }
+  clearInterval(look);
+  byId("word").textContent = word;
+  byId("word").className = isDone ? "" : "failed";
 }
 
 function sure(text, action) {
