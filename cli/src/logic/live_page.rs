@@ -67,7 +67,8 @@ fn robot(robot: &Robot, now: Time) -> Value {
 
 fn deployment(live: &LiveDeployment, now: Time) -> Value {
     json!({
-        "id": live.id.to_string(), "phase": live.phase(), "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
+        "id": live.id.to_string(), "phase": live.phase(), "ended": live.end.is_some(),
+        "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
         "age": live.end.as_ref().map(|end| end.at).or(live.began).map(|at| age(now, at)),
     })
 }

@@ -235,6 +235,7 @@ fn a_person_sees_a_mission_in_a_browser() {
     // The stream of changes is cut, and comes back.
     page.view.signal(Signal::STOP);
     browser.order("see not live since 3 s");
+    browser.order("see data is");
     browser.order("picture stale");
     page.view.signal(Signal::CONT);
     browser.order("gone not live since");

@@ -27,6 +27,12 @@ function age(seconds) {
 const now = () => performance.now() / 1000;
 const since = (item) => (item.at === null ? null : now() - item.at);
 
+function phase(live) {
+  const time = since(live);
+  if (time === null) return live.phase;
+  return live.ended ? `${live.phase}, ${age(time)} ago` : `${live.phase} for ${age(time)}`;
+}
+
 function forget(deployment) {
   model.deployments.delete(deployment);
   for (const part of [model.processes, model.wires]) {
@@ -57,13 +63,15 @@ function take(data) {
 
 function drawRobots() {
   const cards = [...model.robots.values()].sort((a, b) => (a.host < b.host ? -1 : 1)).map((robot) => {
-    const old = ages.robots[robot.host];
+    const told = ages.robots[robot.host];
+    // While the view is silent, nothing that it has told is live.
+    const old = told === null || told === undefined ? null : told + now() - (heard ?? now());
     const stale = robot.presence !== "here" || old === null || old >= ages.limit;
     const card = element("li", stale || robot.estop ? "bad" : "");
     card.append(element("b", "", robot.host), " ");
     const word = robot.estop ? "stopped" : robot.presence === "here" && stale ? "not live" : robot.presence;
     card.append(element("span", stale || robot.estop ? "bad" : "good", word));
-    if (stale && old !== null && old !== undefined) card.append(element("small", "bad", `data is ${age(old)} old`));
+    if (stale && old !== null) card.append(element("small", "bad", `data is ${age(old)} old`));
     if (robot.why) card.append(element("small", "", robot.why));
     if (robot.estop) card.append(element("small", "", robot.estop));
     if (robot.up !== null) card.append(element("small", "", `DCA ${robot.version}`));
@@ -83,7 +91,7 @@ function drawProcesses() {
     const own = [...model.processes.values()].filter((one) => one.deployment === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
     const table = element("table", "tree");
     const caption = element("caption", "", `${live.id}  `);
-    caption.append(element("span", live.failed ? "failed" : "quiet", `${live.phase} ${age(since(live))}`));
+    caption.append(element("span", live.failed ? "failed" : "quiet", phase(live)));
     table.append(caption);
     if (own.length > 0) {
       const head = element("tr");
@@ -280,4 +288,7 @@ function hear(message) {
 document.addEventListener("visibilitychange", follow);
 for (const event of ["focus", "pointerdown", "keydown"]) window.addEventListener(event, follow);
 follow();
-setInterval(drawAlarms, 500);
+setInterval(() => {
+  drawRobots();
+  drawAlarms();
+}, 500);
