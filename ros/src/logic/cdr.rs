@@ -9,7 +9,7 @@ mod reader;
 mod value;
 mod writer;
 
-pub use check::check;
+pub use check::{are_finite, check, is_finite};
 pub use reader::Reader;
 pub use value::{Value, read, write};
 pub use writer::Writer;

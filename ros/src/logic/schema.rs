@@ -130,7 +130,7 @@ impl Schema {
     }
 
     /// Returns the fewest bytes of an element, without padding.
-    pub(crate) fn size_min(&self, element: &Element<usize>) -> usize {
+    pub fn size_min(&self, element: &Element<usize>) -> usize {
         size_min(&self.structs, element)
     }
 }

@@ -9,60 +9,95 @@ use crate::logic::schema::{Schema, Struct};
 /// # Errors
 /// The bytes are not a value of this type, or more than padding follows.
 pub fn check(schema: &Schema, bytes: &[u8]) -> Result<(), CdrError> {
-    let mut reader = Reader::new(bytes)?;
-    record(schema, schema.root(), &mut reader)?;
-    reader.end()
+    Walk { schema, is_finite: None }.whole(bytes).map(drop)
 }
 
-fn record(schema: &Schema, of: &Struct, reader: &mut Reader<'_>) -> Result<(), CdrError> {
-    if of.fields.is_empty() {
-        // It has a byte, which means nothing.
-        reader.number::<1>()?;
+/// Checks that the bytes are a value of this type, and returns whether every number in it is finite.
+///
+/// # Errors
+/// As of [`check`].
+pub fn is_finite(schema: &Schema, bytes: &[u8]) -> Result<bool, CdrError> {
+    Walk { schema, is_finite: Some(true) }.whole(bytes).map(|found| found == Some(true))
+}
+
+/// A walk over a value.
+struct Walk<'a> {
+    schema: &'a Schema,
+    /// Whether all floats so far are finite; none if they are not looked at.
+    is_finite: Option<bool>,
+}
+
+impl Walk<'_> {
+    fn whole(mut self, bytes: &[u8]) -> Result<Option<bool>, CdrError> {
+        let mut reader = Reader::new(bytes)?;
+        self.record(self.schema.root(), &mut reader)?;
+        reader.end()?;
+        Ok(self.is_finite)
     }
-    of.fields.iter().try_for_each(|one| field(schema, one, reader))
-}
 
-fn field(schema: &Schema, of: &Field<usize>, reader: &mut Reader<'_>) -> Result<(), CdrError> {
-    let size_min = schema.size_min(&of.element);
-    let count = match of.count {
-        Count::One => 1,
-        Count::Array(size) => {
-            reader.fits(size, size_min)?;
-            size
+    fn record(&mut self, of: &Struct, reader: &mut Reader<'_>) -> Result<(), CdrError> {
+        if of.fields.is_empty() {
+            // It has a byte, which means nothing.
+            reader.number::<1>()?;
         }
-        Count::Any => reader.count(size_min)?,
-        Count::Max(max) => Some(reader.count(size_min)?).filter(|count| *count <= max).ok_or(CdrError::Long(max))?,
-    };
-    match &of.element {
-        Element::Primitive(Primitive::Bool) => (0..count).try_for_each(|_| reader.truth().map(drop)),
-        Element::Primitive(of) => numbers(*of, count, reader),
-        Element::Text { max } => (0..count).try_for_each(|_| {
-            let length = reader.text()?.len();
-            if max.is_some_and(|max| length > max) { Err(CdrError::Long(length)) } else { Ok(()) }
-        }),
-        Element::Message(index) => (0..count).try_for_each(|_| record(schema, schema.at(*index), reader)),
+        of.fields.iter().try_for_each(|one| self.field(one, reader))
+    }
+
+    fn field(&mut self, of: &Field<usize>, reader: &mut Reader<'_>) -> Result<(), CdrError> {
+        let size_min = self.schema.size_min(&of.element);
+        let count = match of.count {
+            Count::One => 1,
+            Count::Array(size) => {
+                reader.fits(size, size_min)?;
+                size
+            }
+            Count::Any => reader.count(size_min)?,
+            Count::Max(max) => {
+                Some(reader.count(size_min)?).filter(|count| *count <= max).ok_or(CdrError::Long(max))?
+            }
+        };
+        match &of.element {
+            Element::Primitive(Primitive::Bool) => (0..count).try_for_each(|_| reader.truth().map(drop)),
+            // Any bytes are numbers.
+            Element::Primitive(of) => {
+                let bytes = reader.numbers(count, of.size())?;
+                self.is_finite = self.is_finite.map(|is_finite| is_finite && are_finite(*of, bytes));
+                Ok(())
+            }
+            Element::Text { max } => (0..count).try_for_each(|_| {
+                let length = reader.text()?.len();
+                if max.is_some_and(|max| length > max) { Err(CdrError::Long(length)) } else { Ok(()) }
+            }),
+            Element::Message(index) => {
+                let of = self.schema.at(*index);
+                (0..count).try_for_each(|_| self.record(of, reader))
+            }
+        }
     }
 }
 
-/// Goes over numbers, of which any bytes are some.
-fn numbers(of: Primitive, count: usize, reader: &mut Reader<'_>) -> Result<(), CdrError> {
-    if count == 0 {
-        return Ok(());
+/// Returns whether numbers of this type, one after the other, are finite.
+pub fn are_finite(of: Primitive, bytes: &[u8]) -> bool {
+    match of {
+        Primitive::F32 => bytes.as_chunks().0.iter().all(|one| f32::from_le_bytes(*one).is_finite()),
+        Primitive::F64 => bytes.as_chunks().0.iter().all(|one| f64::from_le_bytes(*one).is_finite()),
+        Primitive::Bool
+        | Primitive::Byte
+        | Primitive::I8
+        | Primitive::U8
+        | Primitive::I16
+        | Primitive::U16
+        | Primitive::I32
+        | Primitive::U32
+        | Primitive::I64
+        | Primitive::U64 => true,
     }
-    // The first one finds its place, and the others follow it without a gap.
-    let size = match of {
-        Primitive::Bool | Primitive::Byte | Primitive::U8 | Primitive::I8 => reader.number::<1>()?.len(),
-        Primitive::I16 | Primitive::U16 => reader.number::<2>()?.len(),
-        Primitive::I32 | Primitive::U32 | Primitive::F32 => reader.number::<4>()?.len(),
-        Primitive::I64 | Primitive::U64 | Primitive::F64 => reader.number::<8>()?.len(),
-    };
-    reader.bytes((count - 1).saturating_mul(size)).map(drop)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::cdr::{read, write};
+    use crate::logic::cdr::{Value, read, write};
     use crate::logic::library;
     use crate::logic::name::TypeName;
     use proptest::prelude::*;
@@ -78,6 +113,7 @@ mod tests {
             let bytes = [&[0, 1, 0, 0][..], &body].concat();
             let schema = schema(at);
             prop_assert_eq!(check(&schema, &bytes), read(&schema, &bytes).map(drop));
+            prop_assert_eq!(is_finite(&schema, &bytes).map(drop), check(&schema, &bytes));
         }
     }
 
@@ -95,5 +131,26 @@ mod tests {
         for end in 0..whole.len() {
             assert!(check(&schema, &whole[..end]).is_err(), "{end} bytes");
         }
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_found() {
+        let finite = |name: &str, value: Value| {
+            let schema = library::schema(&TypeName::parse(name).unwrap()).unwrap();
+            is_finite(&schema, &write(&schema, &value).unwrap()).unwrap()
+        };
+        let vector = |x| Value::Record(vec![Value::Double(1.0), Value::Double(x), Value::Double(0.0)]);
+        assert!(finite("geometry_msgs/Vector3", vector(f64::MAX)));
+        assert!(!finite("geometry_msgs/Vector3", vector(f64::NAN)));
+        let twist = |x| Value::Record(vec![vector(0.0), vector(x)]);
+        assert!(!finite("geometry_msgs/Twist", twist(f64::INFINITY)));
+        let floats = |x| {
+            let layout = Value::Record(vec![Value::List(vec![]), Value::Unsigned(0)]);
+            Value::Record(vec![layout, Value::List(vec![Value::Single(1.0), Value::Single(x)])])
+        };
+        assert!(finite("std_msgs/Float32MultiArray", floats(2.0)));
+        assert!(!finite("std_msgs/Float32MultiArray", floats(f32::NEG_INFINITY)));
+        // The bytes of an infinite float are a whole number.
+        assert!(finite("std_msgs/UInt32", Value::Record(vec![Value::Unsigned(f32::INFINITY.to_bits().into())])));
     }
 }

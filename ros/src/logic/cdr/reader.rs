@@ -54,6 +54,17 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
+    /// Takes so many numbers of `size` bytes each, the first one at a multiple of its size.
+    ///
+    /// # Errors
+    /// There are not so many.
+    pub fn numbers(&mut self, count: usize, size: usize) -> Result<&'a [u8], CdrError> {
+        if count > 0 {
+            self.at = self.at.next_multiple_of(size.max(1));
+        }
+        self.bytes(count.saturating_mul(size))
+    }
+
     /// Takes a truth value.
     ///
     /// # Errors

@@ -27,6 +27,14 @@ impl Writer {
         self.bytes.extend_from_slice(&number);
     }
 
+    /// Makes room for so many numbers of `size` bytes each, the first one at a multiple of its size. Returns their bytes, which are 0.
+    pub fn numbers(&mut self, count: usize, size: usize) -> &mut [u8] {
+        let at = self.bytes.len() - HEADER.len();
+        let start = if count > 0 { at.next_multiple_of(size.max(1)) + HEADER.len() } else { self.bytes.len() };
+        self.bytes.resize(start.saturating_add(count.saturating_mul(size)), 0);
+        &mut self.bytes[start..]
+    }
+
     /// Writes bytes without their number.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
