@@ -104,6 +104,7 @@ pub use serde;
 pub use comms::logic::bytes::Bytes;
 pub use comms::logic::object::{Access, ExportKind, ObjectError};
 
+pub use self::ros::allows_nan;
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use arrivals::Arrivals;
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls, RawCalls};

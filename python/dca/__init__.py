@@ -4,6 +4,10 @@ A controller is a class: ports and parameters are its attributes, `main_calc` is
 `dca.run` makes a program of it, which a node starts like any other.
 """
 
+import importlib
+from types import ModuleType
+from typing import TYPE_CHECKING
+
 from ._controller import (
     ABSENT,
     EXISTS,
@@ -75,6 +79,9 @@ from ._quantity import (
     si,
 )
 
+if TYPE_CHECKING:
+    from . import ros as ros
+
 __all__ = [
     "ABSENT",
     "Abort",
@@ -139,6 +146,7 @@ __all__ = [
     "outcome",
     "parameter",
     "procedure",
+    "ros",
     "run",
     "secret",
     "service",
@@ -146,3 +154,11 @@ __all__ = [
     "state",
     "task",
 ]
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Imports `dca.ros` for the first program that names it."""
+    if name != "ros":
+        raise AttributeError(f"module `{__name__}` has no attribute `{name}`")
+    # `from . import ros` would ask here again.
+    return importlib.import_module(f"{__name__}.ros")

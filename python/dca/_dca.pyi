@@ -259,8 +259,38 @@ class MessageType:
     fields: str
     inner: list[tuple[str, str]]
     def __init__(self, described: Any, form: Any) -> None: ...
+    is_standard: bool
+    @staticmethod
+    def of_ros(name: str, classes: Sequence[type[Any]], allow_nan: bool) -> MessageType:
+        """Returns the type of a standard message of ROS 2, whose structs have these classes."""
     def encode(self, value: Any) -> bytes: ...
     def decode(self, bytes: bytes) -> Any: ...
+    def encode_cdr(self, value: Any) -> bytes: ...
+    def decode_cdr(self, bytes: bytes) -> Any: ...
+
+class RosDefinition:
+    """The definition of a standard message of ROS 2."""
+
+    name: str
+    spec: str
+    fields: list[RosField]
+    constants: list[tuple[str, Any]]
+    inner: list[str]
+    allow_nan: bool
+
+class RosField:
+    """A field of a definition. `count` is 0 of a list, and `None` of a single value."""
+
+    name: str
+    of: str
+    count: int | None
+    default: str | None
+
+def ros_definition(spec: str) -> RosDefinition | None:
+    """Returns the definition of a standard message by its name in a spec."""
+
+def ros_names(package: str) -> list[str]:
+    """Returns the names of the standard messages in a package."""
 
 class NativeHarness:
     @property

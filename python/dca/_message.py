@@ -13,6 +13,7 @@ A field is declared to other programs as a spec spells it, and has the bytes of 
     tuple[X, X, X]      X[3]            [X; 3]
     X | None            X[]             Option<X>, whose bytes are those of a list of at most one
     a dataclass         { ... }         a struct
+    dca.ros.std.Header  ros.std.Header  a struct of controllers::ros
     list[M], M a message M[]            Vec<M>
 """
 
@@ -209,6 +210,8 @@ def _form(annotation: Any, path: str, depth: int, inner: _Inner) -> tuple[Any, s
         if members and all(isinstance(one.value, str) for one in members):
             return ("words", [(one.value, one) for one in members]), "Text"
         raise TypeError(f"{path}: the values of an Enum in a message are strings")
+    if isinstance(annotation, type) and (found := annotation.__dict__.get(_MESSAGE)) is not None and found.is_standard:
+        return ("standard", found), found.name
     if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
         return _record(annotation, path, depth, inner)
     shown = getattr(annotation, "__name__", str(annotation))

@@ -3,12 +3,18 @@
 //! A line of standard input is `{"type": TYPE, "value": VALUE}` or `{"type": TYPE, "bytes": HEX}`, and its answer is a line: the bytes in hexadecimal
 //! digits, or the value; `null` for bytes that are not of the type, to the last one. A TYPE is `"number"`, `"truth"`, `"text"`, `"bytes"`,
 //! `["optional", TYPE]`, `["list", TYPE, COUNT]` or `["record", [TYPE, ...]]`. A number is given by its bits.
+//!
+//! A line `{"ros": NAME, "bytes": HEX}` has the CDR of a message of ROS 2. Its answer has the bytes that the struct of Rust writes, the bytes
+//! on a wire, and the fields.
 
 #![expect(clippy::print_stdout, reason = "it answers on standard output")]
 
+use ros::for_each_message;
+use ros::typed::{self, Message};
 use serde::de::{self, DeserializeSeed, Deserializer, SeqAccess, Visitor};
 use serde::ser::{Error as _, Serialize, SerializeSeq, SerializeStruct, SerializeTuple, Serializer};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::BufRead;
 
@@ -133,8 +139,26 @@ fn bytes(digits: &Value) -> Option<Vec<u8>> {
     (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(digits.get(at..at + 2)?, 16).ok()).collect()
 }
 
-fn answer(line: &str) -> Option<Value> {
+/// Reads the CDR of a message, and returns what Rust says of it.
+type Read = fn(&[u8]) -> Option<Value>;
+
+fn read_ros<M: Message + Serialize>(bytes: &[u8]) -> Option<Value> {
+    let value = M::from_cdr(bytes).ok()?;
+    let (again, wire) = (value.to_cdr().ok()?, postcard::to_stdvec(&value).ok()?);
+    Some(json!({ "bytes": digits(&again), "wire": digits(&wire), "value": serde_json::to_value(&value).ok()? }))
+}
+
+macro_rules! all {
+    ($($package:ident::$name:ident,)+) => {
+        BTreeMap::from([$((<typed::$package::$name as Message>::SPEC, read_ros::<typed::$package::$name> as Read),)+])
+    };
+}
+
+fn answer(line: &str, messages: &BTreeMap<&str, Read>) -> Option<Value> {
     let asked: Value = serde_json::from_str(line).ok()?;
+    if let Some(name) = asked["ros"].as_str() {
+        return messages.get(name)?(&bytes(&asked["bytes"])?);
+    }
     let of = &asked["type"];
     if let Some(value) = asked.get("value") {
         return postcard::to_stdvec(&Typed(of, value)).ok().map(|bytes| json!(digits(&bytes)));
@@ -146,7 +170,8 @@ fn answer(line: &str) -> Option<Value> {
 }
 
 fn main() {
+    let messages: BTreeMap<&str, Read> = for_each_message!(all);
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-        println!("{}", answer(&line).unwrap_or(Value::Null));
+        println!("{}", answer(&line, &messages).unwrap_or(Value::Null));
     }
 }

@@ -27,6 +27,8 @@ pub(crate) struct Encoded {
 enum Held {
     /// A `bytes` of Python.
     Python(PyBackedBytes),
+    /// Bytes that were written for this value.
+    Own(Vec<u8>),
     /// A part of a value that has arrived.
     Arrived(Arc<Arrived>, Range<usize>),
 }
@@ -35,6 +37,7 @@ impl Held {
     fn bytes(&self) -> &[u8] {
         match self {
             Self::Python(bytes) => bytes,
+            Self::Own(bytes) => bytes,
             Self::Arrived(whole, range) => whole.get(range.clone()).unwrap_or_default(),
         }
     }
@@ -74,6 +77,12 @@ impl Encoded {
         // This also copies data that is not one piece.
         self.piece(&view.call_method0("tobytes")?.cast_into::<PyBytes>()?);
         Ok(())
+    }
+
+    /// Writes bytes that were written for this value, with their length.
+    pub(crate) fn own(&mut self, bytes: Vec<u8>) {
+        self.writer().length(bytes.len());
+        self.pieces.push((self.bytes.len(), Held::Own(bytes)));
     }
 
     fn piece(&mut self, bytes: &Bound<'_, PyBytes>) {

@@ -5,7 +5,9 @@
 //! same fields. An optional value has the bytes of a list of at most one.
 
 use crate::encoded::Encoded;
+use crate::message::MessageType;
 use crate::piece::{Arrived, Piece};
+use crate::standard::Standard;
 use comms::logic::layout::Reader;
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -44,6 +46,8 @@ pub(crate) enum Form {
         class: Py<PyAny>,
         fields: Vec<(Py<PyString>, Self)>,
     },
+    /// A standard message of ROS 2, whose bytes are those of its CDR with their length.
+    Standard(Arc<Standard>),
 }
 
 /// The result of a look at the bytes of a value.
@@ -77,6 +81,10 @@ impl Form {
                 let (count, is_tuple) = (described.get_item(2)?.extract()?, described.get_item(3)?.extract()?);
                 Self::List { of: inner(1)?, count, is_tuple }
             }
+            "standard" => {
+                let message = described.get_item(1)?.cast_into::<MessageType>()?;
+                Self::Standard(message.get().standard()?)
+            }
             "record" => {
                 let mut fields = Vec::new();
                 for field in described.get_item(2)?.try_iter()? {
@@ -93,7 +101,12 @@ impl Form {
     /// Looks at the bytes of a record, without the interpreter; none if they are not of this type, to the last one.
     pub(crate) fn look(&self, bytes: &[u8], stamp: Option<usize>) -> Option<Look> {
         let (mut reader, mut look) = (Reader::new(bytes), Look { is_finite: true, stamp: None });
-        let Self::Record { fields, .. } = self else { return None };
+        let fields = if let Self::Record { fields, .. } = self {
+            fields.as_slice()
+        } else {
+            self.skip(&mut reader, &mut look.is_finite)?;
+            &[]
+        };
         for (at, (_, form)) in fields.iter().enumerate() {
             let before = reader.rest();
             form.skip(&mut reader, &mut look.is_finite)?;
@@ -142,6 +155,7 @@ impl Form {
             Self::Record { fields, .. } => {
                 fields.iter().try_for_each(|(_, form)| form.skip(reader, is_finite))?;
             }
+            Self::Standard(of) => *is_finite &= of.is_finite(reader.piece()?)?,
         }
         Some(())
     }
@@ -193,6 +207,7 @@ impl Form {
                     fields.iter().map(|(_, form)| form.read(py, reader, whole)).collect::<PyResult<Vec<_>>>()?;
                 class.bind(py).call1(PyTuple::new(py, values)?)?
             }
+            Self::Standard(of) => of.read(py, reader.piece().ok_or_else(short)?, whole)?,
         })
     }
 
@@ -252,6 +267,7 @@ impl Form {
             }
             Self::List { of, count, .. } => write_list(of, *count, value, encoded)?,
             Self::Record { class, fields } => write_record(class, fields, value, encoded)?,
+            Self::Standard(of) => encoded.own(of.write(value, encoded.allows_nan)?),
         }
         Ok(())
     }
@@ -313,14 +329,14 @@ fn write_bytes(value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> 
     encoded.buffer(value).map_err(|_no_buffer| expected("bytes, or another buffer", value))
 }
 
-fn expected(what: &str, value: &Bound<'_, PyAny>) -> PyErr {
+pub(crate) fn expected(what: &str, value: &Bound<'_, PyAny>) -> PyErr {
     let shown = value.repr().map(|text| text.to_string()).unwrap_or_default();
     let shown: String = shown.chars().take(80).collect();
     PyTypeError::new_err(format!("expected {what}, got {shown}"))
 }
 
 /// Names the field in which a value is wrong: `at.x: expected a number, got None`.
-fn within(py: Python<'_>, field: &Bound<'_, PyString>, error: &PyErr) -> PyErr {
+pub(crate) fn within(py: Python<'_>, field: &Bound<'_, PyString>, error: &PyErr) -> PyErr {
     let text = error.value(py).to_string();
     let text = match text.split_once(": ") {
         Some((path, rest)) if path.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '.') => {

@@ -5,7 +5,7 @@
 //! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
 //!
 //! `exports` and `calls` are procedures of its own and of others, `database` and `stored` the database. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process, `forked` its children,
-//! `failure` what an exception becomes.
+//! `failure` what an exception becomes, `standard` the messages of ROS 2.
 
 mod calls;
 mod database;
@@ -26,6 +26,7 @@ mod output;
 mod piece;
 mod program;
 mod quantity;
+mod standard;
 mod stored;
 
 use pyo3::prelude::*;
@@ -64,6 +65,10 @@ fn _dca(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("CallError", module.py().get_type::<calls::CallError>())?;
     module.add("Refused", module.py().get_type::<exports::Refused>())?;
     module.add_class::<harness::NativeHarness>()?;
+    module.add_class::<standard::RosDefinition>()?;
+    module.add_class::<standard::RosField>()?;
+    module.add_function(wrap_pyfunction!(standard::ros_definition, module)?)?;
+    module.add_function(wrap_pyfunction!(standard::ros_names, module)?)?;
     module.add_class::<ending::Tick>()?;
     module.add_class::<ending::Done>()?;
     module.add_class::<ending::Abort>()?;

@@ -3,8 +3,9 @@
 use crate::encoded::Encoded;
 use crate::form::{Form, Look};
 use crate::piece::Arrived;
+use crate::standard::Standard;
 use comms::logic::layout::Reader;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::sync::Arc;
@@ -46,6 +47,35 @@ impl MessageType {
         Ok(Self { name, fields, inner, form: Form::of(form, 0)?, stamp, allows_nan })
     }
 
+    /// Returns the type of a standard message of ROS 2, whose structs have these classes.
+    #[staticmethod]
+    fn of_ros(py: Python<'_>, name: String, classes: Vec<Py<PyAny>>, allow_nan: bool) -> PyResult<Self> {
+        let form = Form::Standard(Arc::new(Standard::new(py, &name, classes)?));
+        Ok(Self { name, fields: String::new(), inner: Vec::new(), form, stamp: None, allows_nan: allow_nan })
+    }
+
+    /// Whether it is a standard message of ROS 2.
+    #[getter]
+    fn is_standard(&self) -> bool {
+        matches!(self.form, Form::Standard(_))
+    }
+
+    /// Returns a value as ROS 2 sends it. Only ports refuse numbers that are not finite.
+    fn encode_cdr<'py>(&self, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
+        Ok(PyBytes::new(value.py(), &self.standard()?.write(value, true)?))
+    }
+
+    /// Returns the value in bytes that ROS 2 has sent.
+    fn decode_cdr<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+        let standard = self.standard()?;
+        // The look refuses, before any value is made, what no look at a single value could.
+        if standard.is_finite(bytes).is_none() {
+            return Err(self.wrong());
+        }
+        let whole = Arrived::new(bytes.to_vec());
+        standard.read(py, &whole, &whole)
+    }
+
     /// Returns the bytes of a value.
     pub(crate) fn encode<'py>(&self, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
         Ok(PyBytes::new(value.py(), &self.bytes(value)?))
@@ -55,13 +85,25 @@ impl MessageType {
     pub(crate) fn decode<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
         // The look refuses, before any value is made, what no look at a single value could.
         if self.look(bytes).is_none() {
-            return Err(PyValueError::new_err(format!("the bytes are not of the message type `{}`", self.name)));
+            return Err(self.wrong());
         }
         self.value(py, &Arrived::new(bytes.to_vec()))
     }
 }
 
 impl MessageType {
+    /// Returns the standard message that this type is.
+    pub(crate) fn standard(&self) -> PyResult<Arc<Standard>> {
+        let Form::Standard(standard) = &self.form else {
+            return Err(PyTypeError::new_err(format!("`{}` is not a message of ROS 2", self.name)));
+        };
+        Ok(Arc::clone(standard))
+    }
+
+    fn wrong(&self) -> PyErr {
+        PyValueError::new_err(format!("the bytes are not of the message type `{}`", self.name))
+    }
+
     /// Returns the bytes of a value.
     pub(crate) fn bytes(&self, value: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
         self.encoded(value).map(Encoded::whole)

@@ -2,6 +2,7 @@
 
 mod golden;
 mod hiroz;
+mod python;
 mod rosbags;
 mod text;
 mod typed;

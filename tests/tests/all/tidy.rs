@@ -32,7 +32,7 @@ const FLOORS: [(&str, &[&str]); 16] = [
     ("node/shim", &["comms"]),
     ("view", &["comms", "dbmanager", "language", "node"]),
     ("cli", &["comms", "dbmanager", "language", "node", "ros", "shim", "team", "trust", "verify", "view"]),
-    ("python", &["comms", "controllers", "language"]),
+    ("python", &["comms", "controllers", "language", "ros"]),
     ("examples", &["controllers"]),
     ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "team", "trust", "verify"]),
 ];
