@@ -395,7 +395,7 @@ impl Agent {
                 let coordinators = &self.coordinators;
                 let away =
                     self.participants.iter_mut().filter(|(deployment, _)| !coordinators.contains_key(deployment));
-                away.for_each(|(_, participant)| participant.leave(out));
+                away.for_each(|(_, participant)| participant.give_up("its node is leaving", out));
             }
             Input::Calendar { .. } | Input::Tick => {}
         }

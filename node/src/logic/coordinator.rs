@@ -146,8 +146,7 @@ impl Coordinator {
 
     /// Takes the report of a host that it released everything, or that it could not end everything.
     fn left(&mut self, from: &str, is_all: bool, out: &mut Out<'_>) {
-        // A report during a request to rejoin is older than the request. Or the host has left again, and is asked once more when its
-        // answer is due.
+        // A report during a request to rejoin is older than the request: a host that leaves again refuses first.
         let Some(host) = self.mission.hosts.get_mut(from).filter(|host| !host.is_asked()) else { return };
         if !is_all {
             host.is_unable();

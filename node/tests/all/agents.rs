@@ -14,6 +14,7 @@ mod detours;
 mod devices;
 mod estop;
 mod externals;
+mod flaps;
 mod golden;
 mod large;
 mod leaving;

@@ -74,7 +74,7 @@ impl Agent {
                 let place = self.peers.names.place(boot).unwrap_or_default().to_owned();
                 coordinator.abort(FailureCause::Preempted(place), out);
             } else if let Some(participant) = self.participants.get_mut(&deployment) {
-                participant.leave(out);
+                participant.give_up(&format!("another node of its name keeps `{deployment}`"), out);
             }
         }
     }

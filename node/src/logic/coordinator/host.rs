@@ -71,12 +71,12 @@ impl HostPart {
         self.is_active()
     }
 
-    /// Takes its return; returns whether it may still hold something.
+    /// Takes its return; returns whether it is to release everything. A host that was only missed while it rejoins goes on with that.
     pub(super) fn is_back(&mut self) -> bool {
         if self.has_failed() {
             self.reach = Reach::Back;
         }
-        self.has_failed()
+        self.has_failed() && !self.is_asked()
     }
 
     /// Takes the report that it released everything; returns whether the report counts.

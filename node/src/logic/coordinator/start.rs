@@ -105,9 +105,6 @@ impl Start {
                 }
             }
             (ToCoordinator::Refused { reasons }, _) => return Ok(self.refused(from, reasons, out.now)),
-            (ToCoordinator::Released | ToCoordinator::Unconfirmed, _) => {
-                return Ok(self.refused(from, vec![format!("host `{from}`: its node left")], out.now));
-            }
             (message, _) => return Err(message),
         }
         Ok(self.next(mission, out))

@@ -14,7 +14,7 @@ use super::{Participant, Phase};
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{group_host, leaf_host};
 use crate::logic::instance::Instance;
-use crate::logic::protocol::{ActivityInput, Target};
+use crate::logic::protocol::{ActivityInput, Target, unreached};
 use comms::logic::time::Time;
 use language::plan::{Expression, Group, LinkLoss, Notice, Plan};
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ impl Participant {
         self.loss.lost.insert(host.to_owned());
         if host == self.site.home {
             if self.phase != Phase::Running || !self.goes_on() {
-                return self.leave(out);
+                return self.give_up(&unreached(host), out);
             }
             self.go_on_alone(out);
         } else {

@@ -190,8 +190,14 @@ impl Participant {
             return;
         }
         self.estop = Some(estop.clone());
+        self.give_up(&estop.to_string(), out);
+    }
+
+    /// Tells every program to go, although the home has not asked for that. A home that waits for this part to prepare, or to make its
+    /// links, gets the reason: it must not take a report that everything was released for an earlier one.
+    pub fn give_up(&mut self, why: &str, out: &mut Out<'_>) {
         if matches!(self.phase, Phase::Preparing | Phase::Connecting) {
-            let reasons = vec![format!("host `{}`: {estop}", self.site.host)];
+            let reasons = vec![format!("host `{}`: {why}", self.site.host)];
             self.site.tell_home(ToCoordinator::Refused { reasons }, out);
         }
         self.leave(out);

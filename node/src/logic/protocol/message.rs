@@ -28,13 +28,15 @@ impl Message {
         Self::about_none(Body::Relay(Box::new(relay)))
     }
 
-    /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
-    /// however late it comes.
+    /// Returns whether it is the last word about something: that a process has ended, that everything is to end, or that a host does not
+    /// take part. Such a message is true however late it comes.
     pub fn is_final(&self) -> bool {
         matches!(
             self.body,
             Body::Participant(ToParticipant::Ended { .. } | ToParticipant::Loose { .. } | ToParticipant::Release)
-                | Body::Coordinator(ToCoordinator::Released | ToCoordinator::Unconfirmed)
+                | Body::Coordinator(
+                    ToCoordinator::Refused { .. } | ToCoordinator::Released | ToCoordinator::Unconfirmed
+                )
         )
     }
 }
