@@ -83,6 +83,9 @@ impl Participant {
         for leaf in self.instances.numbers() {
             match self.orders(leaf) {
                 Ok(orders) => {
+                    // The programs of the other hosts run already, and some may be gone for good.
+                    let rejoin = self.together.rejoining.then_some(Order::Rejoin);
+                    let orders = rejoin.into_iter().chain(orders);
                     let plain =
                         self.site.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
                     if !plain {

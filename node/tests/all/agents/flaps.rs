@@ -206,3 +206,37 @@ fn a_start_during_which_a_host_flaps_is_soon_decided() {
         }
     }
 }
+
+/// A host takes part again although another one is still lost that it hears, and one that hears it.
+#[test]
+fn a_host_takes_part_again_while_others_are_lost() {
+    let text = r#"
+process Far(there) {
+    host { there }
+    external_io { In = long, In; Out = long, Out; }
+    instantiated_processes { long instof Tuned(there); step instof Long(there); }
+    internal_event_actions { long, step }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        first instof Far("c2");
+        second instof Far("c3");
+    }
+    internal_connections(first, on) { first, Out -> second, In; }
+    internal_connections(second, on) { second, Out -> first, In; }
+    internal_event_actions { ((first[on] else skip) ;; wait(1 s)), ((second[on] else skip) ;; wait(1 s)) }
+}
+"#;
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    cut(&mut world, "c3");
+    world.run_for(Duration::from_secs(12));
+    for host in ["c2", "c3"] {
+        assert_eq!(active(&world, host), Vec::<u32>::new(), "{:?}", world.answers[&call]);
+        heal(&mut world, host);
+        check_run(&mut world, &[host], host);
+    }
+}

@@ -8,6 +8,7 @@ use node::logic::agent::Input;
 use node::logic::effect::{ProcessId, SpawnOrder};
 use node::logic::protocol::{Answer, Estop};
 use shim::protocol::ShimReport;
+use std::collections::BTreeSet;
 
 impl World {
     pub(super) fn finish(&mut self, host: &str, process: ProcessId, activation: u32) {
@@ -98,8 +99,8 @@ impl World {
             Order::Connect { incoming, outgoing, .. } => {
                 self.linked(host, process, &incoming, &outgoing);
                 let sessions = incoming.into_iter().map(|incoming| incoming.producer.session).collect();
+                self.make_links(host, process, &sessions);
                 self.dialled.insert(process.clone(), sessions);
-                self.notice(3, host, process, Notice::Connected);
             }
             Order::Relink { lost, found } => {
                 let sessions = self.dialled.entry(process.clone()).or_default();
@@ -133,7 +134,6 @@ impl World {
             Order::Configure { .. }
             | Order::Shape { .. }
             | Order::Calls { .. }
-            | Order::Rejoin
             | Order::Resumed { .. }
             | Order::Database { .. }
             | Order::Keys { .. }
@@ -141,6 +141,9 @@ impl World {
             | Order::Secret { .. }
             | Order::Vouch { .. }
             | Order::Judged { .. } => {}
+            Order::Rejoin => {
+                self.rejoining.insert(process.clone());
+            }
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
@@ -152,6 +155,7 @@ impl World {
         *self.lives.entry(process.clone()).or_default() += 1;
         self.begins.push((self.now, host.to_owned(), order.path.clone()));
         self.took.insert(process.clone(), (0, 0));
+        self.rejoining.remove(&process);
         self.spawned.entry(order.path.clone()).or_default().push(order.policy);
         self.modules.insert(process.clone(), order.command[1].clone());
         self.commands.insert(process.clone(), order.command.clone());
@@ -173,6 +177,17 @@ impl World {
         let version = self.version.unwrap_or(WIRE_VERSION);
         let hello = Notice::Hello { version, instance: order.path, location, owns, needs, signals: false };
         self.notice(5, host, &process, hello);
+    }
+
+    /// Has a program make its links. A producer that is gone is waited for, and for long only if all programs start together.
+    fn make_links(&mut self, host: &str, process: &ProcessId, sessions: &BTreeSet<String>) {
+        let there: BTreeSet<String> = self.alive.iter().map(|(_, other)| self.session(other)).collect();
+        let reason = "a producer has not come within 18 s".to_owned();
+        match sessions.difference(&there).next() {
+            None => self.notice(3, host, process, Notice::Connected),
+            Some(_) if self.rejoining.contains(process) => self.notice(1000, host, process, Notice::Connected),
+            Some(_) => self.notice(18_000, host, process, Notice::ConnectFailed { reason }),
+        }
     }
 
     /// Returns the present session of a program.

@@ -74,6 +74,8 @@ pub(super) struct World {
     pub(super) lives: BTreeMap<ProcessId, u32>,
     /// The policies that each program was started with, by its path.
     pub(super) spawned: BTreeMap<String, Vec<Policy>>,
+    /// The programs that were told that the others run already.
+    pub(super) rejoining: BTreeSet<ProcessId>,
     /// The sessions that each program dials.
     pub(super) dialled: BTreeMap<ProcessId, BTreeSet<String>>,
     pub(super) cut: BTreeSet<String>,
