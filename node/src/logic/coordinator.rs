@@ -153,6 +153,10 @@ impl Coordinator {
         } else if host.released() && matches!(self.phase, Phase::Running) {
             self.mission.cleared(from, out);
         }
+        if matches!(self.phase, Phase::Running) {
+            let why = format!("host `{from}`: its node has left the deployment");
+            self.changes.without(&mut self.mission, from, why, out);
+        }
         self.release_confirmed(from, out);
     }
 
@@ -271,7 +275,7 @@ impl Coordinator {
             Phase::Starting(_) => self.refuse(unreached(name), out),
             Phase::Running => {
                 host.fail();
-                self.changes.without(&mut self.mission, name, out);
+                self.changes.without(&mut self.mission, name, unreached(name), out);
             }
             Phase::Ending(_) => {
                 host.fail();

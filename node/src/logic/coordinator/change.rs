@@ -17,7 +17,7 @@ use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
     Answer, ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnderway, LeafFacts, Report, Revision, Signed,
-    ToParticipant, unreached,
+    ToParticipant,
 };
 use comms::logic::time::Time;
 use language::plan::{Leaf, Plan, PlanChange, difference_with};
@@ -199,8 +199,8 @@ impl Changes {
             let by = &self.by;
             return Err(vec![format!("{by} has changed `{name}` meanwhile; `dca plan` shows what it is now")]);
         }
-        if let Some((host, part)) = mission.hosts.iter().find(|(_, part)| part.has_failed()) {
-            return Err(vec![if part.is_asked() {
+        if let Some((host, part)) = mission.hosts.iter().find(|(_, part)| !part.takes_part()) {
+            return Err(vec![if part.comes_back() {
                 format!("host `{host}` is just about to take part again: try again once it does")
             } else {
                 format!("host `{host}` is lost, so nothing can be changed on it")
@@ -378,8 +378,8 @@ impl Changes {
         }
     }
 
-    /// A host failed.
-    pub(super) fn without(&mut self, mission: &mut Mission, host: &str, out: &mut Out<'_>) {
+    /// A host failed, or has left.
+    pub(super) fn without(&mut self, mission: &mut Mission, host: &str, why: String, out: &mut Out<'_>) {
         let Some(change) = &mut self.current else { return };
         let was_awaited = change.awaited.remove(host);
         if change.is_undoing() && change.step != Step::Examining {
@@ -387,7 +387,7 @@ impl Changes {
                 self.next_step(mission, out);
             }
         } else {
-            self.take_back(mission, unreached(host), out);
+            self.take_back(mission, why, out);
         }
     }
 

@@ -53,9 +53,19 @@ impl HostPart {
         self.part == Part::Active
     }
 
+    /// Returns whether it takes part and can be reached.
+    pub(super) fn takes_part(&self) -> bool {
+        (self.reach, self.part) == (Reach::Here, Part::Active)
+    }
+
     /// Returns whether it failed, and has not taken part again since.
     pub(super) fn has_failed(&self) -> bool {
         self.reach != Reach::Here
+    }
+
+    /// Returns whether it is to take part again.
+    pub(super) fn comes_back(&self) -> bool {
+        self.rejoin.is_some()
     }
 
     /// Returns whether it was asked to rejoin, and has not refused or rejoined yet.

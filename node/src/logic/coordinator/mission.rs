@@ -179,8 +179,8 @@ impl Mission {
         self.hosts.get(host).is_some_and(HostPart::has_failed)
     }
 
-    /// Returns the names of the hosts that have not failed.
+    /// Returns the names of the hosts that take part and can be reached.
     pub(super) fn reachable(&self) -> impl Iterator<Item = &String> {
-        self.hosts.iter().filter(|(_, part)| !part.has_failed()).map(|(host, _)| host)
+        self.hosts.iter().filter(|(_, part)| part.takes_part()).map(|(host, _)| host)
     }
 }

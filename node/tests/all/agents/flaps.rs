@@ -57,6 +57,8 @@ fn moments() -> impl Iterator<Item = u64> {
 /// How long a host has to take part again once the link stands.
 const AGAIN_WITHIN: Duration = Duration::from_secs(3);
 
+/// How long a change takes at the most once the link stands, with its probation, and that of the previous plan if it is undone.
+const CHANGED_WITHIN: Duration = Duration::from_secs(22);
 /// How long a user waits for an answer at the most, once the link stands.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(8);
 
@@ -238,5 +240,29 @@ process main() {
         assert_eq!(active(&world, host), Vec::<u32>::new(), "{:?}", world.answers[&call]);
         heal(&mut world, host);
         check_run(&mut world, &[host], host);
+    }
+}
+
+/// A host flaps during a change. The change is made or undone soon after the link stands, and the host takes part.
+#[test]
+fn a_change_during_which_a_host_flaps_is_soon_decided() {
+    for flap in FLAPS {
+        for millis in (0..24).step_by(2).chain([500, 1900]) {
+            let case = format!("{flap:?} after {millis} ms");
+            let mut world = World::new(&["c1", "c2", "c3"]);
+            world.deploy("c1", AGAIN);
+            world.run_for(Duration::from_secs(1));
+            let call = world.change("c1", AGAIN, (1, 0), &["main/far/long", "main/other/long"]);
+            world.run_for(Duration::from_millis(millis));
+            flap.happen(&mut world);
+            world.run_for(CHANGED_WITHIN);
+            assert!(world.answers.contains_key(&call) || flap.kills("c1"), "{case}: no answer");
+            check_run(&mut world, &["c2", "c3"], &case);
+            let next = world.change("c1", &AGAIN.replace("wait(1 s)", "wait(900 ms)"), (1, 0), &[]);
+            world.run_for(CHANGED_WITHIN);
+            let told = world.answers.get(&next).and_then(|answers| answers.last());
+            let is_busy = format!("{told:?}").contains("is changing");
+            assert!(told.is_some() && !is_busy, "{case}: {told:?}");
+        }
     }
 }
