@@ -282,6 +282,33 @@ fn a_full_disk_refuses_a_deployment_and_gives_no_epoch_twice() {
     assert!(code == Some(0) && epoch() > first, "{first}, then {}: {text}", epoch());
 }
 
+/// A node takes the room for the words of an emergency stop when it starts.
+#[test]
+fn a_full_disk_takes_the_reason_of_an_emergency_stop() {
+    let mut place = Place::new("e");
+    let Some(disk) = SmallDisk::mount(place.folder.join("s")) else {
+        println!("skipped: needs root to mount a small disk");
+        return;
+    };
+    for reason in ["smoke in the cell", "a person in the cell"] {
+        let node = place.node();
+        let filler = disk.0.join("filler");
+        let filled = std::fs::write(&filler, vec![7; 24 << 20]).unwrap_err();
+        assert_eq!(filled.kind(), ErrorKind::StorageFull);
+        let stopped = place.ask(&["estop", reason]);
+        assert_eq!(stopped.status.code(), Some(0), "{stopped:?}");
+        processes::signal(node, Signal::KILL);
+        wait("it is gone", || !processes::is_running(node));
+        std::fs::remove_file(&filler).unwrap();
+        let again = place.node();
+        let status = String::from_utf8_lossy(&place.ask(&["status"]).stdout).into_owned();
+        assert!(status.contains(&format!(": {reason}")), "{status}");
+        assert_eq!(place.ask(&["estop", "--release"]).status.code(), Some(0));
+        processes::signal(again, Signal::KILL);
+        wait("it is gone", || !processes::is_running(again));
+    }
+}
+
 /// Replaces each connection that is closed, until `over` is set.
 fn crowd(socket: &Path, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<UnixStream>> = (0..SILENT).map(|_| None).collect();

@@ -1,19 +1,24 @@
 //! The file `estop` in the folder of a node's state: while it exists, everything is stopped. It has a line with the
 //! user who has stopped everything, and a line with the reason. An unreadable file counts: nothing begins before a user
 //! releases it.
+//!
+//! The file `estop.spare` keeps the room for it: a full disk takes a name, and no words. An emergency stop overwrites the spare file in
+//! its place and gives it the other name, and a release gives it the name back.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::Estop;
 use comms::io::file::{self, Privacy};
-use std::fs::File;
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The name of the file.
 const FILE: &str = "estop";
-/// The longest such file that is read, in bytes.
-const SIZE_MAX: usize = 4096;
+/// The extension of the file that keeps the room for it.
+const SPARE: &str = "spare";
+/// The size of the file, in bytes: the lines, and blanks.
+const SIZE: usize = 4096;
 
 /// The file; none for a node that keeps nothing.
 #[derive(Clone, Debug)]
@@ -32,7 +37,7 @@ impl EstopFile {
     /// Returns the file in a folder, and the stop that it records.
     pub(crate) fn open(folder: Option<PathBuf>) -> (Self, Option<Estop>) {
         let Some(path) = folder.map(|folder| folder.join(FILE)) else { return (Self(None), None) };
-        let found = match file::bytes(&path, SIZE_MAX) {
+        let found = match file::bytes(&path, SIZE) {
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Ok(bytes) => Some(read(&String::from_utf8_lossy(&bytes))),
             Err(error) => {
@@ -40,6 +45,7 @@ impl EstopFile {
                 Some(read(""))
             }
         };
+        prepare(&path);
         let inner = Inner { path, wanted: Mutex::new(found.clone()), disk: Mutex::new(()) };
         (Self(Some(Arc::new(inner))), found)
     }
@@ -61,7 +67,7 @@ impl EstopFile {
         let wanted = lock(&inner.wanted).clone();
         let written = match wanted {
             Some(Estop { by, reason }) => mark(&inner.path, &format!("{}\n{}\n", line(&by), line(&reason))),
-            None => removed(std::fs::remove_file(&inner.path).and_then(|()| sync_entry(&inner.path))),
+            None => unmark(&inner.path),
         };
         drop(turn);
         written.map_err(|error| {
@@ -72,11 +78,16 @@ impl EstopFile {
     }
 }
 
-/// Makes the file, to survive a power cut. Its existence counts; a full disk may leave out its words.
+/// Makes the file, to survive a power cut. Its existence counts; a full disk without the spare file may leave out its words.
 fn mark(path: &Path, words: &str) -> io::Result<()> {
     // A file with the same words is never removed, not even for a moment.
-    if file::bytes(path, SIZE_MAX).is_ok_and(|there| there == words.as_bytes()) {
+    if file::bytes(path, SIZE).is_ok_and(|there| there.starts_with(words.as_bytes())) {
         return File::open(path)?.sync_all().and_then(|()| sync_entry(path));
+    }
+    let spare = path.with_extension(SPARE);
+    if fill(&spare, words).is_ok() {
+        file::check(path)?;
+        return fs::rename(spare, path).and_then(|()| sync_entry(path));
     }
     let mut made = file::created(path, Privacy::Usual)?;
     if let Err(error) = made.write_all(words.as_bytes()) {
@@ -84,6 +95,45 @@ fn mark(path: &Path, words: &str) -> io::Result<()> {
     }
     made.sync_all()?;
     sync_entry(path)
+}
+
+/// Takes the file away. Its room is kept for the next one.
+fn unmark(path: &Path) -> io::Result<()> {
+    file::check(path)?;
+    removed(fs::rename(path, path.with_extension(SPARE)).and_then(|()| sync_entry(path)))?;
+    prepare(path);
+    Ok(())
+}
+
+/// Makes the spare file, unless the room is taken already. On a full disk there is none.
+fn prepare(path: &Path) {
+    let spare = path.with_extension(SPARE);
+    let has_room = |file: &Path| file.metadata().is_ok_and(|found| found.is_file() && found.len() >= SIZE as u64);
+    if has_room(path) || has_room(&spare) {
+        return;
+    }
+    let made = file::created(&spare, Privacy::Usual).and_then(|mut made| made.write_all(&padded("")));
+    if let Err(error) = made {
+        tracing::debug!(file = %spare.display(), %error, "a full disk will not take the reason of an emergency stop");
+    }
+}
+
+/// Writes the words into a file of full size, in its place.
+fn fill(spare: &Path, words: &str) -> io::Result<()> {
+    file::check(spare)?;
+    let mut opened = OpenOptions::new().write(true).open(spare)?;
+    if opened.metadata()?.len() < SIZE as u64 {
+        return Err(ErrorKind::NotFound.into());
+    }
+    opened.write_all(&padded(words))?;
+    opened.sync_all()
+}
+
+/// Returns the content of the file: the words, and blanks.
+fn padded(words: &str) -> Vec<u8> {
+    let mut bytes = words.as_bytes().to_vec();
+    bytes.resize(SIZE.max(bytes.len()), b' ');
+    bytes
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -123,6 +173,7 @@ mod tests {
         file.write().unwrap();
         file.write().unwrap();
         assert_eq!(open().1, None);
+        assert!(folder.join("estop.spare").metadata().unwrap().len() == SIZE as u64, "the room is kept");
         let somebody = Estop { by: "somebody".into(), reason: String::new() };
         std::fs::write(folder.join(FILE), "").unwrap();
         assert_eq!(open().1, Some(somebody.clone()), "an empty file counts");
