@@ -9,6 +9,7 @@
 //!   audit                 who was refused, and what was revoked
 //!   founds                the node is the first of its team and has not begun the team's database yet
 //!   heads                 where audit logs of others have come to, signed by this node, and its own, signed by others
+//! STATE/r1/in-team        the name of the team in which the node ran last: without the folder above it does not start
 //! ```
 
 mod heads;
@@ -46,6 +47,8 @@ const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
 const FOUNDS: &str = "founds";
+/// The file beside the folder with the name of the team.
+const IN_TEAM: &str = "in-team";
 /// The name of the file with signed heads of audit logs.
 pub const HEADS: &str = "heads";
 /// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
@@ -90,6 +93,7 @@ impl Member {
                  to run without a team",
                 folder.display()
             );
+            refuse_without(state, &folder)?;
             return Ok(None);
         };
         let file = |name: &str, bytes_max| {
@@ -108,6 +112,7 @@ impl Member {
         if credential.certificate().claims().keys != *keys.public() || credential.certificate().kind() != Kind::Node {
             bail!("{}", broken(CREDENTIAL));
         }
+        note(state, &team);
         let revoked = revoked::open(&folder, &team, keys.public().id())?;
         let audit = Audit::open(&folder, team.id(), keys.public().id());
         let audit =
@@ -339,6 +344,33 @@ impl Authenticator for Member {
 
     fn forged(&self, claimed: &str, why: &str) {
         self.refuse_message(&format!("speak as `{claimed}`"), why);
+    }
+}
+
+/// Refuses to run without a team where a node of a team ran last: its folder may have been moved away, or its disk is not mounted.
+fn refuse_without(state: &Path, folder: &Path) -> anyhow::Result<()> {
+    let noted = state.join(IN_TEAM);
+    let Some(team) = folder::read(&noted, TEAM_MAX)? else { return Ok(()) };
+    bail!(
+        "this node ran in the team `{}` last, and `{}` is not there any more: put the folder back, join again with `dca team join`, or \
+         remove `{}` to run without a team",
+        String::from_utf8_lossy(&team),
+        folder.display(),
+        noted.display()
+    );
+}
+
+/// Notes the team in which a node runs, for the next start.
+fn note(state: &Path, team: &Team) {
+    let (noted, name) = (state.join(IN_TEAM), team.name().to_string());
+    if folder::read(&noted, TEAM_MAX).is_ok_and(|before| before.is_some_and(|before| before[..] == *name.as_bytes())) {
+        return;
+    }
+    if let Err(error) = folder::write(&noted, name.as_bytes()) {
+        tracing::warn!(
+            error = format!("{error:#}"),
+            "the next start of this node will not notice if the folder of its team is gone"
+        );
     }
 }
 

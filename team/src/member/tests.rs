@@ -299,5 +299,24 @@ fn a_broken_folder_is_no_node_without_a_team() {
     std::os::unix::fs::symlink("/nowhere/team", state.join(FOLDER)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
     std::fs::remove_file(state.join(FOLDER)).unwrap();
+    let why = Member::open(&state).unwrap_err().to_string();
+    assert!(why.starts_with("this node ran in the team `acme` last") && why.contains("in-team"), "{why}");
+    std::fs::remove_file(state.join("in-team")).unwrap();
     assert!(Member::open(&state).unwrap().is_none());
+}
+
+/// A node that comes from another team notes the new one.
+#[test]
+fn a_node_notes_the_team_of_its_last_start() {
+    let noted = {
+        let (acme, other) = (Desk::new("acme"), Desk::new("other"));
+        drop(acme.node("r1", 0, 30));
+        let (from, to) = (acme.folder.join("r1").join(FOLDER), other.folder.join("r1").join(FOLDER));
+        drop(other.node("r1", 0, 30));
+        std::fs::remove_dir_all(&from).unwrap();
+        std::fs::rename(to, &from).unwrap();
+        drop(Member::open(&acme.folder.join("r1")).unwrap().unwrap());
+        std::fs::read_to_string(acme.folder.join("r1").join("in-team")).unwrap()
+    };
+    assert_eq!(noted, "other");
 }
