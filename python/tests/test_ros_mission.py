@@ -1,4 +1,4 @@
-"""A mission whose controller in Python drives a robot of ROS 2: a peer on plain Zenoh is the robot, and the bridge is between them."""
+"""Missions whose controllers in Python work with ROS 2: a peer on plain Zenoh is the robot, and the bridge is between them."""
 
 import queue
 import shutil
@@ -96,11 +96,91 @@ class Robot:
         return None
 
 
-def test_a_controller_in_python_drives_a_robot_of_ros(missions, monkeypatch):
+ORDER = """
+import dca
+from dca import ros
+
+@dca.task("Asks a service, and leaves a goal.", triggered_by="Set")
+class Order:
+    Set = dca.Calls(ros.std_srvs.SetBool_Request, ros.std_srvs.SetBool_Response)
+
+    def init(self, value):
+        self.ask()
+
+    def ask(self):
+        self.call = self.Set.call(ros.std_srvs.SetBool_Request(data=True), within="60 s")
+
+    def main_calc(self, tick):
+        if not self.call.done:
+            return
+        try:
+            answer = self.call.result()
+        except dca.CallError:
+            # The bridge does not know all servers in its first second.
+            return self.ask()
+        return dca.done(ros.example.Fibonacci_Goal(order=len(answer.message)))
+
+@dca.task("Looks at the result of an action.")
+class Look:
+    def init(self, value):
+        self.result = dca.decode(ros.example.Fibonacci_Result, value)
+
+    def main_calc(self, tick):
+        found = list(self.result.sequence)
+        return dca.done() if found == [0, 1, 1, 2, 3] else dca.abort(f"it is {found}")
+
+if __name__ == "__main__":
+    dca.run(Order, Look)
+"""
+ORDER_SPEC = """
+module Order { python "order.py"; venv ".venv"; }
+module Look { python "order.py"; venv ".venv"; }
+module Count(host: Host) { action "/fib": ros.example.Fibonacci; }
+process main(){
+    host{c1}
+    instantiated_processes{ order instof Order(c1); count instof Count(c1); look instof Look(c1); }
+    internal_connections{ order.Set -> service("/avoid/enable"); }
+    internal_event_actions{ order : count : look }
+}
+"""
+FIBONACCI = "7/fib/_action/{}/example_interfaces::action::dds_::Fibonacci_{}_/RIHS01_{}"
+SEND = FIBONACCI.format("send_goal", "SendGoal", "d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557")
+RESULT = FIBONACCI.format("get_result", "GetResult", "1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57")
+
+
+@pytest.fixture
+def robot(monkeypatch):
     robot = Robot()
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{robot.locator}"]')
     monkeypatch.delenv("ROS_DISTRO", raising=False)
+    yield robot
+    robot.session.close()
+
+
+def test_a_task_in_python_asks_a_service_and_begins_an_action(missions, robot):
+    asked = []
+
+    def serve(key, answer):
+        def hear(query):
+            asked.append(bytes(query.payload))
+            query.reply(query.key_expr, HEADER + answer, attachment=query.attachment)
+
+        robot.session.declare_queryable(key, hear, complete=True)
+
+    serve(ENABLE, b"\1\0\0\0" + struct.pack("<I", 5) + b"four\0")
+    serve(SEND, b"\1" + bytes(11))
+    serve(RESULT, b"\4\0\0\0" + struct.pack("<6i", 5, 0, 1, 1, 2, 3))
+    missions.write("order.py", ORDER)
+    missions.write("order.dca", ORDER_SPEC)
+    ended = missions.run("order.dca", within=120)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    enable, goal = asked[0], asked[1]
+    assert enable == HEADER + b"\1"
+    assert len(goal) == 24 and goal[20:] == struct.pack("<i", 4)
+
+
+def test_a_controller_in_python_drives_a_robot_of_ros(missions, robot):
     for name in ("avoid.py", "avoid.dca"):
         shutil.copy(EXAMPLES / name, missions.folder / name)
     checked = missions("check", "avoid.dca")
@@ -117,5 +197,4 @@ def test_a_controller_in_python_drives_a_robot_of_ros(missions, monkeypatch):
     finally:
         mission.send_signal(signal.SIGINT)
         out, _ = mission.communicate(timeout=60)
-        robot.session.close()
     assert "avoid" in out
