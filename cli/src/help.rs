@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 /// The verbs, grouped by purpose.
 const GROUPS: [(&str, &[&str]); 7] = [
-    ("Run", &["new", "run", "deploy", "attach", "stop", "estop"]),
+    ("Run", &["new", "run", "replay", "deploy", "attach", "stop", "estop"]),
     (
         "Look",
         &[
@@ -24,9 +24,16 @@ const GROUPS: [(&str, &[&str]); 7] = [
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 46] = [
+const EXAMPLES: [(&str, [&str; 2]); 47] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
+    (
+        "replay",
+        [
+            "dca replay runs/robot-1 robot.dca",
+            "dca replay runs/robot-1 robot.dca --ports laser.Scan,map.Out --rate 2 --record all",
+        ],
+    ),
     ("deploy", ["dca deploy robot.dca", "dca deploy robot.dca --require-verified --aligned"]),
     ("attach", ["dca attach", "dca attach robot"]),
     ("stop", ["dca stop robot", "dca stop robot --forget"]),

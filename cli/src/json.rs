@@ -23,7 +23,7 @@ mod tests {
     use clap::CommandFactory as _;
 
     /// Verbs without an answer: they show a mission, or write for a program of its own form.
-    const OTHERS: [&str; 8] = ["attach", "completions", "deploy", "lsp", "man", "run", "top", "view"];
+    const OTHERS: [&str; 9] = ["attach", "completions", "deploy", "lsp", "man", "replay", "run", "top", "view"];
 
     /// Returns the verbs that have none below them, each with its words.
     fn leaves(command: &Command, words: &[&str]) -> Vec<Vec<String>> {

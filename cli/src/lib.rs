@@ -49,6 +49,7 @@ pub mod param;
 mod project;
 mod queue;
 pub(crate) mod reader;
+pub mod replay;
 pub mod report;
 mod router;
 pub mod run;
@@ -91,6 +92,8 @@ struct Command {
 enum Verb {
     /// Run a spec on this machine alone: a node for each of its hosts is started inside this command
     Run(run::Arguments),
+    /// Run a spec on this machine with a record in the place of some of its processes
+    Replay(replay::Arguments),
     /// Run a spec on the hosts it names
     Deploy(deploy::Arguments),
     /// Watch a deployment that runs, as `deploy` does
@@ -311,6 +314,7 @@ fn run_verb() -> ExitCode {
     logging::start(logging::COMMAND);
     finish(match command.verb {
         Verb::Run(arguments) => run::run(arguments),
+        Verb::Replay(arguments) => replay::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
         Verb::Attach(arguments) => attach::run(&arguments),
         Verb::Plan(arguments) => change::plan(&arguments),

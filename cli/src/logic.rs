@@ -17,6 +17,7 @@ pub(crate) mod process_name;
 pub(crate) mod queues;
 pub mod record;
 pub(crate) mod record_types;
+pub(crate) mod replay;
 pub(crate) mod ros;
 mod routers;
 pub(crate) mod story_test;

@@ -47,6 +47,15 @@ pub struct Arguments {
     proof: Proof,
 }
 
+/// The options of a run on this machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Here<'a> {
+    pub(crate) following: &'a follow::FollowArgs,
+    pub(crate) controllers: &'a Controllers,
+    /// The folder of the databases of the nodes; none if these are gone when the command ends.
+    pub(crate) state: Option<&'a Path>,
+}
+
 /// The nodes inside this command.
 #[derive(Debug)]
 struct Nodes {
@@ -60,20 +69,32 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?;
     arguments.proof.require(&spec)?;
     programs::check_shim()?;
+    let Arguments { following, controllers, state, run_dir, .. } = &arguments;
+    let base = base(run_dir.as_deref())?;
+    carry_out(spec, &base, Here { following, controllers, state: state.as_deref() })
+}
+
+/// Returns the folder of the nodes of this command, below the folder that a person names.
+pub(crate) fn base(run_dir: Option<&Path>) -> anyhow::Result<PathBuf> {
+    let base = run_dir.map_or_else(run_dir::default_base, Path::to_path_buf);
+    let base = std::path::absolute(&base).with_context(|| format!("finding the folder `{}`", base.display()))?;
+    Ok(run_dir::of_this_command(&base))
+}
+
+/// Starts a node for each host of a spec, with its folder below `base`, and runs the spec to its end.
+pub(crate) fn carry_out(spec: Spec, base: &Path, here: Here<'_>) -> Result<(), Failure> {
     block_on(async {
-        let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
-        let result = nodes.carry(spec, &arguments.following).await;
+        let mut nodes = Nodes::start(&spec.plan.hosts, base, here).await?;
+        let result = nodes.carry(spec, here.following).await;
         nodes.leave(if follow::is_left(&result) { LEAVE_AT_ONCE } else { LEAVE_WITHIN }).await;
         result
     })
 }
 
 impl Nodes {
-    async fn start(hosts: &[String], arguments: &Arguments) -> Result<Self, Failure> {
-        let (controllers, state) = (&arguments.controllers, arguments.state.as_deref());
-        let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
-        let base = std::path::absolute(&base).with_context(|| format!("finding the folder `{}`", base.display()))?;
-        let base = run_dir::of_this_command(&base);
+    async fn start(hosts: &[String], base: &Path, here: Here<'_>) -> Result<Self, Failure> {
+        let Here { controllers, state, .. } = here;
+        let base = base.to_owned();
         let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
         for host in hosts {
             let config = Config {
@@ -144,7 +165,8 @@ impl Nodes {
     }
 }
 
-fn remove(base: &Path) {
+/// Removes the folder of the nodes of this command.
+pub(crate) fn remove(base: &Path) {
     if let Err(error) = std::fs::remove_dir_all(base) {
         tracing::debug!(%error, "cannot remove the nodes' folder");
     }

@@ -16,6 +16,7 @@ pub mod pace;
 pub mod port;
 pub mod proof;
 pub mod random;
+pub mod replay;
 pub mod seal;
 pub mod signals;
 pub mod switch;

@@ -22,6 +22,7 @@ struct Readme;
 pub mod control;
 pub mod library;
 pub mod message;
+mod replay;
 pub mod robot;
 pub mod sdk;
 
@@ -38,4 +39,14 @@ pub use ::ros::typed as ros;
 /// Returns every controller type of this crate: Appendix A of the paper, its CompliantMotion, and the plant.
 pub fn registry() -> sdk::Registry {
     library::registry()
+}
+
+/// Returns the type that stands in for a process whose values were recorded. Specs do not name it, so it is not among the others.
+pub fn replay() -> sdk::Registry {
+    let mut registry = sdk::Registry::default();
+    registry.add_module(replay::interface(), |_, arguments| {
+        let replay = replay::Replay::new(arguments)?;
+        Ok(Box::new(replay) as Box<dyn sdk::Module>)
+    });
+    registry
 }

@@ -94,9 +94,21 @@ pub fn file(named: &Path) -> PathBuf {
 /// # Errors
 /// When there is no such file, or it does not name its run.
 pub fn read(path: &Path) -> Result<Run, RecordError> {
+    read_as(path, Run::from_bytes)
+}
+
+/// Reads a record with the values of wires, as far as it goes.
+///
+/// # Errors
+/// As of [`read`].
+pub fn read_with_values(path: &Path) -> Result<Run, RecordError> {
+    read_as(path, Run::with_values)
+}
+
+fn read_as(path: &Path, read: impl Fn(&[u8]) -> Result<Run, ReadError>) -> Result<Run, RecordError> {
     let bytes =
         named_file::bytes(path, RECORD_MAX).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
-    Run::from_bytes(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })
+    read(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })
 }
 
 /// A record that is being written. Dropped, it is finished without a word.

@@ -15,15 +15,18 @@ mod ports;
 mod read;
 mod row;
 mod schema;
+mod value;
 
 pub use lines::Lines;
 pub use message::Messages;
 pub(crate) use message::{decode as decoded, messages};
 pub use ports::{Port, ports};
 
+pub(crate) use message::names as field_names;
 pub use read::ReadError;
 pub(crate) use row::kind as report_kind;
 pub use row::{EVENTS, Form, LOG, PORTS, Row, Rows, SIGNALS, Topic};
+pub use value::{RecordedValue, ValueForm};
 
 use crate::logic::mission::Mission;
 use comms::logic::layout::Message;
@@ -91,7 +94,7 @@ pub enum Entry {
         /// Whole lines, without the last line feed.
         text: String,
     },
-    /// A value that went over a wire. It is not read back: a report has no use for it.
+    /// A value that went over a wire. It is read back as a [`RecordedValue`], and only for a replay.
     Port {
         /// Path of the producer and its output: `main/force/Out`.
         from: String,
@@ -113,6 +116,8 @@ pub struct Run {
     pub header: Header,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,
+    /// The values of wires, if they were asked for.
+    pub values: Vec<RecordedValue>,
     /// The damage, if the record is not whole: the recorder was killed, or the file was changed.
     pub damage: Option<String>,
 }

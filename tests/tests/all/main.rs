@@ -51,6 +51,7 @@ mod quick;
 mod quiet;
 mod record;
 mod refused_programs;
+mod replay;
 mod rooms;
 mod ros_calls;
 mod ros_topics;

@@ -17,7 +17,7 @@ fn run(end: Option<Ending>) -> Run {
     entries.extend(event_table(OPENING));
     let report = |ending| Entry::Report(Report::Finished { ending, at: seconds(22.1), unconfirmed: Vec::new() });
     entries.extend(end.map(report));
-    Run { header, entries, damage: None }
+    Run { header, entries, values: Vec::new(), damage: None }
 }
 
 #[test]

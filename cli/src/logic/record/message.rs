@@ -66,7 +66,7 @@ fn property(layout: &Layout) -> Value {
 }
 
 /// Returns a name for each field that a viewer can plot by.
-fn names(fields: &[Field]) -> Vec<String> {
+pub(crate) fn names(fields: &[Field]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in fields {
         let name = schema::free_name(schema::plain_name(&field.name), |name| names.iter().any(|other| other == name));

@@ -1,9 +1,11 @@
 //! Reads the bytes of a record back to a run.
 
 use crate::logic::record::parts::{self, Next, Part, Parts};
-use crate::logic::record::row::{PATH, Unit};
+use crate::logic::record::row::{Form, PATH, PORTS, TO, Unit};
 use crate::logic::record::schema::STAMP;
-use crate::logic::record::{ABOUT, About, EVENTS, Entry, Header, LOG, PLAN, Run, SIGNALS, SPEC, VERSION};
+use crate::logic::record::{
+    ABOUT, About, EVENTS, Entry, Header, LOG, PLAN, RecordedValue, Run, SIGNALS, SPEC, VERSION, ValueForm,
+};
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -40,7 +42,19 @@ impl Run {
     /// # Errors
     /// When it does not even name its run: it is not a record, or that part of it is lost.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
-        let mut reading = RecordReader { bytes, ..RecordReader::default() };
+        Self::read(RecordReader { bytes, ..RecordReader::default() })
+    }
+
+    /// Returns the same with the values of wires.
+    ///
+    /// # Errors
+    /// As of [`Run::from_bytes`].
+    pub fn with_values(bytes: &[u8]) -> Result<Self, ReadError> {
+        Self::read(RecordReader { bytes, keeps_values: true, ..RecordReader::default() })
+    }
+
+    fn read(mut reading: RecordReader<'_>) -> Result<Self, ReadError> {
+        let bytes = reading.bytes;
         let is_record = bytes.starts_with(mcap::MAGIC) || mcap::MAGIC.starts_with(bytes);
         if bytes.starts_with(mcap::MAGIC) {
             reading.all();
@@ -60,7 +74,7 @@ impl Run {
         let plan = reading.plan.take().ok_or_else(foreign)?;
         let text = reading.text.take().ok_or_else(foreign)?;
         let header = Header { file: about.file.clone(), text, plan, started: about.started };
-        Ok(Self { header, entries: reading.entries, damage })
+        Ok(Self { header, entries: reading.entries, values: reading.values, damage })
     }
 }
 
@@ -72,6 +86,8 @@ struct RecordReader<'a> {
     text: Option<String>,
     channels: BTreeMap<u16, Channel>,
     entries: Vec<Entry>,
+    keeps_values: bool,
+    values: Vec<RecordedValue>,
     /// When GO was, since 1970.
     go: Option<Duration>,
     /// The earliest possible time of GO, from the later entries.
@@ -83,8 +99,11 @@ struct RecordReader<'a> {
 
 struct Channel {
     topic: String,
-    /// The program's path, for its signals.
+    /// The path of the program, or of the output of a wire.
     path: String,
+    /// The path of the input of a wire.
+    to: String,
+    form: ValueForm,
     units: BTreeMap<String, Unit>,
 }
 
@@ -166,13 +185,15 @@ impl RecordReader<'_> {
                 Entry::Report(_) => {}
             }
         }
+        for value in &mut self.values {
+            value.at = go.map_or(Duration::ZERO, |go| value.at.saturating_sub(go));
+        }
     }
 
     fn record(&mut self, record: Record<'_>) -> Result<(), String> {
         match record {
             Record::Channel(channel) => {
-                let (id, channel) = (channel.id, Channel::new(channel.topic, &channel.metadata)?);
-                self.channels.insert(id, channel);
+                self.channels.insert(channel.id, Channel::new(channel)?);
             }
             Record::Attachment { header, data, .. } if header.name == ABOUT => self.about = Some(parse(&data)?),
             Record::Attachment { header, data, .. } if header.name == PLAN => self.plan = Some(parse(&data)?),
@@ -181,7 +202,14 @@ impl RecordReader<'_> {
             }
             Record::Message { header, data } => {
                 let logged = Duration::from_nanos(header.log_time);
-                let entry = self.channel(header.channel_id)?.entry(logged, &data)?;
+                let keeps_values = self.keeps_values;
+                let channel = self.channel(header.channel_id)?;
+                if keeps_values && channel.topic.starts_with(PORTS) {
+                    let value = channel.value(logged, data.into_owned());
+                    self.values.push(value);
+                    return Ok(());
+                }
+                let entry = channel.entry(logged, &data)?;
                 if let Some(Entry::Report(Report::Go { .. })) = &entry {
                     self.go = Some(logged);
                 }
@@ -215,20 +243,32 @@ impl RecordReader<'_> {
             let known = summary.as_ref().and_then(|summary| summary.channels.get(&id));
             let none = || "a message is on a channel that was never announced".to_owned();
             let known = known.ok_or_else(none)?;
-            self.channels.insert(id, Channel::new(known.topic.clone(), &known.metadata)?);
+            let (topic, message_encoding) = (known.topic.clone(), known.message_encoding.clone());
+            let metadata = known.metadata.clone();
+            let channel = mcap::records::Channel { id, schema_id: 0, topic, message_encoding, metadata };
+            self.channels.insert(id, Channel::new(channel)?);
         }
         Ok(&self.channels[&id])
     }
 }
 
 impl Channel {
-    fn new(topic: String, metadata: &BTreeMap<String, String>) -> Result<Self, String> {
+    fn new(announced: mcap::records::Channel) -> Result<Self, String> {
+        let mcap::records::Channel { topic, message_encoding, metadata, .. } = announced;
+        let (of_ros, _) = Form::Ros.encodings();
+        let form = if message_encoding == of_ros { ValueForm::Cdr } else { ValueForm::Json };
+        let to = metadata.get(TO).cloned().unwrap_or_default();
         let path = metadata.get(PATH).map(String::as_str).or(topic.strip_prefix(SIGNALS));
         let path = path.unwrap_or_default().to_owned();
         let units = metadata.iter().filter(|(name, _)| topic.starts_with(SIGNALS) && *name != PATH);
         let units = units.map(|(name, unit)| Ok((name.clone(), parse(unit.as_bytes())?)));
         let units = units.collect::<Result<_, String>>()?;
-        Ok(Self { topic, path, units })
+        Ok(Self { topic, path, to, form, units })
+    }
+
+    /// Returns a value of a wire with the time `at`, since 1970.
+    fn value(&self, at: Duration, data: Vec<u8>) -> RecordedValue {
+        RecordedValue { from: self.path.clone(), to: self.to.clone(), at, form: self.form, data }
     }
 
     /// Returns an entry with the time `at`, since 1970, if a report has a use for it.

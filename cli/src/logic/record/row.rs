@@ -24,6 +24,8 @@ pub const SIGNALS: &str = "/signals/";
 pub const PORTS: &str = "/ports/";
 /// Key of a channel's metadata: the program's unchanged path.
 pub(super) const PATH: &str = "dca.path";
+/// Key of the metadata of a wire: the path of its input.
+pub(super) const TO: &str = "dca.to";
 
 /// A channel of the record.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -280,7 +282,7 @@ impl Rows {
         }
         let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
         let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
-        let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
+        let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), (TO.to_owned(), to.to_owned())]);
         let Described { form, name: schema_name, text: schema } = schema(&self.topics);
         self.of.insert(wire, vec![self.topics.len()]);
         self.topics.push(Topic { name, form, schema_name, schema, metadata });

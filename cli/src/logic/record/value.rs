@@ -1,0 +1,27 @@
+//! The recorded values of wires, as a replay reads them.
+
+use std::time::Duration;
+
+/// A value that went over a wire, as it is in the record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordedValue {
+    /// Path of the producer and its output: `main/force/Out`.
+    pub from: String,
+    /// Path of the consumer and its input.
+    pub to: String,
+    /// When it came, since GO.
+    pub at: Duration,
+    /// The form of the data.
+    pub form: ValueForm,
+    /// The value.
+    pub data: Vec<u8>,
+}
+
+/// The form of a recorded value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ValueForm {
+    /// JSON: the fields of the value, or all its bytes.
+    Json,
+    /// The CDR of a message of ROS 2.
+    Cdr,
+}

@@ -1,0 +1,92 @@
+//! The steps of a process that is replayed: what `dca replay` takes out of a record for the program that stands in for the process.
+//!
+//! The bytes of a step say where they end, so a file of steps has them one after the other.
+
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// The controller type that plays steps.
+pub const REPLAY: &str = "Replay";
+/// The most bytes of steps of one process.
+pub const STEPS_MAX: u64 = 1 << 30;
+
+/// One step. Times are since the beginning of the activation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Step {
+    /// An activation begins.
+    Begin,
+    /// A value leaves an output.
+    Value {
+        /// The time of the value.
+        at: Duration,
+        /// The place of the output in the list of outputs.
+        port: u32,
+        /// The encoded value.
+        bytes: Vec<u8>,
+        /// The time of measurement in it, if it has one.
+        stamp: Option<Stamp>,
+    },
+    /// The process is done.
+    Done {
+        /// The time of the end.
+        at: Duration,
+        /// The value that it leaves.
+        value: Vec<u8>,
+    },
+    /// The process has failed.
+    Aborted {
+        /// The time of the end.
+        at: Duration,
+        /// Why, for a person.
+        reason: String,
+    },
+}
+
+/// The time of measurement in a value: a number of seconds on the clock of a host, which the stand-in writes for its own clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stamp {
+    /// The place of the number in the encoded value.
+    pub place: u32,
+    /// When the measurement was, in nanoseconds since the beginning of the activation.
+    pub nanos: i64,
+}
+
+/// Appends a step to the bytes of a file.
+///
+/// # Errors
+/// It cannot be encoded.
+pub fn append(step: &Step, bytes: Vec<u8>) -> Result<Vec<u8>, postcard::Error> {
+    postcard::to_extend(step, bytes)
+}
+
+/// Takes the first step off the bytes of a file; none if they do not begin with one.
+pub fn take(bytes: &[u8]) -> Option<(Step, &[u8])> {
+    postcard::take_from_bytes(bytes).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_read_as_they_were_written() {
+        let at = Duration::from_nanos(1_500_000_001);
+        let steps = [
+            Step::Begin,
+            Step::Value { at, port: 1, bytes: vec![7; 300], stamp: None },
+            Step::Value { at, port: 2, bytes: vec![8; 8], stamp: Some(Stamp { place: 0, nanos: -3 }) },
+            Step::Done { at, value: vec![] },
+            Step::Aborted { at, reason: "it slips".to_owned() },
+        ];
+        let bytes = steps.iter().fold(Vec::new(), |bytes, step| append(step, bytes).unwrap());
+        let mut rest = &bytes[..];
+        for step in &steps {
+            let (found, behind) = take(rest).unwrap();
+            assert_eq!(&found, step);
+            rest = behind;
+        }
+        assert_eq!((rest.len(), take(rest)), (0, None));
+        assert_eq!(take(&bytes[..5]).map(|(step, _)| step), Some(Step::Begin));
+        assert_eq!(take(&[9, 9]), None);
+    }
+}
