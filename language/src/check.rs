@@ -73,6 +73,7 @@ fn compile_all(
     declare::silent::check(&model, interfaces, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
+        types::check_starts(&mut model, &mut diagnostics);
         ports::check(&mut model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }

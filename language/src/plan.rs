@@ -13,6 +13,7 @@ mod exec;
 mod external;
 mod nested;
 mod on_boot;
+mod operand;
 mod parameter;
 mod policy;
 mod state_chart;
@@ -32,6 +33,7 @@ pub use environment::{
 pub use exec::{ExecError, words};
 pub use external::External;
 pub use on_boot::OnBoot;
+pub use operand::{Arm, GIVEN_MAX, Given};
 pub use parameter::{Accepts, Parameter};
 pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
@@ -388,6 +390,13 @@ pub enum Expression {
     },
     /// The states of an activity. They are the whole event actions of their group.
     Chart(Box<StateChart>),
+    /// `P with { x = 2 m }`: P starts with this value.
+    With {
+        /// The value.
+        given: Given,
+        /// The operand.
+        of: Box<Self>,
+    },
 }
 
 impl Expression {
@@ -404,7 +413,9 @@ impl Expression {
             | Self::Otherwise(p, q)
             | Self::Finally(p, q) => vec![p, q],
             Self::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
-            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
+            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } | Self::With { of, .. } => {
+                vec![of]
+            }
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
             Self::Chart(chart) => chart.runs.iter().map(|run| &run.expression).collect(),
         }
@@ -423,7 +434,9 @@ impl Expression {
             | Self::Otherwise(p, q)
             | Self::Finally(p, q) => vec![p, q],
             Self::Match(arms) => arms.iter_mut().map(|arm| &mut arm.body).collect(),
-            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
+            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } | Self::With { of, .. } => {
+                vec![of]
+            }
             Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
             Self::Chart(chart) => chart.runs.iter_mut().map(|run| &mut run.expression).collect(),
         }
@@ -434,13 +447,4 @@ impl Expression {
         let own = if let Self::Tagged { tag, .. } = self { Some(tag.as_str()) } else { None };
         own.into_iter().chain(self.operands().into_iter().flat_map(Self::tags)).collect()
     }
-}
-
-/// One way on in a `match`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Arm {
-    /// The tag that it is taken for; without one for every tag that no arm before has.
-    pub tag: Option<String>,
-    /// The expression that starts, with the value behind the tag; without a tag, with the whole value.
-    pub body: Expression,
 }

@@ -359,7 +359,8 @@ fn configurations(expression: &Expression) -> u64 {
         | Expression::Match(_)
         | Expression::Using { .. }
         | Expression::Chart(_)
-        | Expression::Tagged { .. } => parts().fold(1, u64::saturating_add),
+        | Expression::Tagged { .. }
+        | Expression::With { .. } => parts().fold(1, u64::saturating_add),
         Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
         Expression::Concurrent(_)
         | Expression::FailFast(_)
@@ -411,6 +412,7 @@ fn may_end_at_once(expression: &Expression) -> bool {
         | Expression::Shield { .. }
         | Expression::Using { .. }
         | Expression::Tagged { .. }
+        | Expression::With { .. }
         | Expression::Asynchronous { .. } => expression.operands().into_iter().any(may_end_at_once),
     }
 }
@@ -464,7 +466,10 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
             **q = write(q);
         }
         Expression::Match(arms) => arms.iter_mut().for_each(|arm| arm.body = write(&arm.body)),
-        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => {
+        Expression::Shield { of, .. }
+        | Expression::Using { of, .. }
+        | Expression::Tagged { of, .. }
+        | Expression::With { of, .. } => {
             **of = write(of);
         }
         Expression::Asynchronous { source, pool } => {

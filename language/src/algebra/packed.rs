@@ -196,6 +196,7 @@ impl Packing {
                 | Kind::Shield { .. }
                 | Kind::Finally
                 | Kind::Tagged(_)
+                | Kind::With(_)
                 | Kind::Chart => {}
             }
         }

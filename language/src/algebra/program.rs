@@ -13,11 +13,11 @@
 //! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
-//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using` and `as` one, constants and members none, `::` at least one,
+//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as` and `with` one, constants and members none, `::` at least one,
 //!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
-use super::event::Event;
+use super::event::{Event, Value};
 use super::phase::Phase;
 use crate::automaton::Automaton;
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Notice, StateChart};
@@ -175,6 +175,8 @@ pub(super) enum Kind {
     Tagged(Arc<str>),
     /// The states of an activity.
     Chart,
+    /// `with`
+    With(Value),
 }
 
 /// How long a `shield` holds up a stop.
@@ -303,6 +305,7 @@ impl Program {
             Expression::Finally(..) => Kind::Finally,
             Expression::Tagged { tag, .. } => Kind::Tagged(tag.as_str().into()),
             Expression::Chart(_) => Kind::Chart,
+            Expression::With { given, .. } => Kind::With(given.value.clone()),
         }
     }
 
@@ -338,7 +341,7 @@ impl Program {
             Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::Finally => {
                 services.any(|service| service)
             }
-            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } | Kind::Tagged(_) => {
+            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } | Kind::Tagged(_) | Kind::With(_) => {
                 self.nodes[node + 1].service
             }
             Kind::Chart => self.chart.as_ref().is_some_and(|chart| chart.is_service),

@@ -40,6 +40,7 @@
 //! FIN        fin1: o -> empty |- F, then fin2(o)    fin2(o): done -> o, r -> o, but r if o is done; no unconfirmed stop is lost
 //!            stop(fin1(C,F)) = fin1(stop(C),F)       stop(fin2(o,C)) = fin2(killed,C), unless o is an unconfirmed stop
 //! TAG        done(v) -> done(t:v)                    any other o -> o
+//! [s-with]   v |- E with u   u |- E               WITH  o -> o
 //! CHART      o -> the event of the automaton that the run has ended like this; its commands start and stop runs
 //! SHIELD     o -> o; of a shield that holds up a stop, killed unless o is an unconfirmed stop
 //! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
@@ -234,7 +235,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
                 self.slot(node, operand, outcome);
                 self.any(node, count)
             }
-            Kind::Match { .. } => self.pass(node, outcome),
+            Kind::Match { .. } | Kind::With(_) => self.pass(node, outcome),
             Kind::Shield { .. } => Some(self.shield(node, outcome)),
             Kind::Using { .. } => Some(self.using(node, outcome)),
             Kind::Asynchronous => self.asynchronous(node, operand, outcome),

@@ -96,7 +96,6 @@ struct ActivityReader<'r, 'g> {
     variables: BTreeMap<String, (usize, Domain)>,
     /// The values of variables with names, with their numbers.
     values: BTreeMap<String, i64>,
-    slots: BTreeMap<String, usize>,
     inputs: Vec<(Name, String)>,
     outputs: Vec<Name>,
     heard: Heard,
@@ -115,7 +114,6 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             names: BTreeMap::new(),
             variables: BTreeMap::new(),
             values: BTreeMap::from([("false".to_owned(), 0), ("true".to_owned(), 1)]),
-            slots: BTreeMap::new(),
             inputs: Vec::new(),
             outputs: Vec::new(),
             heard: Heard::default(),
@@ -137,6 +135,11 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
     fn run_label(&self, state: usize) -> String {
         let run = self.nodes[state].child(SyntaxKind::StateRun).and_then(|run| run.children().next());
         run.map_or_else(String::new, |run| formula::text(&run))
+    }
+
+    /// The number of an opaque variable.
+    fn kept(&self, name: &str) -> Option<usize> {
+        self.group.variables.get(name).copied().flatten()
     }
 
     fn take_runs(&mut self) -> Vec<(usize, Expr)> {
@@ -203,6 +206,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             known.insert(name.text.clone(), name.span);
             let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else {
                 // The name is known, so its uses are not mistakes of their own.
+                self.group.variables.insert(name.text.clone(), None);
                 let any = Domain::Range(i32::MIN, i32::MAX);
                 self.variables.insert(name.text.clone(), (self.chart.variables.len(), any));
                 self.chart.variables.push(Variable { name: name.text, min: i32::MIN, max: i32::MAX, initial: 0 });
@@ -211,7 +215,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             };
             let initial = node.child(SyntaxKind::Formula);
             if domain == Domain::Opaque {
-                self.slots.insert(name.text, self.chart.slots);
+                self.group.variables.insert(name.text, Some(self.chart.slots));
                 self.chart.slots += 1;
                 let is_empty = initial.as_ref().is_none_or(|initial| initial.compact_text() == "()");
                 if let (false, Some(initial)) = (is_empty, initial) {
@@ -220,6 +224,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 }
                 continue;
             }
+            self.group.variables.insert(name.text.clone(), None);
             let (min, max) = domain.range();
             let value = initial.and_then(|initial| self.start_value(&initial, &domain));
             self.variables.insert(name.text.clone(), (self.chart.variables.len(), domain));

@@ -7,7 +7,8 @@ use super::count::Expected;
 use super::diagnostics::Diagnostics;
 use super::lower::EXPRESSION_MAX;
 use super::names::{Names, listed};
-use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Scope, Set};
+use super::resource_args;
+use super::spec::{Binding, Damage, Expr, ExprKind, Scope, Set, StartValue};
 use super::value::Reader;
 use crate::diagnostic::{Code, Diagnostic, Edit, REASONS_MAX};
 use crate::similar::{Near, is_look_alike, spell};
@@ -29,23 +30,20 @@ type Make = fn(Vec<Expr>) -> ExprKind;
 /// The names that an expression may refer to, and the uses that were found on the way.
 pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
-    pub(super) consts: &'a Consts,
+    /// The parameters of the group, and the named constants.
+    pub(super) scope: Scope<'a>,
+    /// The variables of an activity; the opaque ones with their numbers.
+    pub(super) variables: BTreeMap<String, Option<usize>>,
     /// The index variables around, with their values.
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
     pub(super) owned: BTreeMap<usize, Rc<OwnedSets<'a>>>,
-    pub(super) resources: &'a [Name],
-    /// Where each of them is among them.
-    pub(super) resource_places: BTreeMap<&'a str, usize>,
-    /// Resources that are not declared, and were reported.
-    pub(super) unknown: BTreeSet<String>,
+    pub(super) resources: Resources<'a>,
     /// The place in the innermost pool around: the default index of names there.
     pub(super) pool: Option<usize>,
     pub(super) damage: Damage,
     /// The slots that are run, in the order of the text.
     pub(super) run: Vec<usize>,
-    /// The resources that are used.
-    pub(super) taken: BTreeSet<usize>,
     /// How many operators and operands have been written out.
     pub(super) size: u64,
     /// Labels of processes that own no set.
@@ -75,8 +73,31 @@ impl Group<'_> {
 
     /// Reads times and counts, which a parameter of the group has decided by now, or a named constant.
     pub(super) fn reader(&mut self) -> Reader<'_> {
-        let scope = Scope { params: &[], consts: self.consts, indices: &[] };
+        let scope = Scope { params: &[], indices: &[], ..self.scope };
         Reader { scope, diagnostics: self.names.diagnostics }
+    }
+
+    /// Reads values, which may be parameters of the group.
+    fn value_reader(&mut self) -> Reader<'_> {
+        let scope = Scope { indices: &self.indices, ..self.scope };
+        Reader { scope, diagnostics: self.names.diagnostics }
+    }
+}
+
+/// The resources that `using` may take, and those that it does.
+pub(super) struct Resources<'a> {
+    pub(super) all: &'a [Name],
+    /// Where each of them is among them.
+    pub(super) places: BTreeMap<&'a str, usize>,
+    /// The names that are not declared, and were reported.
+    pub(super) unknown: BTreeSet<String>,
+    /// The resources that are used.
+    pub(super) taken: BTreeSet<usize>,
+}
+
+impl<'a> Resources<'a> {
+    pub(super) fn new(all: &'a [Name]) -> Self {
+        Self { all, places: resource_args::places(all), unknown: BTreeSet::new(), taken: BTreeSet::new() }
     }
 }
 
@@ -273,13 +294,15 @@ fn join(mut operands: Vec<Expr>, span: Span) -> Expr {
 fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let mut limits = node.children_of(Constant);
+    let mut values = node.children_of(SyntaxKind::StartValue);
     let operand = node.children().find(|child| child.kind() != Constant);
     let Some(mut inner) = operand.map(|part| expression(&part, group)) else {
         return Expr { span, kind: ExprKind::Broken };
     };
     let mut depth = 0;
     let is_suffix = |token: &Token| {
-        token.kind() == Question || token.kind() == SyntaxKind::Ident && ["within", "as"].contains(&token.text())
+        token.kind() == Question
+            || token.kind() == SyntaxKind::Ident && ["within", "as", "with"].contains(&token.text())
     };
     let tokens: Vec<Token> = node.tokens().collect();
     let mut index = 0;
@@ -297,6 +320,9 @@ fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
         let kind = if suffix.kind() == Question {
             let skip = Expr { span: suffix.span(), kind: ExprKind::Skip };
             ExprKind::Otherwise(vec![inner, skip])
+        } else if suffix.text() == "with" {
+            let value = values.next().and_then(|node| start_value(&node, group));
+            value.map_or(ExprKind::Broken, |value| ExprKind::With(value, Box::new(inner)))
         } else if suffix.text() == "as" {
             let tag = tokens.get(index).filter(|token| token.kind() == SyntaxKind::Ident);
             index += 1;
@@ -310,6 +336,22 @@ fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
         inner = Expr { span, kind };
     }
     inner
+}
+
+/// `with shelf`, `with { x = 2 m }`
+fn start_value(node: &Node, group: &mut Group<'_>) -> Option<StartValue> {
+    let constant = node.child(Constant)?;
+    let name = constant.names().next().filter(|_| constant.children().next().is_none());
+    let variable = name.and_then(|name| Some((*group.variables.get(&name.text)?, name)));
+    match variable {
+        Some((Some(number), name)) => Some(StartValue::Kept(number, name)),
+        Some((None, name)) => {
+            let message = format!("`{}` is a number here, and a program would not know how to read it", name.text);
+            group.diagnostics().push(Diagnostic::new(Code::E0904, name.span, message));
+            None
+        }
+        None => Some(StartValue::Known(group.value_reader().value(&constant))),
+    }
 }
 
 fn retry(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {

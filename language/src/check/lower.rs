@@ -9,6 +9,7 @@ mod overlap;
 mod places;
 pub(crate) mod quote;
 mod ranges;
+mod start;
 pub(super) mod topics;
 mod tree;
 mod wires;
@@ -40,6 +41,7 @@ pub(super) fn lower(
     let mut tree = tree::Tree::new(spec, root, diagnostics);
     let mut wires = wires::Wires::default();
     let mut topics = topics::Topics::new(&tree);
+    let mut misfits = Vec::new();
     for group in 0..tree.groups.len() {
         let process = &spec.processes[tree.process_of[group]];
         let sets = wires.sets(&tree, spec, group);
@@ -49,9 +51,13 @@ pub(super) fn lower(
         tree.groups[group].sets_always = always.collect();
         tree.groups[group].sets = sets;
         if let Some(actions) = &process.actions {
-            tree.groups[group].expression = expression::lower(actions, &process.resources, quotes);
+            let starts = start::Starts::new(spec, process, &tree.values_of[group]);
+            let lowering = expression::Lowering { resources: &process.resources, quotes, starts: &starts };
+            tree.groups[group].expression = lowering.lower(actions);
+            misfits.extend(starts.found());
         }
     }
+    diagnostics.extend(misfits);
     let read: BTreeSet<usize> = tree.process_of.iter().copied().collect();
     let actions = read.iter().filter_map(|&process| spec.processes[process].actions.as_ref());
     diagnostics.extend(actions.filter_map(not_understood));

@@ -7,7 +7,7 @@
 mod longer;
 
 use super::diagnostics::Diagnostics;
-use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
+use super::spec::{Arg, Expr, ExprKind, Instance, Module, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::similar::Near;
@@ -166,7 +166,7 @@ impl ResourceArgs<'_> {
 fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     let names = |param: &Param| param.kind.as_ref().is_some_and(|kind| kind.name() == Some(RESOURCE));
-    let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
+    let modules = spec.modules.iter().flat_map(Module::declared);
     for param in modules.chain(spec.fields()).filter(|param| names(param)) {
         let message = format!("`{}` cannot be a {RESOURCE}: only a group takes one", param.name.text);
         let diagnostic = Diagnostic::new(Code::E0213, param.name.span, message);
@@ -213,7 +213,8 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
-        | ExprKind::Tagged(_, part) => guard(part, holds),
+        | ExprKind::Tagged(_, part)
+        | ExprKind::With(_, part) => guard(part, holds),
         ExprKind::Chart(model) => model.runs.iter_mut().for_each(|(_, run)| guard(run, holds)),
         ExprKind::Match(arms) => arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds)),
         ExprKind::Skip | ExprKind::Never | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Broken => {}

@@ -27,7 +27,7 @@ pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Prope
                     let (optional, needed): (Vec<_>, Vec<_>) = inputs.partition(|port| port.is_optional);
                     let names = |ports: Vec<&Port>| ports.iter().map(|port| port.name.text.clone()).collect();
                     let (inputs, optional) = (names(needed), names(optional));
-                    sites.leaves[leaf as usize] = LeafFacts { takes: module.takes, inputs, optional };
+                    sites.leaves[leaf as usize] = LeafFacts { takes: module.times.takes, inputs, optional };
                 }
                 (MemberKind::Leaf(_) | MemberKind::Group(_), _) => {}
             }

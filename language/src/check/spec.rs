@@ -284,6 +284,8 @@ pub(crate) struct Module {
     pub(crate) host: Option<Span>,
     /// The parameters after the host; none when the interface does not list them.
     pub(crate) params: Option<Vec<Param>>,
+    /// The value that it starts with.
+    pub(crate) start: Option<Param>,
     pub(crate) ports: Vec<Port>,
     pub(crate) is_service: bool,
     /// Whether it declares a normal end.
@@ -297,12 +299,26 @@ pub(crate) struct Module {
     pub(crate) is_asked: bool,
     pub(crate) environment: Environment,
     pub(crate) kind: LeafKind,
-    pub(crate) stop_within: Duration,
-    /// The shortest and the longest time from its start to its end, if declared.
-    pub(crate) takes: Option<(Duration, Duration)>,
+    pub(crate) times: Times,
     pub(crate) claims: Vec<Claim>,
     /// Whether its text could not be read whole, so that a missing port proves nothing.
     pub(crate) is_damaged: bool,
+}
+
+/// The times of a module.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
+    /// How long it may take to stop.
+    pub(crate) stop_within: Duration,
+    /// The shortest and the longest time from its start to its end, if declared.
+    pub(crate) takes: Option<(Duration, Duration)>,
+}
+
+impl Module {
+    /// Its parameters, then the value that it starts with.
+    pub(crate) fn declared(&self) -> impl Iterator<Item = &Param> {
+        self.params.iter().flatten().chain(&self.start)
+    }
 }
 
 /// Something that only one process can write to at a time: a device of the host that the module runs on.
@@ -391,10 +407,21 @@ pub(crate) enum ExprKind {
     Finally(Box<Expr>, Box<Expr>),
     /// The tag that its outcome gets.
     Tagged(Name, Box<Expr>),
+    /// The value that it starts with.
+    With(StartValue, Box<Expr>),
     /// The states of an activity.
     Chart(Box<ChartModel>),
     /// Could not be read or resolved; reported already.
     Broken,
+}
+
+/// The value that an expression starts with.
+#[derive(Debug)]
+pub(crate) enum StartValue {
+    /// A value of the text, or a parameter of the group.
+    Known(Value),
+    /// The content of an opaque variable of the activity: its number, and its name.
+    Kept(usize, Name),
 }
 
 /// The states of an activity, with their runs.
@@ -472,6 +499,7 @@ impl Expr {
             | ExprKind::Using(..)
             | ExprKind::Finally(..)
             | ExprKind::Tagged(..)
+            | ExprKind::With(..)
             | ExprKind::Broken => false,
         }
     }
@@ -504,7 +532,8 @@ impl Expr {
             | ExprKind::Within(_, part)
             | ExprKind::Shield(_, part)
             | ExprKind::Using(_, part)
-            | ExprKind::Tagged(_, part) => vec![part],
+            | ExprKind::Tagged(_, part)
+            | ExprKind::With(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
             ExprKind::Chart(model) => model.runs.iter().map(|(_, run)| run).collect(),

@@ -4,6 +4,7 @@ mod kinds;
 mod records;
 mod recursion;
 mod resolve;
+mod start;
 
 use super::diagnostics::{Diagnostics, Rounds, key};
 use super::names::listed;
@@ -17,6 +18,7 @@ use kinds::TypeChecker;
 use std::collections::BTreeSet;
 
 pub(super) use recursion::is_finite;
+pub(super) use start::{check as check_starts, declared, takers};
 
 /// Resolves every type, and checks the arguments against the parameters.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
@@ -52,9 +54,9 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
 /// Defaults of parameters and of fields.
 fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut Diagnostics) {
     let processes = spec.processes.iter().filter(|process| !process.damage.header).map(|process| &process.params);
-    let modules = spec.modules.iter().filter_map(|module| module.params.as_ref());
+    let modules = spec.modules.iter().flat_map(Module::declared);
     let mut kinds = TypeChecker { spec, outer: &[], uses, diagnostics };
-    for param in processes.chain(modules).flatten().chain(spec.fields()) {
+    for param in processes.flatten().chain(modules).chain(spec.fields()) {
         let bounds = param.range.iter().flat_map(Range::written);
         bounds.for_each(|bound| kinds.bound(param, bound));
         if let Some(default) = &param.default {

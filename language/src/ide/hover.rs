@@ -6,7 +6,7 @@ use super::Analysis;
 use super::index::{Kind, Symbol};
 use super::words::{self, Place};
 use crate::check::lower::exclusivity;
-use crate::check::spec::{Instance, Param, Set, Target, Value};
+use crate::check::spec::{Instance, Set, Target, Value};
 use crate::check::words_of;
 use crate::source::{Origin, Span};
 use crate::syntax::ast::Node;
@@ -95,19 +95,21 @@ impl Analysis {
 
     /// `name: Type = value` and the dimension of its type.
     fn param_text(&self, owner: Target, place: usize) -> String {
-        let (params, name): (&[Param], &str) = match owner {
+        let (param, name, is_start) = match owner {
             Target::Process(process) => {
                 let process = &self.model.processes[process];
-                (&process.params, &process.name.text)
+                (process.params.get(place), process.name.text.as_str(), false)
             }
             Target::Module(module) => {
                 let module = &self.model.modules[module];
-                (module.params.as_deref().unwrap_or_default(), &module.name.text)
+                let is_start = place >= module.params.as_ref().map_or(0, Vec::len);
+                (module.declared().nth(place), module.name.text.as_str(), is_start)
             }
-            Target::Unknown => (&[], ""),
+            Target::Unknown => (None, "", false),
         };
-        let Some(param) = params.get(place) else { return String::new() };
-        format!("{}\nA parameter of `{name}`.{}", code(&param.to_string()), interface::quantity(param))
+        let Some(param) = param else { return String::new() };
+        let what = if is_start { "The start value" } else { "A parameter" };
+        format!("{}\n{what} of `{name}`.{}", code(&param.to_string()), interface::quantity(param))
     }
 
     fn instance_text(&self, process: usize, slot: usize) -> String {

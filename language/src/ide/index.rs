@@ -80,12 +80,12 @@ impl Index {
         let mut tables = Tables::default();
         for (number, process) in model.processes.iter().enumerate() {
             index.add(&mut tables, Kind::Process(number), &process.name);
-            index.add_params(&mut tables, Target::Process(number), &process.params);
+            index.add_params(&mut tables, Target::Process(number), process.params.iter());
             index.add_process(&mut tables, number, process, text);
         }
         for (number, module) in model.modules.iter().enumerate() {
             index.add(&mut tables, Kind::Module(number), &module.name);
-            index.add_params(&mut tables, Target::Module(number), module.params.as_deref().unwrap_or_default());
+            index.add_params(&mut tables, Target::Module(number), module.declared());
             for (port, declared) in module.ports.iter().enumerate() {
                 index.add(&mut tables, Kind::Port(number, port), &declared.name);
             }
@@ -165,8 +165,8 @@ impl Index {
         }
     }
 
-    fn add_params(&mut self, tables: &mut Tables, owner: Target, params: &[Param]) {
-        for (place, param) in params.iter().enumerate() {
+    fn add_params<'p>(&mut self, tables: &mut Tables, owner: Target, params: impl Iterator<Item = &'p Param>) {
+        for (place, param) in params.enumerate() {
             self.add(tables, Kind::Param(owner, place), &param.name);
         }
     }

@@ -225,6 +225,7 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         | Expression::Match(_)
         | Expression::Asynchronous { .. }
         | Expression::Tagged { .. }
+        | Expression::With { .. }
         | Expression::Chart(_) => {
             let stays = expression.operands().into_iter().map(whole).collect::<Result<Vec<_>, ()>>()?;
             if stays.iter().all(Option::is_none) {

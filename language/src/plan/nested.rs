@@ -65,6 +65,8 @@ impl Serialize for Formula {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::algebra::Value;
+    use crate::plan::Given;
 
     /// Returns the bytes of `skip` within `count` shields.
     fn shields(count: usize) -> Vec<u8> {
@@ -106,6 +108,7 @@ mod tests {
             Expression::Finally(..) => 17,
             Expression::Tagged { .. } => 18,
             Expression::Chart(_) => 19,
+            Expression::With { .. } => 20,
         }
     }
 
@@ -133,6 +136,7 @@ mod tests {
             Expression::Finally(skip(), skip()),
             Expression::Tagged { tag: String::new(), of: skip() },
             Expression::Chart(Box::default()),
+            Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

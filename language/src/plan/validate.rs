@@ -308,6 +308,10 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
                 check_tags(std::iter::once(tag))?;
                 push(of);
             }
+            Expression::With { given, of } => {
+                given.check()?;
+                push(of);
+            }
             Expression::Using { resources, of } => {
                 unique("resource", resources.iter())?;
                 push(of);

@@ -143,6 +143,7 @@ kinds! {
         StopWithin "a stop limit"
         Takes "how long a module takes"
         Flag "a module property"
+        Init "the start value of a module"
         Claims "claims"
         Claim "a claim"
         Outcome "an outcome"
@@ -164,6 +165,7 @@ kinds! {
         Formula "a formula"
         // nodes: parts of expressions
         Arm "an arm of `match`"
+        StartValue "a start value"
         Labels "labels"
         Binder "a value name"
         Error "something unreadable"

@@ -186,6 +186,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Using { resources, of } => format!("using({}) {}", resources.join(", "), expression(of, name)),
         Expression::Finally(first, second) => two(first, "finally", second),
         Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
+        Expression::With { given, of } => format!("{} with {}", expression(of, name), given.text),
         Expression::Chart(chart) => activity(chart, name),
         Expression::Asynchronous { source, pool } => {
             format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))

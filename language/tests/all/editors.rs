@@ -40,6 +40,8 @@ const WORDS: &[&str] = &[
     "db",
     "else",
     "within",
+    "with",
+    "init",
     "retry",
     "pause",
     "match",

@@ -74,7 +74,7 @@ fn completion_knows_what_can_stand_here() {
     completes("$0", "process module const type use verify");
     completes(
         "module M(host) { $0 }",
-        "in out proc state calls service done plain remembers exec python venv action env inherit directory stop claims",
+        "in out proc state calls init service done plain remembers exec python venv action env inherit directory stop claims",
     );
     completes("module M(host) { in In: $0 }", "Force Truth Twist");
     completes("module M(host) { claims $0 }", "arm grip");
@@ -108,10 +108,10 @@ fn completion_knows_event_actions() {
             .all(|word| offers.iter().any(|offer| offer.label == *word))
     );
     completes(&actions("eye[$0] , arm"), "see");
-    completes(&actions("eye[see] $0"), "else finally as within");
-    completes(&actions("(eye , arm) $0"), "else finally as within");
-    completes(&actions("wait(5 $0)"), "s ms us ns min h else finally as within");
-    completes(&actions("eye within 5 $0"), "s ms us ns min h else finally as within");
+    completes(&actions("eye[see] $0"), "else finally as with within");
+    completes(&actions("(eye , arm) $0"), "else finally as with within");
+    completes(&actions("wait(5 $0)"), "s ms us ns min h else finally as with within");
+    completes(&actions("eye within 5 $0"), "s ms us ns min h else finally as with within");
     completes(&actions("eye within $0"), "host1 limit slow");
     completes(&actions("retry(3, $0) eye"), "pause");
     completes(&actions("retry($0, pause 1 s) eye"), "host1 limit slow");

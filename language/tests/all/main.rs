@@ -21,3 +21,4 @@ mod robustness;
 mod rules;
 mod simulate;
 mod size;
+mod start_values;

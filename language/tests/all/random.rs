@@ -117,8 +117,13 @@ impl Writer {
         let name = self.name();
         self.put(&format!("module {name} ( host : Host , gain : Number = 3 ) {{"));
         for _ in 0..self.random.below(4) {
-            let fact =
-                ["service ;", "done ( found : Pose | missing ) ;", "in In : T [ 6 ] optional ;", "out Out : T ;"];
+            let fact = [
+                "service ;",
+                "done ( found : Pose | missing ) ;",
+                "in In : T [ 6 ] optional ;",
+                "out Out : T ;",
+                "init goal : Place in 1 .. 5 ;",
+            ];
             let fact = self.random.pick(&fact);
             self.put(fact);
         }
@@ -230,6 +235,9 @@ impl Writer {
                 "as found",
                 "within limit as late ?",
                 "as a as b",
+                "with shelf",
+                "with { x = 2 m , way = [ 1 , - 2 ] } within 5 s as there",
+                "with 5 m / s ?",
             ]);
             self.put(suffix);
         }

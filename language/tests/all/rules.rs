@@ -17,7 +17,7 @@ use table::RULES;
 fn program(actions: &str) -> (Program, Vec<String>) {
     let text = format!(
         "const d = 5 s;
-         module A(host: Host) {{ done; }}
+         module A(host: Host) {{ init on: Truth; done; }}
          module B(host: Host) {{ service; }}
          module C(host: Host) {{ done(t | u); }}
          process main(){{

@@ -100,6 +100,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
         | Expression::Match(_)
         | Expression::Shield { .. }
         | Expression::Using { .. }
-        | Expression::Tagged { .. } => any(),
+        | Expression::Tagged { .. }
+        | Expression::With { .. } => any(),
     }
 }

@@ -185,7 +185,8 @@ impl Walk<'_, '_, '_> {
             | Expression::AnyOf { .. }
             | Expression::Match(_)
             | Expression::Using { .. }
-            | Expression::Tagged { .. } => {
+            | Expression::Tagged { .. }
+            | Expression::With { .. } => {
                 expression.operands().into_iter().for_each(|operand| self.at(operand, left));
             }
         }
@@ -238,7 +239,7 @@ impl Walk<'_, '_, '_> {
             }
             Expression::Otherwise(one, other) => Some(self.failed(one)?.saturating_add(self.failed(other)?)),
             Expression::Disable(of) => sooner(of.iter().map(|operand| self.failed(operand)).collect()),
-            Expression::Tagged { of, .. } => self.failed(of),
+            Expression::Tagged { of, .. } | Expression::With { of, .. } => self.failed(of),
             Expression::Run { .. }
             | Expression::Chart(_)
             | Expression::Fail(_)

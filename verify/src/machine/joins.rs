@@ -273,6 +273,9 @@ fn is_service(expression: &Expression, group: &Group) -> bool {
         Expression::Otherwise(p, _) => is(p),
         Expression::Chart(chart) => chart.is_service(),
         Expression::Match(arms) => arms.iter().all(|arm| is(&arm.body)),
-        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => is(of),
+        Expression::Shield { of, .. }
+        | Expression::Using { of, .. }
+        | Expression::Tagged { of, .. }
+        | Expression::With { of, .. } => is(of),
     }
 }

@@ -4,7 +4,7 @@
 use super::writer::{ABORTED, DONE, IDLE, Node, REPORT, RUNS, START, STOP, STOPPED, Writer};
 use super::{Term, Test};
 use crate::story::seconds;
-use language::plan::{Expression, Group, MemberKind};
+use language::plan::{Expression, Given, Group, MemberKind};
 
 /// How the second of two follows the first.
 struct Turn {
@@ -50,6 +50,7 @@ impl Writer<'_> {
             }
             Expression::Using { resources, of } => self.using(node, resources, of),
             Expression::Tagged { tag, of } => self.tagged(node, tag, of),
+            Expression::With { given, of } => self.given(node, given, of),
             Expression::Concurrent(of) => self.concurrent(node, of),
             Expression::FailFast(of) => self.fail_fast(node, of),
             Expression::AnyOf { count, of } => self.any(node, *count, of),
@@ -213,6 +214,15 @@ impl Writer<'_> {
         if let Some(word) = timer {
             self.event(word, &[Test::Is(node.phase, 2)], [vec![self.enter(node, 3)], self.stop(inner)].concat());
         }
+    }
+
+    /// A value has no tag here unless it begins with the bytes of one.
+    fn given(&mut self, node: Node, given: &Given, of: &Expression) {
+        let inner = self.write(of, Some((node, 0)));
+        let tag = given.value.tag().map_or(0, |tag| self.tag(tag));
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Number(tag))].concat());
+        self.passes_on(node, &[]);
+        self.rule(node, STOP, &[], self.stop(inner));
     }
 
     fn tagged(&mut self, node: Node, tag: &str, of: &Expression) {

@@ -220,6 +220,8 @@ impl Carrying<'_> {
                 self.place_operands(o, n, is_calm)
             }
             (Kind::Tagged(tag), Kind::Tagged(other)) if tag == other => self.place_operands(o, n, is_calm),
+            (Kind::With(value), Kind::With(other)) if value == other => self.place_operands(o, n, is_calm),
+            (Kind::With(_), Kind::With(_)) => Err(self.misfit(o, "it has started with another value")),
             (Kind::Match { .. }, Kind::Match { .. }) => self.place_arm(o, n, is_calm),
             (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, Chain::Sequence, is_calm),
             (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, Chain::Conditional, is_calm),

@@ -63,7 +63,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
             (
-                Kind::Sequence | Kind::Conditional | Kind::Recurrent | Kind::Otherwise | Kind::Tagged(_),
+                Kind::Sequence
+                | Kind::Conditional
+                | Kind::Recurrent
+                | Kind::Otherwise
+                | Kind::Tagged(_)
+                | Kind::With(_),
                 Phase::Running,
             ) => self.stop_operand(node, self.program.first(node)),
             (

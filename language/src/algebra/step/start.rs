@@ -32,6 +32,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Finally => self.s_finally(node, value),
             Kind::Tagged(_) => self.s_tagged(node, value),
             Kind::Chart => self.s_chart(node, value),
+            Kind::With(given) => self.s_with(node, given.clone()),
         }
     }
 
@@ -92,6 +93,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn s_else(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, value)?;
         self.or_else(node, outcome)
+    }
+
+    /// [s-with]
+    fn s_with(&mut self, node: usize, given: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, given)?;
+        self.pass(node, outcome)
     }
 
     pub(super) fn start_first(&mut self, node: usize, value: Value) -> Option<Outcome> {

@@ -36,7 +36,7 @@ impl ActivityReader<'_, '_> {
             let name = names.get(1)?;
             return self.raised(name);
         }
-        if let Some(&slot) = self.slots.get(&first.text) {
+        if let Some(slot) = self.kept(&first.text) {
             return Some(Action::Keep { slot, value: self.value_of(&formula?, event)? });
         }
         let Some((variable, domain)) = self.variables.get(&first.text).cloned() else {

@@ -244,7 +244,7 @@ impl ActivityReader<'_, '_> {
             let is_truth = matches!(name.text.as_str(), "true" | "false");
             return Some((Formula::Number(number), if is_truth { Sort::Truth } else { Sort::Number }));
         }
-        if self.slots.contains_key(&name.text) || self.inputs.iter().any(|(port, _)| port.text == name.text) {
+        if self.kept(&name.text).is_some() || self.inputs.iter().any(|(port, _)| port.text == name.text) {
             let message = format!("nothing here can look into `{}`", name.text);
             let help = "a variable with a range, of type `bool` or with names can be looked at";
             self.report(Diagnostic::new(Code::E0904, name.span, message).help(help));
@@ -256,8 +256,7 @@ impl ActivityReader<'_, '_> {
 
     /// Reports a name that is not known, with a similar name.
     pub(super) fn report_unknown(&mut self, name: &Name, what: &str) {
-        let known: Vec<String> =
-            self.variables.keys().chain(self.values.keys()).chain(self.slots.keys()).cloned().collect();
+        let known: Vec<String> = self.group.variables.keys().chain(self.values.keys()).cloned().collect();
         let message = format!("`{}` is not {what} of this activity", name.text);
         let diagnostic = Diagnostic::new(Code::E0903, name.span, message);
         let near = self.group.diagnostics().near(&name.text, known.iter().map(String::as_str));

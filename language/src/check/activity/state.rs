@@ -5,7 +5,7 @@ use crate::algebra::Value;
 use crate::automaton::{ChartState, History, STATES_MAX, StateKind, ValueSource};
 use crate::check::expression;
 use crate::check::names::twice;
-use crate::check::spec::ValueKind;
+use crate::check::spec::{Expr, ExprKind, StartValue, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::plan::text_value;
@@ -78,13 +78,15 @@ impl ActivityReader<'_, '_> {
             let help = "run both beside each other: `run a, b;`";
             self.report(Diagnostic::new(Code::E0902, second.span(), message).help(help));
         }
-        let mut parts = run.children();
-        let Some(first) = parts.next() else { return };
-        let is_value = |part: &Node| part.kind() == SyntaxKind::Formula;
-        let value = parts.find(is_value);
-        let expression = expression::expression(&first, self.group);
-        let source = value.and_then(|value| self.value_of(&value, None));
+        let Some(first) = run.children().next() else { return };
+        let mut expression = expression::expression(&first, self.group);
+        let source = take_kept(&mut expression).map(ValueSource::Slot);
         self.chart.states[state].run = Some(source.unwrap_or(ValueSource::Constant(Value::EMPTY)));
+        for name in left_over(&expression) {
+            let message = format!("`{}` can only start the whole run", name.text);
+            let found = Diagnostic::new(Code::E0904, name.span, message).label("is a variable of the activity");
+            self.report(found.help(format!("write `run (...) with {};`, or run it in a state of its own", name.text)));
+        }
         self.runs.push((state, expression));
     }
 
@@ -109,10 +111,10 @@ impl ActivityReader<'_, '_> {
         if event == Some(name.text.as_str()) {
             return Some(ValueSource::Event);
         }
-        if let Some(&slot) = self.slots.get(&name.text) {
+        if let Some(slot) = self.kept(&name.text) {
             return Some(ValueSource::Slot(slot));
         }
-        let named = self.group.consts.get(&name.text).and_then(|named| named.values.first());
+        let named = self.group.scope.consts.get(&name.text).and_then(|named| named.values.first());
         if let Some(ValueKind::Constant(constant)) = named.map(|value| &value.kind) {
             return Some(ValueSource::Constant(constant_value(constant)));
         }
@@ -231,6 +233,48 @@ impl ActivityReader<'_, '_> {
             }
         }
     }
+}
+
+/// Takes the variable out whose value an expression starts its first part with, so that the state gives it to the whole run.
+fn take_kept(expr: &mut Expr) -> Option<usize> {
+    match &mut expr.kind {
+        ExprKind::With(StartValue::Kept(number, _), part) => {
+            let number = *number;
+            let inner = Expr { span: part.span, kind: std::mem::replace(&mut part.kind, ExprKind::Broken) };
+            *expr = inner;
+            Some(number)
+        }
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+            parts.first_mut().and_then(take_kept)
+        }
+        ExprKind::Finally(part, _)
+        | ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => take_kept(part),
+        ExprKind::With(..)
+        | ExprKind::Run(..)
+        | ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Disable(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Retry(..)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Match(_)
+        | ExprKind::Chart(_)
+        | ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Broken => None,
+    }
+}
+
+/// The variables that other parts of an expression start with.
+fn left_over(expr: &Expr) -> Vec<Name> {
+    let own = if let ExprKind::With(StartValue::Kept(_, name), _) = &expr.kind { Some(name.clone()) } else { None };
+    own.into_iter().chain(expr.parts().into_iter().flat_map(left_over)).collect()
 }
 
 /// The bytes of a named constant, as a program reads its value.

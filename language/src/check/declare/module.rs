@@ -3,7 +3,7 @@
 use super::{environment, python, ros_action};
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
-use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Port};
+use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Param, Port, Times};
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{self, Environment, LeafKind};
@@ -25,6 +25,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         doc: node.doc(),
         host: host.filter(|host| host.default.is_none()).map(|host| host.name.span),
         params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
+        start: None,
         ports: Vec::new(),
         is_service: false,
         has_end: false,
@@ -34,8 +35,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         is_asked: false,
         environment: Environment::default(),
         kind: LeafKind::Controller,
-        stop_within: STOP_WITHIN,
-        takes: None,
+        times: Times { stop_within: STOP_WITHIN, takes: None },
         claims: Vec::new(),
         is_damaged,
     };
@@ -48,7 +48,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
 }
 
 /// The host is the first argument of every module; an interface may name it among the parameters or not.
-fn is_host(param: &crate::check::spec::Param) -> bool {
+fn is_host(param: &Param) -> bool {
     param.name.text == "host" || param.kind.as_ref().is_some_and(|kind| kind.text == "Host")
 }
 
@@ -65,6 +65,8 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
         if word == "plain" {
             module.kind = LeafKind::Plain;
         }
+    } else if item.kind() == SyntaxKind::Init {
+        add_start(module, item, reader);
     } else if item.kind() == SyntaxKind::Exec {
         let Some(token) = item.token(Text) else { return };
         let exec = token.content();
@@ -83,7 +85,7 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
         environment::directory(&mut module.environment, item, reader);
     } else if item.kind() == SyntaxKind::StopWithin {
         let limit = item.child(Constant).and_then(|node| reader.duration(&node));
-        module.stop_within = limit.unwrap_or(STOP_WITHIN);
+        module.times.stop_within = limit.unwrap_or(STOP_WITHIN);
     } else if item.kind() == SyntaxKind::Takes {
         let mut times = item.children_of(Constant).map(|node| reader.duration(&node)).collect::<Vec<_>>().into_iter();
         let (Some(Some(least)), Some(Some(most))) = (times.next(), times.next()) else { return };
@@ -91,7 +93,7 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
             let message = "the shortest time comes first: `duration 1 s .. 15 s`";
             reader.diagnostics.push(Diagnostic::new(Code::E0009, item.span(), message));
         }
-        module.takes = Some((least, most));
+        module.times.takes = Some((least, most));
     } else if item.kind() == SyntaxKind::Claims {
         for claim in item.children_of(SyntaxKind::Claim) {
             let mut names = claim.names();
@@ -115,6 +117,21 @@ fn add_outcomes(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
             module.outcomes.push(Outcome { name, kind });
         }
     }
+}
+
+/// `init goal: Place;`
+fn add_start(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
+    let Some(start) = super::params(item, "start value", reader).pop() else { return };
+    if let Some(first) = &module.start {
+        reader.diagnostics.push(twice("start value", &start.name.text, start.name.span, first.name.span));
+        return;
+    }
+    if let Some(default) = &start.default {
+        let message =
+            format!("`{}` has no default: a process that is started without a value gets none", start.name.text);
+        reader.diagnostics.push(Diagnostic::new(Code::E0425, default.span, message).help("leave it away"));
+    }
+    module.start = Some(Param { default: None, ..start });
 }
 
 fn add_port(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {

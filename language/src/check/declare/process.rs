@@ -54,17 +54,15 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     names.is_doubtful = damage.actions;
     let mut group = expression::Group {
         names,
-        consts,
+        scope: Scope { params: &params, ..scope },
+        variables: BTreeMap::new(),
         indices: Vec::new(),
         sets: &sets,
         owned: expression::OwnedSets::of_all(&sets),
-        resources: &resources,
-        resource_places: resource_args::places(&resources),
-        unknown: BTreeSet::new(),
+        resources: expression::Resources::new(&resources),
         pool: None,
         damage,
         run: Vec::new(),
-        taken: BTreeSet::new(),
         size: 0,
         useless: Vec::new(),
     };
@@ -73,7 +71,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         false => actions.and_then(|node| expression::actions(&node, &mut group)),
     };
     damage.names = group.damage.names;
-    let (run, mut taken) = (group.run, group.taken);
+    let (run, mut taken) = (group.run, group.resources.taken);
     taken.extend(resource_args::given(&instances, &resource_args::places(&resources), &params));
     if !damage.actions && !damage.names {
         diagnostics.extend(unused(&resources, &taken));

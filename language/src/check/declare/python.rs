@@ -63,11 +63,12 @@ fn word(text: &str) -> Option<String> {
 impl Module {
     /// Takes the interface that its program prints; the spec's statements about the program stay.
     pub(super) fn take_interface(&mut self, told: Self) {
-        let Self { params, host, ports, is_service, has_end, remembers, outcomes, stop_within, is_damaged, .. } = told;
+        let Self { params, host, start, ports, is_service, has_end, remembers, outcomes, times, is_damaged, .. } = told;
         (self.params, self.host, self.ports, self.outcomes) = (params, host, ports, outcomes);
+        self.start = start;
         (self.is_service, self.has_end, self.remembers) = (is_service, has_end, self.remembers || remembers);
-        if self.stop_within == STOP_WITHIN {
-            self.stop_within = stop_within;
+        if self.times.stop_within == STOP_WITHIN {
+            self.times.stop_within = times.stop_within;
         }
         if self.doc.is_empty() {
             self.doc = told.doc;

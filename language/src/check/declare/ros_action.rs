@@ -60,8 +60,9 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));
     };
     let has_limit = node.child(StopWithin).is_some();
-    module.stop_within = if has_limit { module.stop_within } else { STOP_WITHIN };
-    let stop = (module.stop_within / 2).max(module.stop_within.saturating_sub(LEAVE_WITHIN)).as_millis();
+    let limit = if has_limit { module.times.stop_within } else { STOP_WITHIN };
+    module.times.stop_within = limit;
+    let stop = (limit / 2).max(limit.saturating_sub(LEAVE_WITHIN)).as_millis();
     module.exec = Some(format!("{BRIDGE_PROGRAM} {TYPE} action={name} type={of} stop_ms={stop}"));
     module.environment.inherited.extend(ROS_VARIABLES.map(str::to_owned));
     module.has_end = true;

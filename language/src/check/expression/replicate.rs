@@ -101,7 +101,7 @@ fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
 
 /// The two ends of `0..4`; either may be the name of a number.
 fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
-    let consts = group.consts;
+    let consts = group.scope.consts;
     let tokens: Vec<Token> = node.tokens().collect();
     let dots = tokens.iter().position(|token| token.kind() == DotDot)?;
     let (start, end) = (tokens.get(dots.checked_sub(1)?)?, tokens.get(dots + 1)?);

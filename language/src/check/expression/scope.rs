@@ -21,9 +21,9 @@ pub(super) fn shield(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
 pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let (mut taken, mut known) = (Vec::new(), BTreeSet::new());
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().collect::<Vec<_>>()) {
-        let Some(&index) = group.resource_places.get(name.text.as_str()) else {
+        let Some(&index) = group.resources.places.get(name.text.as_str()) else {
             // One cause is reported once, and declarations in damaged text are unknown.
-            if !group.damage.header && group.unknown.insert(name.text.clone()) {
+            if !group.damage.header && group.resources.unknown.insert(name.text.clone()) {
                 report_unknown(&name, group);
             }
             continue;
@@ -32,14 +32,14 @@ pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
             taken.push(index);
         }
     }
-    group.taken.extend(&taken);
+    group.resources.taken.extend(&taken);
     let operand = Box::new(parts(node, group).pop()?);
     Some(ExprKind::Using(taken, operand))
 }
 
 fn report_unknown(name: &Name, group: &mut Group<'_>) {
     let diagnostic = Diagnostic::new(Code::E0204, name.span, format!("unknown resource `{}`", name.text));
-    let resources = group.resources;
+    let resources = group.resources.all;
     let near = group.diagnostics().near(&name.text, resources.iter().map(|known| known.text.as_str()));
     let declared = |near: &Near<'_>| resources.iter().find(|known| known.text == near.name);
     let diagnostic = match near.as_ref().and_then(|near| Some((near, declared(near)?))) {

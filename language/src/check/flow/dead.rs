@@ -62,6 +62,7 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::Asynchronous(..)
         | ExprKind::Finally(..)
         | ExprKind::Tagged(..)
+        | ExprKind::With(..)
         | ExprKind::Chart(_)
         | ExprKind::Broken => false,
     }

@@ -111,7 +111,11 @@ impl Members {
             ExprKind::Within(limit, _) => {
                 Ends { done: parts[0].done.filter(|earliest| earliest <= limit), aborted: true }
             }
-            ExprKind::Retry(..) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) => parts[0],
+            ExprKind::Retry(..)
+            | ExprKind::Shield(..)
+            | ExprKind::Using(..)
+            | ExprKind::Tagged(..)
+            | ExprKind::With(..) => parts[0],
         }
     }
 }

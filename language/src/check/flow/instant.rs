@@ -92,7 +92,7 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
             InstantEnds { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
         ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => InstantEnds { done: false, aborted: any_aborted },
-        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) => {
+        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) | ExprKind::With(..) => {
             InstantEnds { done: done(&parts) > 0, aborted: any_aborted }
         }
     }

@@ -107,7 +107,8 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         ExprKind::Retry(_, _, part)
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
-        | ExprKind::Using(_, part) => rest(part),
+        | ExprKind::Using(_, part)
+        | ExprKind::With(_, part) => rest(part),
     }
 }
 
@@ -172,6 +173,7 @@ impl Walk<'_> {
             | ExprKind::Within(..)
             | ExprKind::Shield(..)
             | ExprKind::Tagged(..)
+            | ExprKind::With(..)
             | ExprKind::Using(..) => expr.parts().into_iter().for_each(|part| self.visit(part, start)),
         }
     }

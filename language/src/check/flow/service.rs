@@ -53,7 +53,8 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::Retry(_, _, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
-        | ExprKind::Tagged(_, part) => rest(part),
+        | ExprKind::Tagged(_, part)
+        | ExprKind::With(_, part) => rest(part),
         ExprKind::Match(arms) => arms.iter().all(|arm| rest(&arm.body)),
         ExprKind::Chart(model) => model.chart.is_service(),
     }
@@ -130,6 +131,7 @@ impl<'a> Order<'a> {
             | ExprKind::Using(..)
             | ExprKind::Finally(..)
             | ExprKind::Tagged(..)
+            | ExprKind::With(..)
             | ExprKind::Chart(_)
             | ExprKind::Broken => {}
         }

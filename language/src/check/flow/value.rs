@@ -90,7 +90,8 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Retry(..)
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
-        | ExprKind::Using(..) => all(expr.parts()),
+        | ExprKind::Using(..)
+        | ExprKind::With(..) => all(expr.parts()),
         ExprKind::Tagged(..)
         | ExprKind::Chart(_)
         | ExprKind::AnyOf(..)
@@ -127,6 +128,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Tagged(_, part) => dropped(part, valued),
         ExprKind::Run(..)
         | ExprKind::Chart(_)
+        | ExprKind::With(..)
         | ExprKind::Never
         | ExprKind::Fail(_)
         | ExprKind::Concurrent(_)
@@ -160,6 +162,8 @@ fn starts(expr: &Expr) -> bool {
         | ExprKind::Tagged(..) => expr.parts().into_iter().any(starts),
         ExprKind::Skip
         | ExprKind::Chart(_)
+        // It has a value of its own.
+        | ExprKind::With(..)
         | ExprKind::Never
         | ExprKind::Fail(_)
         | ExprKind::Wait(_)

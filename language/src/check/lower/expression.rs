@@ -1,14 +1,30 @@
 //! Lowers expressions: short forms are written out in the operators of the plan.
 
 use super::quote::Quotes;
+use super::start::Starts;
 use crate::check::spec::{Arm, Expr, ExprKind};
 use crate::plan::{self, Expression, StateChart, StateRun};
 use crate::syntax::ast::Name;
 use std::time::Duration;
 
-/// Writes an expression in the operators of the plan.
-pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Expression {
-    let rest = |part: &Expr| lower(part, resources, quotes);
+/// The resources, places and start values that the expressions of one group refer to.
+#[derive(Clone, Copy)]
+pub(super) struct Lowering<'a> {
+    pub(super) resources: &'a [Name],
+    pub(super) quotes: &'a Quotes<'a>,
+    pub(super) starts: &'a Starts<'a>,
+}
+
+impl Lowering<'_> {
+    /// Writes an expression in the operators of the plan.
+    pub(super) fn lower(self, expr: &Expr) -> Expression {
+        lower(expr, self)
+    }
+}
+
+fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
+    let Lowering { resources, quotes, starts } = lowering;
+    let rest = |part: &Expr| lower(part, lowering);
     let all = |parts: &[Expr]| parts.iter().map(rest).collect::<Vec<_>>();
     match &expr.kind {
         ExprKind::Run(slot, sets) => {
@@ -52,6 +68,10 @@ pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Exp
         }
         ExprKind::Finally(first, second) => Expression::Finally(Box::new(rest(first)), Box::new(rest(second))),
         ExprKind::Tagged(tag, part) => Expression::Tagged { tag: tag.text.clone(), of: Box::new(rest(part)) },
+        ExprKind::With(start, part) => match starts.given(start, part) {
+            Some(given) => Expression::With { given, of: Box::new(rest(part)) },
+            None => rest(part),
+        },
         ExprKind::Chart(model) => {
             let run = |(state, run): &(usize, Expr)| StateRun { state: index(*state), expression: rest(run) };
             let runs = model.runs.iter().map(run).collect();

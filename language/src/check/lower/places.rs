@@ -53,6 +53,7 @@ fn placed(expr: &Expr) -> Placed {
         | ExprKind::Asynchronous(..)
         | ExprKind::Finally(..)
         | ExprKind::Tagged(..)
+        | ExprKind::With(..)
         | ExprKind::Chart(_)
         | ExprKind::Broken => node(parts()),
     }

@@ -4,7 +4,8 @@ use super::data::{Data, data};
 use super::tree::Builder;
 use crate::check::quantity;
 use crate::check::range;
-use crate::check::spec::{Arg, Param, Shape, Value, ValueKind};
+use crate::check::spec::{Arg, Expr, ExprKind, Param, Process, Shape, StartValue, Value, ValueKind};
+use crate::check::types::{declared, takers};
 use crate::plan::Constant;
 use crate::source::Span;
 
@@ -21,6 +22,17 @@ impl Builder<'_> {
                 self.check_given(param, &arg.value, outer);
             }
         }
+    }
+
+    /// Compares the start values in a group whose parameters have the values `outer`.
+    pub(super) fn check_starts(&mut self, process: &Process, expr: &Expr, outer: &[Data]) {
+        if let ExprKind::With(StartValue::Known(value), part) = &expr.kind {
+            let takers = takers(self.spec, process, part);
+            if let Some((_, param)) = declared(&takers).first() {
+                self.check_given(param, value, outer);
+            }
+        }
+        expr.parts().into_iter().for_each(|part| self.check_starts(process, part, outer));
     }
 
     /// Compares an argument with the range of its parameter. A written value was compared before; a named one was not.

@@ -27,6 +27,8 @@ pub(super) struct Tree {
     pub(super) leaves: Vec<Leaf>,
     /// The process of each group.
     pub(super) process_of: Vec<usize>,
+    /// The values of the parameters of each group.
+    pub(super) values_of: Vec<Vec<Data>>,
     /// The group and slot of each leaf.
     pub(super) place_of: Vec<(usize, usize)>,
 }
@@ -76,6 +78,7 @@ impl Tree {
             groups: Vec::new(),
             leaves: Vec::new(),
             process_of: Vec::new(),
+            values_of: Vec::new(),
             place_of: Vec::new(),
         };
         let (group_places, leaf_places) = (Vec::new(), Vec::new());
@@ -134,7 +137,11 @@ impl Builder<'_> {
             supervision: source.supervision.unwrap_or_default(),
         });
         self.tree.process_of.push(process);
+        self.tree.values_of.push(values.to_vec());
         self.group_places.push(place.clone());
+        if let Some(actions) = &source.actions {
+            self.check_starts(source, actions, values);
+        }
         let mut members = Vec::with_capacity(source.instances.len());
         for (slot, instance) in source.instances.iter().enumerate() {
             let name = instance.name.text.clone();
@@ -224,7 +231,7 @@ impl Builder<'_> {
             parameters: module.and_then(|module| self.parameters(module)),
             environment: module.map(|module| module.environment.clone()).unwrap_or_default(),
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
-            stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
+            stop_within: module.map_or(STOP_WITHIN, |module| module.times.stop_within),
             outcomes: outcomes.collect(),
             policy: policy(instance, module, &self.spec.processes[self.tree.process_of[group]]),
             keys: Vec::new(),

@@ -97,6 +97,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Tagged(..)
+        | ExprKind::With(..)
         | ExprKind::Chart(_)
         | ExprKind::Match(_) => expr.parts().into_iter().all(|part| throughout(part, holds, resource)),
     }

@@ -202,7 +202,7 @@ impl Spec {
         let modules = self.modules.iter().flat_map(|module| {
             let ports = module.ports.iter().filter_map(|port| port.kind.as_ref());
             let outcomes = module.outcomes.iter().filter_map(|outcome| outcome.kind.as_ref());
-            let params = of_params(module.params.as_deref().unwrap_or_default());
+            let params = module.declared().filter_map(|param| param.kind.as_ref());
             params.chain(ports).chain(outcomes)
         });
         let processes = self.processes.iter().flat_map(|process| of_params(&process.params));

@@ -1,7 +1,7 @@
 //! Checks named types: records that contain themselves, records that are too large, misspelt names.
 
 use crate::check::diagnostics::Diagnostics;
-use crate::check::spec::{FIELDS_MAX, Kind, NamedType, Spec};
+use crate::check::spec::{FIELDS_MAX, Kind, Module, NamedType, Spec};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEPTH_MAX;
 use crate::similar::Near;
@@ -159,7 +159,7 @@ fn own_size(kind: &Kind) -> Size {
 
 /// Reports unknown types of parameters and fields whose names are similar to a known one.
 fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
-    let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
+    let modules = spec.modules.iter().flat_map(Module::declared);
     let params = spec.processes.iter().flat_map(|process| &process.params).chain(modules);
     let kinds = params.chain(spec.fields()).filter_map(|param| param.kind.as_ref());
     let mut known: Vec<&str> = unit::names().collect();
@@ -182,7 +182,7 @@ fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
     let ports =
         ports.flat_map(|port| port.kind.iter().chain(port.call.iter().filter_map(|call| call.argument.as_ref())));
     let params = spec.processes.iter().flat_map(|process| &process.params);
-    let params = params.chain(modules.flat_map(|module| module.params.iter().flatten())).chain(spec.fields());
+    let params = params.chain(modules.flat_map(Module::declared)).chain(spec.fields());
     let kinds = ports.chain(params.filter_map(|param| param.kind.as_ref()));
     let named = kinds.filter_map(|kind| Some((kind, kind.name().filter(|name| is_spec_name(name))?)));
     let unknown: Vec<(&Kind, &str)> = named.filter(|(_, name)| library::by_spec(name).is_none()).collect();

@@ -54,7 +54,7 @@ impl Cursor {
     /// Whether the word directly follows something that an operator would have to follow.
     pub(super) fn follows_operand(&self) -> bool {
         let is_word = self.before_kind == SyntaxKind::Ident
-            && !["else", "finally", "within", "as", "of", "in"].contains(&self.before.as_str());
+            && !["else", "finally", "within", "as", "with", "of", "in"].contains(&self.before.as_str());
         let ends = [SyntaxKind::RightParen, SyntaxKind::RightBracket, SyntaxKind::Question, SyntaxKind::Greater];
         // The parentheses of these open an operand.
         let prefixes = [SyntaxKind::Retry, SyntaxKind::Using, SyntaxKind::Shield];

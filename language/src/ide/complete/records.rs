@@ -2,7 +2,7 @@
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind};
-use crate::check::spec::{Kind, Param, Shape};
+use crate::check::spec::{Kind, Module, Param, Shape};
 use crate::ide::Analysis;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::Node;
@@ -63,7 +63,7 @@ impl Analysis {
     fn declared_at(&self, at: &Cursor) -> Option<&Param> {
         let span = at.inside(SyntaxKind::Param)?.names().next()?.span;
         let processes = self.model.processes.iter().flat_map(|process| &process.params);
-        let modules = self.model.modules.iter().flat_map(|module| module.params.iter().flatten());
+        let modules = self.model.modules.iter().flat_map(Module::declared);
         processes.chain(modules).chain(self.model.fields()).find(|param| param.name.span == span)
     }
 }

@@ -32,6 +32,9 @@ impl Analysis {
         let params: Vec<String> =
             std::iter::once("host".to_owned()).chain(params.iter().map(Param::to_string)).collect();
         let mut lines = format!("module {}({})", module.name.text, params.join(", "));
+        if let Some(start) = &module.start {
+            let _infallible = write!(lines, "\n    init {start}");
+        }
         for port in &module.ports {
             let _infallible = write!(lines, "\n    {}", shown_port(&port.name.text, Some(port)));
         }

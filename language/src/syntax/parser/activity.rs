@@ -133,9 +133,6 @@ impl Parser<'_> {
         self.start(SyntaxKind::StateRun);
         self.bump();
         self.run_expression();
-        if self.eat_word("with") {
-            self.formula();
-        }
         self.end_statement();
         self.finish();
     }

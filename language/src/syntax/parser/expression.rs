@@ -16,7 +16,7 @@ use crate::syntax::SyntaxKind::{
 /// A form of the language that is known but not read yet.
 const LATER: &str = "until";
 /// Words that go on after an operand, so that what stands before them is one.
-pub(super) const INFIX: [&str; 4] = ["else", "finally", "within", "as"];
+pub(super) const INFIX: [&str; 5] = ["else", "finally", "within", "as", "with"];
 
 impl Parser<'_> {
     /// `internal_event_actions { expression ; }`
@@ -225,17 +225,22 @@ impl Parser<'_> {
         self.kind(ahead) == LeftParen || self.kind(ahead) == Ident && !INFIX.contains(&self.word(ahead))
     }
 
-    /// `operand?`, `operand within 5 s`, `operand as tag`
+    /// `operand?`, `operand within 5 s`, `operand as tag`, `operand with value`
     fn suffixed(&mut self, word: Option<&str>) {
         let checkpoint = self.checkpoint();
         self.operand(word);
-        let is_suffix = |parser: &Self| parser.at(Question) || parser.at_word("within") || parser.at_word("as");
+        let is_suffix =
+            |parser: &Self| parser.at(Question) || ["within", "as", "with"].iter().any(|word| parser.at_word(word));
         if is_suffix(self) {
             self.start_at(checkpoint, SyntaxKind::Suffixed);
             while is_suffix(self) {
-                let (is_limit, is_tag) = (self.at_word("within"), self.at_word("as"));
+                let (is_limit, is_tag, is_given) = (self.at_word("within"), self.at_word("as"), self.at_word("with"));
                 self.bump();
-                if is_limit && self.at(LeftParen) {
+                if is_given {
+                    self.start(SyntaxKind::StartValue);
+                    self.constant();
+                    self.finish();
+                } else if is_limit && self.at(LeftParen) {
                     self.limit_in_parentheses();
                 } else if is_limit {
                     self.constant();

@@ -56,7 +56,7 @@ const PREFIX: [(&str, &str); 29] = [
     ("call", NAME),
 ];
 /// Words of other languages between two operands.
-const BETWEEN: [(&str, &str); 21] = [
+const BETWEEN: [(&str, &str); 20] = [
     ("and", BOTH),
     ("or", "`a # b` runs both until one has ended; `a else b` runs b when a fails"),
     ("then", TURN),
@@ -77,7 +77,6 @@ const BETWEEN: [(&str, &str); 21] = [
     ("if", CHOICE),
     ("parallel", BOTH),
     ("in", "`all i in 0..4 (a[i])` runs one of each beside the others"),
-    ("with", BOTH),
 ];
 /// The operators of other languages between two operands.
 const SIGNS: [(SyntaxKind, &str); 4] = [
@@ -138,7 +137,7 @@ impl Parser<'_> {
             return;
         }
         // The run of a state ends here.
-        if self.ends_at_semicolon && ["with", "on"].contains(&self.word(0)) {
+        if self.ends_at_semicolon && self.at_word("on") {
             return;
         }
         let word = BETWEEN.iter().find(|(word, _)| self.at_word(word)).map(|(word, help)| (*word, *help));

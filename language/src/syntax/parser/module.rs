@@ -23,6 +23,7 @@ impl Parser<'_> {
             "proc" | "calls" => self.procedure(),
             "state" => self.state(),
             "done" | "service" | "plain" | "remembers" => self.flag(),
+            "init" => self.init(),
             "exec" => self.text_item(SyntaxKind::Exec, "a string with the program and its arguments"),
             "python" => self.text_item(SyntaxKind::Python, "a string with the path of a Python program"),
             "venv" => self.text_item(SyntaxKind::Venv, "a string with the path of a virtual environment"),
@@ -39,8 +40,8 @@ impl Parser<'_> {
             }
             _ => {
                 self.expected(
-                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `python`, \
-                     `venv`, `action`, `env`, `inherit`, `directory`, `plain` or `stop within`",
+                    "`in`, `out`, `proc`, `state`, `calls`, `init`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, \
+                     `python`, `venv`, `action`, `env`, `inherit`, `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -92,6 +93,17 @@ impl Parser<'_> {
         self.expect_name("the name of a state");
         if self.expect(Colon) {
             self.type_name();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `init goal: Place;`, `init side: Text in "left" | "right";`
+    fn init(&mut self) {
+        self.start(SyntaxKind::Init);
+        self.bump();
+        if !self.param() {
+            self.expected("the name of the start value");
         }
         self.end_statement();
         self.finish();

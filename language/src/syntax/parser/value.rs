@@ -8,7 +8,7 @@ use crate::syntax::SyntaxKind::{
 };
 
 /// Words that go on after a number and are no unit.
-const NO_UNITS: [&str; 5] = ["else", "within", "of", "pause", "optional"];
+const NO_UNITS: [&str; 8] = ["else", "finally", "within", "as", "with", "of", "pause", "optional"];
 
 impl Parser<'_> {
     pub(super) fn params(&mut self) {
@@ -19,7 +19,7 @@ impl Parser<'_> {
     }
 
     /// `name`, `name: Type`, `name: Type in 1..5 = value`.
-    fn param(&mut self) -> bool {
+    pub(super) fn param(&mut self) -> bool {
         self.typed(|parser| parser.eat(Colon))
     }
 

@@ -60,6 +60,7 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
             2 => pair().prop_map(|(e, f)| Term::Else(e, f)),
             2 => pair().prop_map(|(e, f)| Term::Fin(e, f)),
             1 => inner.clone().prop_map(|e| Term::Tag(TAGS[0].to_owned(), Box::new(e))),
+            2 => (given(), inner.clone()).prop_map(|(value, e)| Term::With(value, Box::new(e))),
             3 => several().prop_map(Term::Par),
             3 => several().prop_map(Term::Dis),
             1 => several().prop_map(Term::Ff),
@@ -79,6 +80,11 @@ fn arms(es: Vec<Term>, has_else: bool) -> Vec<(Option<String>, Term)> {
         last.0 = None;
     }
     arms
+}
+
+/// A value without a tag, or with one, which a `match` looks at.
+fn given() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![Just(b"shelf".to_vec()), Just([b"\x01".as_slice(), TAGS[0].as_bytes()].concat()), Just(vec![])]
 }
 
 /// One or two of three things, so that many wait for each other.

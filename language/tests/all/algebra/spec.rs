@@ -1,7 +1,8 @@
 //! An expression with the kinds of its members, and its translation into a plan's group.
 
 use super::reference::{Declared, Term};
-use language::plan::{Arm, ConnectionSet, Expression, Group, Member, MemberKind, Supervision};
+use language::algebra::Value;
+use language::plan::{Arm, ConnectionSet, Expression, Given, Group, Member, MemberKind, Supervision};
 use std::time::Duration;
 
 /// The set that is open for as long as the group runs; member `i` opens set `i`.
@@ -64,6 +65,9 @@ fn expression(term: &Term) -> Expression {
         Term::Using(_, resources, e) => Expression::Using { resources: resources.clone(), of: boxed(e) },
         Term::Fin(e, f) => Expression::Finally(boxed(e), boxed(f)),
         Term::Tag(tag, e) => Expression::Tagged { tag: tag.clone(), of: boxed(e) },
+        Term::With(value, e) => {
+            Expression::With { given: Given { text: "?".to_owned(), value: Value::new(value) }, of: boxed(e) }
+        }
         Term::Arec(e, fs) => Expression::Asynchronous { source: boxed(e), pool: all(fs) },
     }
 }

@@ -189,6 +189,24 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     ("`P as t`", "P aborted(r): aborted(r).", &["P as t | start s: P(s) | P abort r: aborted(r)"]),
     (
+        "`P with v`",
+        "P starts with v, whatever value comes from before.",
+        &[
+            "P with true | start s: P(\u{1})",
+            "(P ; Q) with true | start s: P(\u{1}) | P done w: Q()",
+            "(P, S) with true | start s: P(\u{1}), S(\u{1})",
+        ],
+    ),
+    (
+        "`P with v`",
+        "P done(u): done(u). P aborted(r): aborted(r).",
+        &[
+            "P with true | start s: P(\u{1}) | P done u: done(u)",
+            "P with true | start s: P(\u{1}) | P abort r: aborted(r)",
+            "P with true | start s: P(\u{1}) | stop: stop P | P stopped: stopped",
+        ],
+    ),
+    (
         "`P within d`",
         "P ends in time: its outcome.",
         &["P within 5 s | start s: P(s) | P done v: done(v)", "P within 5 s | start s: P(s) | P abort r: aborted(r)"],

@@ -1,6 +1,6 @@
 //! Random small groups, from a seed.
 
-use language::plan::{Arm, Expression, Group, Member, MemberKind, Supervision};
+use language::plan::{Arm, Expression, Given, Group, Member, MemberKind, Supervision, text_value};
 use std::time::Duration;
 
 /// The tags that modules of random groups end with.
@@ -88,7 +88,7 @@ impl Maker<'_> {
         if size <= 1 {
             return self.leaf();
         }
-        match self.dice.below(24) {
+        match self.dice.below(25) {
             0..=2 => Expression::Concurrent(self.operands(size)),
             3 => Expression::FailFast(self.operands(size)),
             4 | 5 => {
@@ -109,6 +109,10 @@ impl Maker<'_> {
             }
             20 | 21 => self.using(size),
             22 => self.pool(size),
+            23 => {
+                let given = Given { text: "\"a\"".to_owned(), value: text_value("a") };
+                Expression::With { given, of: Box::new(self.expression(size - 1)) }
+            }
             _ => {
                 Expression::Tagged { tag: (*self.dice.pick(&TAGS)).to_owned(), of: Box::new(self.expression(size - 1)) }
             }

@@ -165,6 +165,8 @@ impl Reference {
             Kind::Shield(bound, of) => self.start(of, value).map(|c| Conf::Shield(*bound, c.into())),
             Kind::Using(number, wants, of) => self.start_using((*number, wants), of, value),
             Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
+            // The outcome is that of P, so nothing of `with` is left once P runs.
+            Kind::With(value, of) => self.start(of, Left::Value(value.clone())),
             Kind::As(tag, of) => match self.start(of, value) {
                 Ok(conf) => Ok(Conf::As(tag.clone(), conf.into())),
                 Err(outcome) => Err(tagged(tag, outcome)),

@@ -75,6 +75,8 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
             format!("({}) ::[1] ({})", written(source, matched), written(&pool[0], matched))
         }
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
+        // The value decides no event, and the modules of a text take none.
+        Expression::With { of, .. } => written(of, matched),
         Expression::Tagged { tag, of } => format!("({}) as {tag}", written(of, matched)),
     }
 }

@@ -167,6 +167,7 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
             return (3, format!("{} finally {}", inside(first, 4, members), inside(second, 4, members)));
         }
         E::Chart(chart) => return (9, format!("{} states", chart.chart.states.len().saturating_sub(1))),
+        E::With { given, of } => return (8, format!("{} with {}", inside(of, 8, members), given.text)),
         E::Tagged { tag, of } => return (8, format!("{} as {tag}", inside(of, 8, members))),
         E::Asynchronous { source, pool } => {
             let one = pool.first().map_or(String::new(), |one| inside(one, 5, members));

@@ -53,6 +53,7 @@ pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
     match (&old.nodes[a].kind, &new.nodes[b].kind) {
         (Kind::Run { member, .. }, Kind::Run { member: other, .. }) => member == other && sets(old, a) == sets(new, b),
         (Kind::Fail(why), Kind::Fail(other)) | (Kind::Tagged(why), Kind::Tagged(other)) => why == other,
+        (Kind::With(value), Kind::With(other)) => value == other,
         (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
         (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. }) => count == other,
         (Kind::Match { .. }, Kind::Match { .. }) => tags(old, a) == tags(new, b),

@@ -208,7 +208,7 @@ impl Term {
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
         }
     }
@@ -220,7 +220,7 @@ impl Term {
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
         }
     }

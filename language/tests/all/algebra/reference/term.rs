@@ -44,6 +44,8 @@ pub(crate) enum Term {
     Fin(Box<Self>, Box<Self>),
     /// `E as t`
     Tag(String, Box<Self>),
+    /// `E with u`
+    With(Value, Box<Self>),
 }
 
 /// `r`: why something aborted.

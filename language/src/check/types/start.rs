@@ -1,0 +1,217 @@
+//! Checks the values that expressions start with: `goto with { x = 2 m }`.
+
+use super::kinds::TypeChecker;
+use crate::check::diagnostics::Diagnostics;
+use crate::check::names::listed;
+use crate::check::spec::{Expr, ExprKind, Kind, Module, Param, Process, Shape, Spec, StartValue, Target, Value};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use crate::unit;
+
+/// Compares each start value with the interface of the programs that get it. Groups nest finitely here.
+pub(in crate::check) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
+    let mut uses = std::mem::take(&mut spec.field_uses);
+    for process in spec.processes.iter().filter(|process| !process.damage.actions) {
+        if let Some(actions) = &process.actions {
+            StartCheck { spec, process, uses: &mut uses, diagnostics }.visit(actions);
+        }
+    }
+    spec.field_uses = uses;
+}
+
+/// A program that gets a start value.
+pub(in crate::check) enum Taker<'a> {
+    /// Its interface is known.
+    Module(&'a Module),
+    /// Its interface is not known, so it may take any value.
+    Unknown,
+}
+
+/// Returns the programs that start with the value that an expression starts with.
+pub(in crate::check) fn takers<'a>(spec: &'a Spec, process: &'a Process, expr: &'a Expr) -> Vec<Taker<'a>> {
+    let rest = |part: &'a Expr| takers(spec, process, part);
+    match &expr.kind {
+        ExprKind::Run(slot, _) => match process.instances[*slot].target {
+            Target::Module(module) => vec![Taker::Module(&spec.modules[module])],
+            Target::Process(inner) => {
+                let inner = &spec.processes[inner];
+                inner.actions.as_ref().map(|actions| takers(spec, inner, actions)).unwrap_or_default()
+            }
+            Target::Unknown => vec![Taker::Unknown],
+        },
+        ExprKind::Concurrent(parts)
+        | ExprKind::FailFast(parts)
+        | ExprKind::AnyOf(_, parts)
+        | ExprKind::Disable(parts) => parts.iter().flat_map(rest).collect(),
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+            parts.first().map(rest).unwrap_or_default()
+        }
+        ExprKind::Recurrent(part, _)
+        | ExprKind::Asynchronous(part, _)
+        | ExprKind::Finally(part, _)
+        | ExprKind::Retry(_, _, part)
+        | ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => rest(part),
+        ExprKind::With(..)
+        | ExprKind::Match(_)
+        | ExprKind::Chart(_)
+        | ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Broken => Vec::new(),
+    }
+}
+
+/// Returns the declared start values among some programs, each with its module.
+pub(in crate::check) fn declared<'a>(takers: &[Taker<'a>]) -> Vec<(&'a Module, &'a Param)> {
+    let declared = takers.iter().filter_map(|taker| match taker {
+        Taker::Module(module) => module.start.as_ref().map(|start| (*module, start)),
+        Taker::Unknown => None,
+    });
+    declared.collect()
+}
+
+struct StartCheck<'a> {
+    spec: &'a Spec,
+    process: &'a Process,
+    /// The field that each name in a record means.
+    uses: &'a mut Vec<(Span, Span)>,
+    diagnostics: &'a mut Diagnostics,
+}
+
+impl StartCheck<'_> {
+    fn visit(&mut self, expr: &Expr) {
+        if let ExprKind::With(StartValue::Known(value), part) = &expr.kind {
+            self.value(value, part);
+        }
+        if let ExprKind::Conditional(parts) = &expr.kind {
+            for pair in parts.windows(2) {
+                self.diagnostics.extend(given(&pair[1]).map(|value| twice(&pair[0], value)));
+            }
+        }
+        expr.parts().into_iter().for_each(|part| self.visit(part));
+    }
+
+    fn value(&mut self, value: &Value, part: &Expr) {
+        let takers = takers(self.spec, self.process, part);
+        let is_open = |taker: &Taker<'_>| match taker {
+            Taker::Module(module) => module.is_damaged,
+            Taker::Unknown => true,
+        };
+        let declared = declared(&takers);
+        let Some((_, start)) = declared.first() else {
+            if !takers.iter().any(is_open) && !matches!(part.kind, ExprKind::Broken) {
+                self.diagnostics.push(nothing(&takers, value.span, part));
+            }
+            return;
+        };
+        let kind = |start: &Param| start.kind.as_ref().map(|kind| (kind.to_string(), kind.clone()));
+        let first = kind(start);
+        let is_other = |(_, start): &&(&Module, &Param)| match (&first, kind(start)) {
+            (Some((_, one)), Some((_, other))) => !self.spec.is_same(one, &other),
+            (one, other) => one.is_some() != other.is_some(),
+        };
+        if let Some((_, other)) = declared.iter().find(is_other) {
+            let message = "one value for programs that take values of different types";
+            let found = Diagnostic::new(Code::E0425, value.span, message);
+            let found =
+                found.reason(start.name.span, "this program takes one").reason(other.name.span, "this one another");
+            self.diagnostics.push(found.help("give each of them its own: `a with 1 m, b with 2 N`"));
+            return;
+        }
+        if let Some(unwritten) = first.as_ref().and_then(|(_, kind)| unwritten(self.spec, kind)) {
+            self.diagnostics.push(no_spelling(start, &unwritten, value.span));
+            return;
+        }
+        TypeChecker { spec: self.spec, outer: &self.process.params, uses: self.uses, diagnostics: self.diagnostics }
+            .value(start, value);
+    }
+}
+
+/// The value that an expression gives to all that it starts first.
+fn given(expr: &Expr) -> Option<Span> {
+    match &expr.kind {
+        ExprKind::With(StartValue::Known(value), _) => Some(value.span),
+        ExprKind::With(StartValue::Kept(_, name), _) => Some(name.span),
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+            parts.first().and_then(given)
+        }
+        ExprKind::Recurrent(part, _)
+        | ExprKind::Asynchronous(part, _)
+        | ExprKind::Finally(part, _)
+        | ExprKind::Retry(_, _, part)
+        | ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => given(part),
+        ExprKind::Run(..)
+        | ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Disable(_)
+        | ExprKind::Match(_)
+        | ExprKind::Chart(_)
+        | ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Broken => None,
+    }
+}
+
+fn twice(before: &Expr, value: Span) -> Diagnostic {
+    let message = "two start values: `:` gives one, and `with` another one";
+    let found = Diagnostic::new(Code::E0426, value, message).label("this one is used");
+    found.reason(before.span, "the value of this one is lost").help("write `;` instead of `:` if it leaves no value")
+}
+
+/// Nothing that the expression starts takes a value.
+fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
+    let mut names: Vec<&str> = takers
+        .iter()
+        .filter_map(|taker| match taker {
+            Taker::Module(module) => Some(module.name.text.as_str()),
+            Taker::Unknown => None,
+        })
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    let message = match names.as_slice() {
+        [] => "nothing here starts with a value".to_owned(),
+        [one] => format!("{one} takes no start value"),
+        _ => format!("none of {} takes a start value", listed(names.iter().copied())),
+    };
+    let found = Diagnostic::new(Code::E0425, value, message).reason(part.span, "is started with it");
+    match names.first() {
+        Some(name) => {
+            found.help(format!("declare it in the interface: `module {name}(host) {{ init goal: Length; }}`"))
+        }
+        None => found.help("give it to a process: `process with 1 m`"),
+    }
+}
+
+/// The first type in a type whose values a spec cannot write, since no text says what is in them.
+fn unwritten(spec: &Spec, kind: &Kind) -> Option<String> {
+    match spec.shape(kind) {
+        Shape::Record(fields) => fields.iter().find_map(|field| unwritten(spec, field.kind.as_ref()?)),
+        Shape::List(element, _) => unwritten(spec, &Kind { text: element.to_owned(), span: kind.span, fields: None }),
+        Shape::Plain(name) => (!is_written(name)).then(|| name.to_owned()),
+    }
+}
+
+/// Whether a spec can write the values of a type of the language.
+fn is_written(name: &str) -> bool {
+    ["Number", "Text", "Truth", "Host"].contains(&name) || unit::of_type(name).is_some()
+}
+
+fn no_spelling(start: &Param, name: &str, value: Span) -> Diagnostic {
+    let message = format!("a spec cannot write a {name}");
+    let found = Diagnostic::new(Code::E0425, value, message).reason(start.name.span, "declared here");
+    match unit::is_type(name) {
+        true => found,
+        false => found.help(format!("declare what is in it: `type {name} = {{ x: Length, y: Length }};`")),
+    }
+}

@@ -1,0 +1,37 @@
+//! The parts of expressions that stand beside operands: the arms of a `match`, and the values that processes start with.
+
+use super::{Expression, PlanError};
+use crate::algebra::Value;
+use serde::{Deserialize, Serialize};
+
+/// The most bytes of a value that a spec gives to a process, and of its text.
+pub const GIVEN_MAX: usize = 64 * 1024;
+
+/// A value that a spec gives to a process for its start.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Given {
+    /// The value as a spec spells it, in SI units.
+    pub text: String,
+    /// What the process gets for its `Init`.
+    pub value: Value,
+}
+
+/// One way on in a `match`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Arm {
+    /// The tag that it is taken for; without one for every tag that no arm before has.
+    pub tag: Option<String>,
+    /// The expression that starts, with the value behind the tag; without a tag, with the whole value.
+    pub body: Expression,
+}
+
+impl Given {
+    /// Whether it is small enough.
+    pub(super) fn check(&self) -> Result<(), PlanError> {
+        let count = self.text.len().max(self.value.bytes().len());
+        match count <= GIVEN_MAX {
+            true => Ok(()),
+            false => Err(PlanError::TooLarge { what: "bytes in one value", count, limit: GIVEN_MAX }),
+        }
+    }
+}
