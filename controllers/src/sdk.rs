@@ -109,7 +109,7 @@ pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use arrivals::Arrivals;
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls, RawCalls};
 pub use comms::logic::control::KeyPort;
-pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
+pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, StartValue, Stopping, TAG_MAX, Tick};
 pub use database::{
     Change, Database, DatabaseError, DatabaseOrder, DatabasePort, DatabaseRefusal, Entry, Expected, Transaction, TxnId,
     Unknown, Value, ValueError, WatchEvent,

@@ -261,9 +261,9 @@ class Declaration:
         self.stop_within = about["stop_within"]
         self.remembers = about["remembers"]
         self.signals_every = about["signals_every"]
-        self.outcomes = [
-            (tag, None if kind is None else message_type(kind).name) for tag, kind in about["outcomes"].items()
-        ]
+        start = None if about["starts_with"] is None else message_type(about["starts_with"])
+        outcomes = [(tag, None if kind is None else message_type(kind).name) for tag, kind in about["outcomes"].items()]
+        self.values = (start, outcomes)
         declared = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
         self.ports = [value for value in declared.values() if isinstance(value, _Port)]
         self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
@@ -325,15 +325,17 @@ def service(
     stop_within: str | float | None = None,
     remembers: bool = False,
     signals_every: str | float | None = None,
+    starts_with: type[Any] | None = None,
 ) -> Callable[[type[T]], type[T]]:
     """Makes a controller type of a class that never ends by itself.
 
-    It calculates `every` period (10 ms), and at once on each value of the input that it is `triggered_by`.
+    It calculates `every` period (10 ms), and at once on each value of the input that it is `triggered_by`. Its `init` gets a
+    value of the message type that it `starts_with`.
     """
 
     def decorate(cls: type[T]) -> type[T]:
         about = {"name": name, "every": every, "triggered_by": triggered_by, "stop_within": stop_within}
-        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": {}}
+        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": {}, "starts_with": starts_with}
         setattr(cls, _DECLARATION, Declaration(cls, doc, is_service=True, **about))
         return cls
 
@@ -350,12 +352,16 @@ def task(
     remembers: bool = False,
     signals_every: str | float | None = None,
     outcomes: dict[str, type[Any] | None] | None = None,
+    starts_with: type[Any] | None = None,
 ) -> Callable[[type[T]], type[T]]:
-    """Makes a controller type of a class that ends by itself, with `dca.done` or one of its `outcomes`."""
+    """Makes a controller type of a class that ends by itself, with `dca.done` or one of its `outcomes`.
+
+    Its `init` gets a value of the message type that it `starts_with`.
+    """
 
     def decorate(cls: type[T]) -> type[T]:
         about = {"name": name, "every": every, "triggered_by": triggered_by, "stop_within": stop_within}
-        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": outcomes or {}}
+        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": outcomes or {}, "starts_with": starts_with}
         setattr(cls, _DECLARATION, Declaration(cls, doc, is_service=False, **about))
         return cls
 

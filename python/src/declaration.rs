@@ -6,7 +6,9 @@ use crate::keys::{DeclaredKeys, KeysOf};
 use crate::message::MessageType;
 use crate::messaging::{DeclaredStation, StationOf};
 use crate::quantity::{si, span};
-use controllers::sdk::{About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity};
+use controllers::sdk::{
+    About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity, StartValue,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
@@ -57,7 +59,8 @@ struct Declaration {
     keys: Vec<DeclaredKeys>,
     database: Option<String>,
     parameters: Vec<DeclaredParameter>,
-    outcomes: Vec<(String, Option<String>)>,
+    /// The message that it starts with, and its normal ends, each with the name of its message.
+    values: (Option<Py<MessageType>>, Vec<(String, Option<String>)>),
 }
 
 #[derive(FromPyObject)]
@@ -96,14 +99,18 @@ impl Class {
             ports.push(Port { attribute, message: Arc::new(message), keeps_all });
         }
         let parameters = declared.parameters.iter().map(|one| one.parameter(py)).collect::<PyResult<Vec<_>>>()?;
-        let outcomes = declared
-            .outcomes
+        let (start, outcomes) = declared.values;
+        let outcomes = outcomes
             .into_iter()
             .map(|(tag, type_name)| Outcome { tag: for_ever(tag), type_name: type_name.map(for_ever) });
         let doc = for_ever(declared.doc);
         let mut about = if declared.is_service { About::service(doc) } else { About::task(doc) };
         about.remembers = declared.remembers;
         about.parameters = Box::leak(parameters.into_boxed_slice());
+        about.start = start.map(|message| {
+            let message = message.bind(py).get();
+            StartValue { type_name: for_ever(message.name.clone()), fields: for_ever(message.fields.clone()) }
+        });
         about.outcomes = Box::leak(outcomes.collect::<Vec<_>>().into_boxed_slice());
         let given = |value: Option<Py<PyAny>>| value.map(|value| span(value.bind(py))).transpose();
         about.schedule.period = given(declared.every)?.unwrap_or(about.schedule.period);

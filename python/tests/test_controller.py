@@ -75,6 +75,21 @@ def test_a_task_has_its_outcomes():
     assert (ended.tag, len(ended.value)) == ("found", 9)
 
 
+def test_a_start_value_has_its_type():
+    @dca.task("Drives.", starts_with=Range)
+    class Drive:
+        def init(self, value):
+            self.distance = dca.decode(Range, value).distance
+
+        def main_calc(self, tick):
+            return dca.done(b"")
+
+    assert "  init value: Range;\n" in interface(Drive)
+    drive = Drive()
+    drive.init(dca.encode(Range(2.5)))
+    assert drive.distance == 2.5
+
+
 @pytest.mark.parametrize(
     ("about", "error", "text"),
     [

@@ -3,7 +3,7 @@
 use super::arguments::{Arguments, Parameter};
 use super::export::Exports;
 use super::finite::is_finite;
-use super::port::{InputSet, OutputSet};
+use super::port::{InputSet, Message, OutputSet};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use serde::Serialize;
@@ -168,6 +168,17 @@ pub struct About {
     pub signals_every: Option<Duration>,
     /// Its normal ends, when it has several: each [`Progress::outcome`] is one of them.
     pub outcomes: &'static [Outcome],
+    /// The message type of the value that it starts with; none if it does not declare one.
+    pub start: Option<StartValue>,
+}
+
+/// The value that a controller type gets in its [`Controller::init`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StartValue {
+    /// The message type: `Place`.
+    pub type_name: &'static str,
+    /// The fields of the message, as of a record; empty if the message type does not name them.
+    pub fields: &'static str,
 }
 
 /// A normal end of a controller type, which a spec can `match`.
@@ -202,6 +213,7 @@ impl About {
             parameters: &[],
             signals_every: None,
             outcomes: &[],
+            start: None,
         }
     }
 
@@ -256,6 +268,14 @@ impl About {
     #[must_use]
     pub const fn ends_with(mut self, outcomes: &'static [Outcome]) -> Self {
         self.outcomes = outcomes;
+        self
+    }
+
+    /// Returns it starting with a value of this type, as `goto with { x = 2 m, y = 1 m }` in a spec gives one. [`Controller::init`]
+    /// gets its bytes, for `postcard::from_bytes`.
+    #[must_use]
+    pub const fn starts_with<T: Message>(mut self) -> Self {
+        self.start = Some(StartValue { type_name: T::TYPE, fields: T::FIELDS });
         self
     }
 

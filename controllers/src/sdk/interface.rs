@@ -65,7 +65,9 @@ impl Interface {
     /// Returns the messages of its wires that say what is in them, each with its fields.
     pub fn messages(&self) -> impl Iterator<Item = (&str, &str)> {
         let wires = self.ports.iter().filter(|port| port.binding == Binding::Wire);
-        let wires = wires.map(|port| (port.type_name, port.fields.trim_end_matches([',', ' '])));
+        let start = self.about.start.iter().map(|start| (start.type_name, start.fields));
+        let wires = wires.map(|port| (port.type_name, port.fields)).chain(start);
+        let wires = wires.map(|(name, fields)| (name, fields.trim_end_matches([',', ' '])));
         let exports = self.exports.iter().map(|export| &export.signature);
         let signatures = exports.chain(self.calls.iter().map(|call| &call.signature));
         let forms = signatures.flat_map(|signature| [&signature.argument, &signature.result]);
@@ -97,6 +99,9 @@ impl Interface {
         for (doc, text) in exports.chain(self.calls.iter().map(|call| (call.doc, call.text()))) {
             doc_lines("  ", doc).for_each(&mut line);
             line(format!("  {text}"));
+        }
+        if let Some(start) = &self.about.start {
+            line(format!("  init value: {};", start.type_name));
         }
         line(if self.about.service { "  service;".to_owned() } else { self.done() });
         if self.about.remembers {
@@ -169,6 +174,25 @@ mod tests {
         for tag in [String::new(), "t".repeat(TAG_MAX + 1)] {
             assert!(matches!(Progress::outcome(&tag, b""), Progress::Aborted(_)), "{tag}");
         }
+    }
+
+    /// Where to drive.
+    #[derive(Debug, serde::Serialize, serde::Deserialize)]
+    struct Place {
+        x: f64,
+    }
+
+    impl super::super::port::Message for Place {
+        const TYPE: &'static str = "Place";
+        const FIELDS: &'static str = "x: Length";
+    }
+
+    #[test]
+    fn the_start_value_is_declared_with_its_type() {
+        let about = About::task("Drives.").starts_with::<Place>();
+        let interface = Interface { about, ..interface() };
+        assert!(interface.text().contains("  init value: Place;\n"), "{}", interface.text());
+        assert_eq!(interface.messages().collect::<Vec<_>>(), [("Place", "x: Length")]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{GroupError, InProcessGroup, MEMBERS_MAX, Make, Member, MemberPort};
 use crate::sdk::arguments::Arguments;
-use crate::sdk::controller::{About, Outcome, Schedule};
+use crate::sdk::controller::{About, Outcome, Schedule, StartValue};
 use crate::sdk::interface::{Binding, Direction, InnerOutput, Interface, PortInterface};
 use crate::sdk::module::Module;
 use std::collections::BTreeMap;
@@ -141,8 +141,15 @@ fn about(group: &'static str, doc: &'static str, members: &[Member]) -> Result<A
         stop_within: all().map(|about| about.stop_within).max().unwrap_or(about.stop_within),
         signals_every: all().filter_map(|about| about.signals_every).min(),
         outcomes,
+        start: same(all().filter_map(|about| about.start)),
         ..about
     })
+}
+
+/// The start value of all members that declare one, which get the same bytes; none if their types differ.
+fn same(mut starts: impl Iterator<Item = StartValue>) -> Option<StartValue> {
+    let first = starts.next()?;
+    starts.all(|other| other == first).then_some(first)
 }
 
 fn unique<'a>(group: &'static str, names: impl Iterator<Item = &'a str>) -> Result<(), GroupError> {
