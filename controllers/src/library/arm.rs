@@ -174,6 +174,13 @@ impl Servo {
     }
 }
 
+/// Sends a new sample of the encoders to the readers of the joints, if there is one.
+fn tell(state: &In<ArmState>, joints: &mut Out<JointState>) {
+    if let Some(state) = state.fresh() {
+        joints.send(JointState { measured: seconds(state.stamp), angles: state.angles, rates: state.rates });
+    }
+}
+
 /// Returns the rates (rad/s) of those `wanted` that do not lead beyond the ranges of joints at `q` (rad).
 fn within(q: &Joints, wanted: &Joints) -> Joints {
     let (low, high) = (puma560::lowest(), puma560::highest());
@@ -217,13 +224,7 @@ impl Controller for Puma560Ctrl {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
-        if let Some(state) = inputs.state.fresh() {
-            outputs.joints.send(JointState {
-                measured: seconds(state.stamp),
-                angles: state.angles,
-                rates: state.rates,
-            });
-        }
+        tell(&inputs.state, &mut outputs.joints);
         if let Some(why) = self.servo.overloaded(inputs.force.fresh()) {
             return Progress::Aborted(why);
         }
@@ -233,6 +234,8 @@ impl Controller for Puma560Ctrl {
     }
 
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
+        // A reader that misses the joints would end first, and hide the true reason of an abort.
+        tell(&inputs.state, &mut outputs.joints);
         self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
     }
 }
@@ -280,15 +283,8 @@ impl Controller for Puma560Joints {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &JointsInputs, outputs: &mut JointsOutputs) -> Progress {
-        let fresh = inputs.state.fresh();
-        if let Some(state) = fresh {
-            outputs.joints.send(JointState {
-                measured: seconds(state.stamp),
-                angles: state.angles,
-                rates: state.rates,
-            });
-        }
-        if self.watch.is_silent(tick.now, fresh.is_some()) {
+        tell(&inputs.state, &mut outputs.joints);
+        if self.watch.is_silent(tick.now, inputs.state.fresh().is_some()) {
             return Progress::Aborted("no word from the arm for 1 s".to_owned());
         }
         Progress::Continue

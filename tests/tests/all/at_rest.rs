@@ -100,6 +100,16 @@ fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     }
 }
 
+/// An arm takes up to 3 s to let go of the force on its hand. Its reader missed the joints in this time, and the mission
+/// ended with `no joint angles for 1 s`.
+#[test]
+fn an_arm_that_lets_go_of_its_force_tells_the_true_reason() {
+    let visitor = "shut_at = 40 deg, shut_torque = 60 Nm, shut_for = 10 s";
+    let world = format!("seed = 4, slip_force = 300 N, stiffness = 3000 N/m, {visitor}");
+    let end = fly(DOOR, &world, &mut |_| {});
+    assert!(end.why.contains("motionctrl/puma: the force on the hand exceeds 80 N"), "{end:?}");
+}
+
 /// The base moved sideways into a wall that its laser did not see, with 122 N.
 #[test]
 fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
