@@ -1,39 +1,68 @@
 //! Unloading: a hand that stops lets go of the force that it had.
 //!
 //! An arm that only stops stays tensioned against the held object: after a locked door it still pressed with 64 N. So
-//! the arm gives way until the force is nearly zero. A stiff grasp or a pressed lever pushes less and less on the way.
-//! A door closer keeps pushing, and giving way to it only shuts the door. So the hand then returns to the place where
-//! its force had last fallen, and holds the door there.
+//! the arm gives way. Its stiffness decides how, and is not known. The gain is as small as a grasp of 48 kN/m needs:
+//! a larger one swung such grasps out of the fingers within 0.3 s. It relaxes a stiff grasp at once. A force that stays
+//! comes from something soft, such as a pressed lever, or from a door closer. Then the hand follows this force slowly.
+//! A pressed lever pushes less and less on the way, and the hand follows it until the force is nearly zero. A door
+//! closer keeps pushing, and giving way to it only shuts the door. So the hand returns to the place where its force had
+//! last fallen, and holds the door there. Speeds change gradually, because the door follows the hand with its mass.
 //!
-//! Source: ours; an admittance as in [`super::compliant`], which explains the value of its gain.
+//! Source: ours; an admittance as in [`super::compliant`], which explains the budget of its gain.
 
-use super::filter::Debounce;
+use super::compliant::gain_max;
+use super::filter::{Debounce, LowPass};
 use super::oscillation::OscillationGuard;
 use nalgebra::{Vector3, Vector6};
 
-/// The gain for forces (m/s/N) and torques (rad/s/Nm), and the largest speeds (m/s, rad/s).
-const GAIN: f64 = 1.0 / 450.0;
+/// The stiffest grasp, as a multiple of the stiffness that [`gain_max`] is for: 48 kN/m.
+const STIFFEST: f64 = 8.0;
+/// A hand that gives way to a force that is so much greater than at first (N) stops; a base that brakes adds less. A
+/// force whose mean is so much greater than the previous one (N) grows.
+const GROWN: f64 = 12.0;
+const GROWS: f64 = 1.0;
+/// The gain for torques (rad/s/Nm), and the largest speeds (m/s, rad/s).
 const TURN: f64 = 0.06;
 const SPEED_MAX: f64 = 0.04;
 const TURN_MAX: f64 = 0.2;
+/// The length of a mean of the force (s). The force stays if its mean has changed by less than a share of its size. The
+/// first number is the largest such share. The second one divided by the delay (s) is the share that a grasp of 9 kN/m
+/// loses. A force does not stay before the last time (s), within which a late answer may come.
+const LOOK: f64 = 0.1;
+const STEADY: f64 = 0.2;
+const STEADY_DELAY: f64 = 0.011;
+const LATE: f64 = 0.25;
+/// The largest gain and speed with which the hand follows a force that stays (m/s/N, m/s), and the frequency below
+/// which a part of the force counts as slow (Hz).
+const FOLLOW: f64 = 1.0 / 450.0;
+const FOLLOW_MAX: f64 = 0.04;
+const SLOW: f64 = 6.0;
+/// The share of a mean in the force that the hand follows, and the share of this force below which the mean takes its
+/// place: then a spring has relaxed, and the rest comes from elsewhere.
+const AIMED: f64 = 0.3;
+const GONE: f64 = 0.7;
+/// The change of these speeds (m/s²), and the speed that may end at once (m/s).
+const ACCELERATION: f64 = 0.1;
+const AT_REST: f64 = 0.001;
 /// A hand that feels less than the first at the beginning has nothing to let go of (N); it has let go once it feels
 /// less than the second so many times in a row.
 const LOADED: f64 = 7.0;
 const AT_EASE: f64 = 3.5;
 const IN_A_ROW: u32 = 5;
-/// Over this distance (m) a tensioned force falls by at least this much (N): 170 N/m, below the spring of a lever.
+/// Over this distance (m) a tensioned force falls by at least this much (N), and by this share: 125 N/m, below the
+/// spring of a lever. The friction of a strong closer's door takes off a little when the hand turns round.
 const STRETCH: f64 = 0.012;
-const FALL: f64 = 2.0;
+const FALL: f64 = 1.5;
+const FALL_SHARE: f64 = 0.05;
 /// The longest way (m) and time (s).
 const WAY_MAX: f64 = 0.06;
-const TIME_MAX: f64 = 2.6;
-/// A force that is smaller than before by this much has fallen (N): more than noise.
+const TIME_MAX: f64 = 2.9;
+/// A force that is smaller than before by this much (N), and by this share, has fallen: more than noise and friction.
 const FALLEN: f64 = 1.0;
-/// The gain and the largest speed with which the hand goes back (1/s, m/s), and how near is there (m). It goes back
-/// more slowly the more its force is greater than it was at first, and not at all with so much more (N): friction and
-/// the leaf's inertia.
-const BACK_GAIN: f64 = 12.0;
-const BACK_MAX: f64 = 0.05;
+const FALLEN_SHARE: f64 = 0.1;
+/// The largest speed with which the hand goes back (m/s), and how near is there (m). It goes no further with a force
+/// that is so much greater than at first (N): more than friction and the leaf's inertia.
+const BACK_MAX: f64 = 0.03;
 const BACK_AT: f64 = 0.001;
 const BACK_HARDER: f64 = 20.0;
 
@@ -41,16 +70,47 @@ const BACK_HARDER: f64 = 20.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unloading {
     guard: OscillationGuard,
+    slow: LowPass<3>,
+    means: Means,
     at_ease: Debounce,
-    way: f64,
     time: f64,
-    /// The way and the force (N) at the last look whether the force falls.
-    looked: Option<(f64, f64)>,
     /// From where it began to where the hand is (m, tool axes).
     place: Vector3<f64>,
     least: Option<Least>,
-    goes_back: bool,
-    is_over: bool,
+    phase: Phase,
+    /// The speed that follows a force or goes back (m/s, tool axes).
+    led: Vector3<f64>,
+}
+
+/// The parts of an unloading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// The hand gives way to any force.
+    Relaxes,
+    /// The hand follows a force that stays.
+    Follows(Follow),
+    /// The hand goes back, after it has followed a force that does not fall.
+    Returns(Follow),
+    /// The hand comes to rest.
+    Ends,
+}
+
+/// A force that the hand follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Follow {
+    /// The force when it was found, corrected on the way, because a lever goes along an arc (N, tool axes).
+    force: Vector3<f64>,
+    /// The way of the hand since then (m).
+    way: f64,
+    /// The way and the force (N) when the force had last fallen.
+    fallen: (f64, f64),
+}
+
+impl Follow {
+    /// Returns the force to follow after a mean of the force (N).
+    fn aimed(&self, mean: &Vector3<f64>) -> Vector3<f64> {
+        if mean.norm() < GONE * self.force.norm() { *mean } else { self.force.lerp(mean, AIMED) }
+    }
 }
 
 /// The place (m, tool axes) at which a force had last fallen, its size there, and its size at first (N).
@@ -61,69 +121,176 @@ struct Least {
     first: f64,
 }
 
+/// The forces of one moment (N, tool axes).
+#[derive(Clone, Copy, Debug)]
+struct Felt {
+    force: Vector3<f64>,
+    /// Its slow part.
+    slow: Vector3<f64>,
+    /// The mean that is complete now, and the previous one.
+    means: Option<(Vector3<f64>, Vector3<f64>)>,
+    /// The share by which the mean of a force that stays may change.
+    steady: f64,
+}
+
+impl Felt {
+    /// Returns the mean of a force that stays.
+    fn that_stays(&self) -> Option<Vector3<f64>> {
+        let (mean, last) = self.means?;
+        let stays = (mean - last).norm() < self.steady * last.norm() && mean.norm() < last.norm() + GROWS;
+        stays.then_some(mean)
+    }
+}
+
+/// Means of the force (N), one after the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Means {
+    sum: Vector3<f64>,
+    count: u32,
+    since: f64,
+    last: Option<Vector3<f64>>,
+}
+
+impl Means {
+    /// Takes a force (N), `dt` (s) after the last one; returns the mean that is complete now, and the previous one.
+    fn update(&mut self, force: &Vector3<f64>, dt: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        (self.sum, self.count, self.since) = (self.sum + force, self.count + 1, self.since + dt);
+        if self.since < LOOK {
+            return None;
+        }
+        let mean = self.sum / f64::from(self.count);
+        let last = self.last;
+        *self = Self { last: Some(mean), ..Self::default() };
+        last.map(|last| (mean, last))
+    }
+}
+
 impl Default for Unloading {
     fn default() -> Self {
-        let (guard, at_ease) = (OscillationGuard::default(), Debounce::new(IN_A_ROW));
-        let (place, least) = (Vector3::zeros(), None);
-        Self { guard, at_ease, way: 0.0, time: 0.0, looked: None, place, least, goes_back: false, is_over: false }
+        Self {
+            guard: OscillationGuard::default(),
+            slow: LowPass::new(SLOW),
+            means: Means::default(),
+            at_ease: Debounce::new(IN_A_ROW),
+            time: 0.0,
+            place: Vector3::zeros(),
+            least: None,
+            phase: Phase::Relaxes,
+            led: Vector3::zeros(),
+        }
     }
 }
 
 impl Unloading {
     /// Returns the velocity (m/s, rad/s, tool axes) that takes the load off a hand that feels `wrench_in_tool` (N, Nm),
-    /// `dt` (s) after the last call; none once it is over.
-    pub fn update(&mut self, wrench_in_tool: &Vector6<f64>, dt: f64) -> Option<Vector6<f64>> {
+    /// `dt` (s) after the last call; none once it is over. `delay` (s) is that of the force loop.
+    pub fn update(&mut self, wrench_in_tool: &Vector6<f64>, delay: f64, dt: f64) -> Option<Vector6<f64>> {
         let force: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
-        let (size, share) = (force.norm(), self.guard.update(&force, dt));
-        let (way, before) = *self.looked.get_or_insert((0.0, size));
-        let least = self.least.get_or_insert(Least { place: self.place, force: size, first: size });
-        if size < least.force - FALLEN {
+        let size = force.norm();
+        if !size.is_finite() || (self.time <= 0.0 && size < LOADED) {
+            (self.phase, self.led) = (Phase::Ends, Vector3::zeros());
+        }
+        self.time += dt;
+        let share = self.guard.update(&force, dt);
+        let slow = Vector3::from(self.slow.update(&force.into(), dt));
+        let first = self.least.map_or(size, |least| least.first);
+        let mut least = self.least.unwrap_or(Least { place: self.place, force: size, first });
+        if size < least.force - FALLEN.max(FALLEN_SHARE * least.force) {
             (least.place, least.force) = (self.place, size);
         }
-        let least = *least;
-        self.is_over |= self.time <= 0.0 && size < LOADED;
-        self.time += dt;
-        if self.way - way >= STRETCH {
-            // A growing force comes from something other than a door closer, and is not pushed back.
-            self.is_over |= size - before > FALL;
-            self.goes_back |= before - size < FALL;
-            self.looked = Some((self.way, size));
-        }
-        let eased = !self.goes_back && self.at_ease.update(size < AT_EASE);
-        self.is_over |= eased || self.way > WAY_MAX || self.time > TIME_MAX || !size.is_finite();
-        let twist = match self.goes_back {
-            _ if self.is_over => None,
-            true => self.back(&least, size, share),
-            false => {
-                let linear = (force * GAIN * share).cap_magnitude(SPEED_MAX);
-                let angular = (torque * TURN * share).cap_magnitude(TURN_MAX);
-                Some(Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+        self.least = Some(least);
+        let means = self.means.update(&force, dt).filter(|_| self.time > LATE);
+        self.phase = self.next(&Felt { force, slow, means, steady: STEADY.min(STEADY_DELAY / delay) }, &least);
+        let wanted = match self.phase {
+            Phase::Follows(Follow { force, .. }) => {
+                let along = direction(&force);
+                along * (slow.dot(&along) * FOLLOW.min(gain_max(delay)) * share).clamp(0.0, FOLLOW_MAX)
             }
+            Phase::Returns(_) => {
+                let missing = least.place - self.place;
+                // From there it can still brake.
+                direction(&missing) * (ACCELERATION * missing.norm()).sqrt().min(BACK_MAX)
+            }
+            Phase::Relaxes | Phase::Ends => Vector3::zeros(),
         };
-        let linear = twist.map_or_else(Vector3::zeros, |twist| twist.fixed_rows::<3>(0).into());
-        (self.place, self.way) = (self.place + linear * dt, self.way + linear.norm() * dt);
-        self.is_over |= twist.is_none();
-        twist
+        let is_falling = matches!(self.phase, Phase::Follows(_)) && wanted.norm() < self.led.norm();
+        // A force that falls is that of a spring: nothing heavy follows the hand.
+        let step = if is_falling { FOLLOW_MAX } else { ACCELERATION * dt };
+        self.led += (wanted - self.led).cap_magnitude(step);
+        let given = match self.phase {
+            Phase::Relaxes => force,
+            // A stiff direction answers to a hand that is led: the hand gives way to the difference.
+            Phase::Follows(follow) | Phase::Returns(follow) => force - follow.force,
+            Phase::Ends if self.led.norm() < AT_REST => return None,
+            Phase::Ends => Vector3::zeros(),
+        };
+        let linear = self.led + (given * gain_max(delay) / STIFFEST * share).cap_magnitude(SPEED_MAX);
+        let angular = match self.phase {
+            Phase::Relaxes => (torque * TURN * share).cap_magnitude(TURN_MAX),
+            Phase::Follows(_) | Phase::Returns(_) | Phase::Ends => Vector3::zeros(),
+        };
+        self.place += linear * dt;
+        if let Phase::Follows(follow) | Phase::Returns(follow) = &mut self.phase {
+            follow.way += self.led.norm() * dt;
+        }
+        Some(Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
     }
 
-    /// Returns the velocity (m/s, rad/s, tool axes) back to the place where the force was `least`; none once the hand
-    /// is there.
-    fn back(&self, least: &Least, size: f64, share: f64) -> Option<Vector6<f64>> {
-        let missing = least.place - self.place;
-        let slower = (1.0 - (size - least.first) / BACK_HARDER).clamp(0.0, 1.0) * share;
-        let linear = (missing * BACK_GAIN).cap_magnitude(BACK_MAX) * slower;
-        (missing.norm() >= BACK_AT).then(|| Vector6::new(linear.x, linear.y, linear.z, 0.0, 0.0, 0.0))
+    /// Returns the next phase.
+    fn next(&mut self, felt: &Felt, least: &Least) -> Phase {
+        let size = felt.slow.norm();
+        let is_over = self.time > TIME_MAX || self.place.norm() > WAY_MAX;
+        let eased = self.at_ease.update(felt.force.norm() < AT_EASE);
+        match self.phase {
+            Phase::Ends => Phase::Ends,
+            _ if is_over => Phase::Ends,
+            Phase::Relaxes | Phase::Follows(_) if eased => {
+                self.led = Vector3::zeros();
+                Phase::Ends
+            }
+            // A growing force comes from something other than the grasp, and is not pushed back.
+            Phase::Relaxes if felt.means.is_some_and(|(mean, _)| mean.norm() > least.first + GROWN) => Phase::Ends,
+            Phase::Relaxes => felt
+                .that_stays()
+                .map_or(self.phase, |force| Phase::Follows(Follow { force, way: 0.0, fallen: (0.0, size) })),
+            Phase::Follows(follow) => {
+                let follow =
+                    Follow { force: felt.means.map_or(follow.force, |(mean, _)| follow.aimed(&mean)), ..follow };
+                let (way, before) = follow.fallen;
+                if before - size >= FALL.max(FALL_SHARE * before) {
+                    Phase::Follows(Follow { fallen: (follow.way, size), ..follow })
+                } else if follow.way - way < STRETCH {
+                    Phase::Follows(follow)
+                } else if size - before > FALL.max(FALLEN_SHARE * before) {
+                    // A door closer does not push harder and harder.
+                    Phase::Ends
+                } else {
+                    Phase::Returns(follow)
+                }
+            }
+            Phase::Returns(_) if (least.place - self.place).norm() < BACK_AT => Phase::Ends,
+            Phase::Returns(_) if size > least.first + BACK_HARDER => Phase::Ends,
+            Phase::Returns(follow) => Phase::Returns(follow),
+        }
     }
+}
+
+/// Returns the direction of a vector; none has none.
+fn direction(vector: &Vector3<f64>) -> Vector3<f64> {
+    vector.try_normalize(1e-9).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sdk::Random;
+    use std::collections::VecDeque;
 
     const DT: f64 = 0.01;
     /// From the sensor to the motion of the hand (steps).
     const DELAY: usize = 4;
+    const LOOP: f64 = 0.06;
 
     /// A hand against a spring of `stiffness` (N/m) and a `constant` force (N): returns the remaining force, the
     /// distance (m) and the time (s).
@@ -131,7 +298,7 @@ mod tests {
         let (mut unloading, mut felt) = (Unloading::default(), vec![load + constant; DELAY]);
         let (mut at, mut time) = (0.0, 0.0);
         loop {
-            let Some(twist) = unloading.update(&(Vector6::z() * felt.remove(0)), DT) else {
+            let Some(twist) = unloading.update(&(Vector6::z() * felt.remove(0)), LOOP, DT) else {
                 return ((load - stiffness * at).max(0.0) + constant, at, time);
             };
             at += twist[2] * DT;
@@ -164,17 +331,97 @@ mod tests {
     #[test]
     fn what_pushes_harder_and_harder_is_not_pushed_back() {
         let (mut unloading, mut at, mut furthest, mut force) = (Unloading::default(), 0.0, 0.0_f64, 40.0);
-        while let Some(twist) = unloading.update(&(Vector6::z() * force), DT) {
+        while let Some(twist) = unloading.update(&(Vector6::z() * force), LOOP, DT) {
             at += twist[2] * DT;
             furthest = furthest.max(at);
             force += 15.0 * DT;
         }
-        assert!(at >= furthest && at < 1.2 * STRETCH, "{at} of {furthest} m");
+        assert!(at >= furthest && at < 2.0 * STRETCH, "{at} of {furthest} m");
+    }
+
+    /// Fingers that hold the handle of a leaf.
+    #[derive(Clone, Copy, Debug)]
+    struct Held {
+        /// Of the grasp (N/m).
+        stiffness: f64,
+        /// From the sensor to the drives (s), which lag by 30 ms.
+        delay: f64,
+        /// The pull of the closer at the handle (N), and the leaf as the handle feels it (kg).
+        closer: f64,
+        mass: f64,
+    }
+
+    /// The course of one unloading.
+    struct Course {
+        /// The largest force, and the force at the end (N).
+        most: f64,
+        left: f64,
+        /// The way of the leaf until the end (m).
+        moved: f64,
+        /// Whether it has ended.
+        is_over: bool,
+    }
+
+    impl Held {
+        /// Unloads a hand that opened a door with 30 mm/s until now. It is strained by 28 N along y, where the leaf
+        /// does not give; the closer pulls along z.
+        fn unload(&self) -> Course {
+            const STEP: f64 = 0.001;
+            const DAMPING: f64 = 60.0;
+            const FRICTION: f64 = 3.0;
+            let Self { stiffness, delay, closer, mass } = *self;
+            let (mut unloading, mut random) = (Unloading::default(), Random::new(7));
+            let (mut hand, mut speed) = (Vector3::new(0.0, -28.0, -closer) / stiffness, Vector3::z() * -0.03);
+            let (mut leaf, mut rate, mut command) = (0.0, -0.03, Vector3::zeros());
+            let mut felt = VecDeque::from([Vector3::new(0.0, 28.0, closer)]);
+            let mut course = Course { most: 0.0, left: 0.0, moved: 0.0, is_over: false };
+            for step in 0..4500 {
+                if step % 10 == 0 {
+                    let noise = Vector3::from_fn(|_, _| random.normal(1.0));
+                    let force = felt[0] + noise;
+                    let twist = unloading.update(&Vector6::new(0.0, force.y, force.z, 0.0, 0.0, 0.0), 0.04 + delay, DT);
+                    command = twist.map_or_else(Vector3::zeros, |twist| twist.fixed_rows::<3>(0).into());
+                    course.is_over = twist.is_none();
+                }
+                speed += (command - speed) * (STEP / 0.03);
+                hand += speed * STEP;
+                let at = Vector3::new(0.0, 0.0, leaf) - hand;
+                let force = at * stiffness + (Vector3::z() * rate - speed) * DAMPING;
+                rate += (closer - force.z - FRICTION * (rate / 0.01).tanh()) / mass * STEP;
+                leaf += rate * STEP;
+                felt.push_back(force);
+                if f64::from(u32::try_from(felt.len()).unwrap()) * STEP > delay {
+                    felt.pop_front();
+                }
+                (course.most, course.left, course.moved) = (course.most.max(force.norm()), force.norm(), leaf);
+            }
+            course
+        }
+    }
+
+    /// Two doors of the survey were lost like this: 28 N across the way in a grasp of 33 kN/m, and 20 N in one of
+    /// 45 kN/m, swung up to 78 N within 0.3 s.
+    #[test]
+    fn a_stiff_grasp_does_not_swing() {
+        for stiffness in [48_000.0, 33_000.0, 16_000.0, 6000.0, 3000.0] {
+            for delay in [0.01, 0.03, 0.06] {
+                for (closer, mass) in [(0.0, 10.0), (15.0, 10.0), (40.0, 33.0)] {
+                    let held = Held { stiffness, delay, closer, mass };
+                    let Course { most, left, moved, is_over } = held.unload();
+                    // The leaf still moves when the hand stops: at most 30 mm/s with 33 kg in 48 kN/m, 38 N along z.
+                    let first = if mass > 20.0 { 28f64.hypot(closer) + 14.0 } else { 28f64.hypot(closer) + 1.0 };
+                    assert!(is_over && most < first, "{held:?}: {most} N");
+                    // Friction and noise keep a part of the hand's way back.
+                    assert!(left < closer + 16.0 && moved < 0.035, "{held:?}: {left} N left, {moved} m");
+                    assert!(closer > 0.0 || left < AT_EASE, "{held:?}: {left} N left");
+                }
+            }
+        }
     }
 
     #[test]
     fn a_free_hand_stays_where_it_is() {
-        assert_eq!(Unloading::default().update(&(Vector6::x() * 6.0), DT), None);
-        assert_eq!(Unloading::default().update(&(Vector6::x() * f64::NAN), DT), None);
+        assert_eq!(Unloading::default().update(&(Vector6::x() * 6.0), LOOP, DT), None);
+        assert_eq!(Unloading::default().update(&(Vector6::x() * f64::NAN), LOOP, DT), None);
     }
 }

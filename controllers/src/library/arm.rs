@@ -2,6 +2,7 @@
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FORCE_MAX, FRESH, SENSED, Watch, ramp_dt, seconds};
+use crate::control::compliant::loop_delay;
 use crate::control::filter::Debounce;
 use crate::control::follow::Follow;
 use crate::control::puma560::{self, Joints};
@@ -158,7 +159,8 @@ impl Servo {
         let felt = state.fresh_within(tick.now, FRESH).zip(force.fresh_within(tick.now, FRESH));
         let wanted = felt.and_then(|(state, wrench)| {
             let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
-            let twist = self.unloading.update(&Vector6::new(x, y, z, a, b, c), ramp_dt(tick))?;
+            let delay = loop_delay(force.age(tick.now).unwrap_or_default().as_secs_f64());
+            let twist = self.unloading.update(&Vector6::new(x, y, z, a, b, c), delay, ramp_dt(tick))?;
             let q = Joints::from(state.angles);
             Some(within(&q, &puma560::rates_for(&q, &twist)))
         });

@@ -179,6 +179,19 @@ fn wheels_that_slide_open_no_door() {
     }
 }
 
+/// The law had ended with these doors open at 68 degrees. Then the arm that came to rest swung with a stiff grasp, up to
+/// the 78 N at which the lever slips out, and the mission was done with the door shut.
+#[test]
+fn an_arm_that_comes_to_rest_keeps_a_stiff_grasp() {
+    for (seed, number) in [(9107, 3), (9109, 1)] {
+        let row = rows(4, seed, &[]).into_iter().find(|row| row.label() == "wide");
+        let mission = row.and_then(|row| row.missions.get(number - 1).cloned());
+        let mission = mission.unwrap_or_else(|| panic!("{seed}: there is no mission {number}"));
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        assert!(outcome.is_strict() && outcome.worst < 60.0, "{seed}: {outcome:?}");
+    }
+}
+
 /// With a sensor that is 23 N off after it was set to zero the laws pulled with 105 N.
 #[test]
 fn a_force_sensor_that_is_not_at_zero_is_refused() {

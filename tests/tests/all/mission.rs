@@ -210,6 +210,6 @@ fn compliance_ends_with_a_hit() {
     let seen = fly(COMPLIANT, Disturbance::NONE);
     assert_eq!(seen.finish, Finish::Done);
     // The push starts at 2 s and passes 40 N at 2 + 4 · 40/60 s; three samples, the sensor's filter and the stop
-    // follow.
-    assert!((4.66..5.2).contains(&seen.seconds), "{seen:?}");
+    // follow. In its stop the arm gives way to the push, until that has grown by 12 N in 0.8 s.
+    assert!((4.66..5.9).contains(&seen.seconds), "{seen:?}");
 }
