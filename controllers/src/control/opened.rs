@@ -3,7 +3,8 @@
 //! The estimate of the hinge is fed by the hand alone. A hand that has lost the handle also draws a circle in the air,
 //! and so do wheels that slip. So an opening does not end by its estimate. It ends when the laser sees the leaf at the
 //! goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand has
-//! turned with the leaf. The estimate only says when to start doubting.
+//! turned with the leaf. Then the hand comes to rest, and all of this has to hold for half a second longer: a door is
+//! open if it stays open. The estimate only says when to start doubting.
 //!
 //! Two independent measurements support the angle that the laser sees, and each of the three may be wrong alone. The
 //! path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle. The same
@@ -52,7 +53,12 @@ const LEAVES: f64 = 0.06;
 const FIRST: u32 = 5;
 /// Below this angle (rad) the line of the leaf is partly that of the wall.
 const APART: f64 = 0.26;
+/// The number of sweeps in a row that show the leaf at its goal; the number after which the hand rests, and the number
+/// after which the door is open. At rest the leaf may give by so much (rad).
 const IN_A_ROW: u32 = 3;
+const RESTS: u32 = 8;
+const STAYS: u32 = 18;
+const GIVES: f64 = 0.02;
 
 /// The expected geometry of a door's handle and hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +96,8 @@ pub struct Evidence {
 pub enum Verdict {
     /// Not open yet.
     GoOn,
+    /// At its goal. It has to stay there while the hand comes to rest.
+    Rests,
     /// Open.
     Open,
     /// The evidence does not suffice, or it is not as it should be.
@@ -131,7 +139,8 @@ impl Expected {
 pub struct Watch {
     goal: f64,
     expected: Expected,
-    reached: Debounce,
+    /// The number of sweeps in a row that show the leaf at its goal.
+    reached: u32,
     left: Debounce,
     seen: Option<f64>,
     /// The angle at which the leaf was seen first (rad).
@@ -150,7 +159,7 @@ impl Watch {
         Self {
             goal,
             expected,
-            reached: Debounce::new(IN_A_ROW),
+            reached: 0,
             left: Debounce::new(IN_A_ROW),
             seen: None,
             first: None,
@@ -171,6 +180,11 @@ impl Watch {
         self.turned + self.slid.abs().max(self.moved)
     }
 
+    /// Returns how fast the hand may go, at most 1: it stops when the door is at its goal.
+    pub fn pace(&self) -> f64 {
+        1.0 - f64::from(self.reached.min(RESTS)) / f64::from(RESTS)
+    }
+
     /// Takes the evidence. A value that is NaN is in doubt.
     pub fn update(&mut self, evidence: &Evidence) -> Verdict {
         if !self.expected.holds(evidence.width) {
@@ -185,15 +199,19 @@ impl Watch {
         if self.moved > MOVED_MAX {
             return Verdict::Doubt(Doubt::Moved);
         }
-        let least = evidence.leaf.map(|leaf| leaf.angle - 2.0 * leaf.deviation - self.slip());
-        let reached = least.is_some_and(|least| least >= self.goal - MARGIN);
+        // At first the leaf is certainly at its goal; then it has not certainly left it.
+        let (sure, gives) = if self.reached >= IN_A_ROW { (2.0, GIVES) } else { (-2.0, 0.0) };
+        let angle = evidence.leaf.map(|leaf| leaf.angle + sure * leaf.deviation - self.slip());
+        let reached = angle.is_some_and(|angle| angle >= self.goal - MARGIN - gives);
         if let Some(leaf) = evidence.leaf {
             self.seen = Some(leaf.angle);
             self.first.get_or_insert(leaf.angle);
-            if self.reached.update(reached) {
+            self.reached = if reached { self.reached.saturating_add(1) } else { 0 };
+            if self.reached >= IN_A_ROW {
                 let turned = (leaf.hand - leaf.angle).abs() <= TURN_MAX;
                 let sane = (self.expected.radius.0..=self.expected.radius.1).contains(&evidence.radius);
                 return match (turned, sane) {
+                    (true, true) if self.is_witnessed(evidence, leaf.angle) && self.reached < STAYS => Verdict::Rests,
                     (true, true) if self.is_witnessed(evidence, leaf.angle) => Verdict::Open,
                     (true, true) => Verdict::Doubt(Doubt::Way),
                     (false, _) => Verdict::Doubt(Doubt::Turn),
@@ -202,7 +220,7 @@ impl Watch {
             }
         }
         // A number that is none is not below.
-        if evidence.believed < self.goal + AHEAD_MAX || reached {
+        if evidence.believed < self.goal + AHEAD_MAX || reached || self.reached >= IN_A_ROW {
             return Verdict::GoOn;
         }
         Verdict::Doubt(match self.seen {
@@ -287,12 +305,54 @@ mod tests {
         for leaf in [Some(LEAF), Some(LEAF), None, Some(LEAF)] {
             verdicts.push(watch.update(&Evidence { leaf, ..GOOD }));
         }
-        assert_eq!(verdicts, [Verdict::GoOn, Verdict::GoOn, Verdict::GoOn, Verdict::Open]);
+        assert_eq!(verdicts, [Verdict::GoOn, Verdict::GoOn, Verdict::GoOn, Verdict::Rests]);
+    }
+
+    #[test]
+    fn a_door_is_open_once_it_stays_open() {
+        let mut watch = watch();
+        let verdicts: Vec<Verdict> = (0..STAYS).map(|_| watch.update(&GOOD)).collect();
+        let rests = verdicts.iter().filter(|verdict| **verdict == Verdict::Rests).count();
+        assert_eq!((rests, verdicts.last()), ((STAYS - IN_A_ROW) as usize, Some(&Verdict::Open)));
+        assert!(watch.pace() <= 0.0, "the hand rests");
+    }
+
+    /// The estimate of the hand is ahead of the leaf, and a sweep comes only every 50 ms.
+    #[test]
+    fn an_estimate_that_is_ahead_does_not_end_the_rest() {
+        let mut watch = watch();
+        for _ in 0..IN_A_ROW {
+            watch.update(&GOOD);
+        }
+        assert_eq!(watch.update(&Evidence { leaf: None, believed: 1.7, ..GOOD }), Verdict::GoOn);
+        assert_eq!(watch.update(&Evidence { believed: 1.7, ..GOOD }), Verdict::Rests);
+    }
+
+    /// The lever slipped out while the robot came to rest, and the closer shut the door.
+    #[test]
+    fn a_door_that_is_lost_while_the_hand_comes_to_rest_is_not_open() {
+        for sweeps in IN_A_ROW..STAYS - 1 {
+            let after = |lost: Evidence| {
+                let mut watch = watch();
+                for _ in 0..sweeps {
+                    watch.update(&GOOD);
+                }
+                (watch.update(&lost), watch.pace())
+            };
+            let shuts = Evidence { leaf: Some(Leaf { angle: 1.15, ..LEAF }), ..GOOD };
+            assert_eq!(after(Evidence { width: 0.0, ..GOOD }).0, Verdict::Doubt(Doubt::Handle));
+            assert_eq!(after(shuts), (Verdict::GoOn, 1.0), "the hand opens it further");
+            // One sweep of a noisy laser does not show that it shuts.
+            for (angle, deviation) in [(1.18, 0.002), (1.15, 0.02)] {
+                let gives = Evidence { leaf: Some(Leaf { angle, deviation, ..LEAF }), believed: 1.7, ..GOOD };
+                assert_eq!(after(gives).0, Verdict::Rests);
+            }
+        }
     }
 
     #[test]
     fn each_doubt_has_its_reason() {
-        assert_eq!(verdict(&GOOD), Verdict::Open);
+        assert_eq!(verdict(&GOOD), Verdict::Rests);
         for width in [0.0, 0.009, 0.041, f64::NAN] {
             assert_eq!(verdict(&Evidence { width, ..GOOD }), Verdict::Doubt(Doubt::Handle), "{width}");
         }
@@ -312,7 +372,7 @@ mod tests {
             verdict(&Evidence { turned: Some(turned), leaf: Some(Leaf { angle, ..LEAF }), believed, ..GOOD })
         };
         assert_eq!(with(0.17, 1.23, 1.3), Verdict::GoOn);
-        assert_eq!(with(0.17, 1.37, 1.4), Verdict::Open);
+        assert_eq!(with(0.17, 1.37, 1.4), Verdict::Rests);
         assert_eq!(with(0.17, 1.23, 1.6), Verdict::Doubt(Doubt::Wheels));
         assert_eq!(with(f64::NAN, 1.3, 1.6), Verdict::Doubt(Doubt::Wheels));
     }
@@ -330,13 +390,13 @@ mod tests {
         }
         assert!((watch.slip() - 0.235 * 0.99).abs() < 1e-9, "{}", watch.slip());
         // 0.765 of the arc counts: 0.5 + 0.765 a ≥ 1.185 + 2 · 0.002 from step 91 on; the third sweep confirms it.
-        let said = verdicts.iter().position(|verdict| *verdict == Verdict::Open);
+        let said = verdicts.iter().position(|verdict| *verdict == Verdict::Rests);
         assert!(said.is_some_and(|step| (91..95).contains(&step)), "{said:?}");
         let radius = |radius| verdict(&Evidence { radius, turned: Some(0.0), seen_radius: Some(0.82), ..GOOD });
         for slipped in [0.6, 1.1, f64::NAN] {
             assert_eq!(radius(slipped), Verdict::Doubt(Doubt::Wheels), "{slipped}");
         }
-        assert_eq!(radius(0.9), Verdict::Open);
+        assert_eq!(radius(0.9), Verdict::Rests);
     }
 
     /// A side wall by the latch of a shut door was taken for its wall: leaf and hand stood at 90 degrees from the first
@@ -350,13 +410,13 @@ mod tests {
         // A law that begins in the middle needs the rest of the way only.
         let mut watch = Watch { first: Some(0.8), ..watch() };
         let rest = Evidence { way: 0.35, believed: 0.45, ..GOOD };
-        assert_eq!([rest; 3].map(|rest| watch.update(&rest))[2], Verdict::Open);
+        assert_eq!([rest; 3].map(|rest| watch.update(&rest))[2], Verdict::Rests);
     }
 
     #[test]
     fn a_leaf_that_leaves_the_hand_is_lost_whatever_the_fingers_say() {
         for (away, told) in
-            [(0.10, Verdict::Open), (0.14, Verdict::Doubt(Doubt::Left)), (-0.02, Verdict::Doubt(Doubt::Left))]
+            [(0.10, Verdict::Rests), (0.14, Verdict::Doubt(Doubt::Left)), (-0.02, Verdict::Doubt(Doubt::Left))]
         {
             assert_eq!(verdict(&Evidence { leaf: Some(Leaf { away, ..LEAF }), ..GOOD }), told, "{away}");
         }
@@ -374,9 +434,9 @@ mod tests {
                 ..GOOD
             })
         };
-        assert_eq!(with(0.0, 1.23), Verdict::Open);
+        assert_eq!(with(0.0, 1.23), Verdict::Rests);
         assert_eq!(with(0.18, 1.23), Verdict::GoOn);
-        assert_eq!(with(0.18, 1.38), Verdict::Open);
+        assert_eq!(with(0.18, 1.38), Verdict::Rests);
         assert_eq!(with(0.3, 1.5), Verdict::Doubt(Doubt::Moved));
     }
 

@@ -370,7 +370,7 @@ impl Controller for ModelBasedCtrl {
         let opening = self.opening.get_or_insert_with(|| Opening::new(&posture, self.radius, self.opens));
         // A door that is pushed is slower anyway, and does not run into the hand.
         let slowest = if opening.pushes() { PUSH_PACE_MIN } else { PACE_MIN };
-        let pace = (left / BRAKE).clamp(slowest, 1.0).min(room);
+        let pace = (left / BRAKE).clamp(slowest, 1.0).min(room) * self.watch.pace();
         let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
         let pull = opening.update(&posture, &known.wrench, pace, loop_delay(age), tick.dt());
         let (radius, sense, askew) = (opening.hinge().radius(), opening.sense(), opening.askew());
