@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn what_is_stopped_stays_so_until_it_is_released() {
         let folder = std::env::temp_dir().join(format!("dca-estop-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+        fs::create_dir_all(&folder).unwrap();
         let open = || EstopFile::open(Some(folder.clone()));
         let (file, before) = open();
         assert_eq!(before, None);
@@ -175,12 +175,12 @@ mod tests {
         assert_eq!(open().1, None);
         assert!(folder.join("estop.spare").metadata().unwrap().len() == SIZE as u64, "the room is kept");
         let somebody = Estop { by: "somebody".into(), reason: String::new() };
-        std::fs::write(folder.join(FILE), "").unwrap();
+        fs::write(folder.join(FILE), "").unwrap();
         assert_eq!(open().1, Some(somebody.clone()), "an empty file counts");
-        std::fs::remove_file(folder.join(FILE)).unwrap();
+        fs::remove_file(folder.join(FILE)).unwrap();
         rustix::fs::mkdir(folder.join(FILE), rustix::fs::Mode::RWXU).unwrap();
         assert_eq!(open().1, Some(somebody), "what cannot be read counts");
         assert!(file.write().unwrap_err().contains("estop"), "a folder is in the way");
-        std::fs::remove_dir_all(&folder).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
     }
 }

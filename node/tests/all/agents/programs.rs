@@ -156,6 +156,7 @@ impl World {
         self.begins.push((self.now, host.to_owned(), order.path.clone()));
         self.took.insert(process.clone(), (0, 0));
         self.rejoining.remove(&process);
+        self.dialled.remove(&process);
         self.spawned.entry(order.path.clone()).or_default().push(order.policy);
         self.modules.insert(process.clone(), order.command[1].clone());
         self.commands.insert(process.clone(), order.command.clone());
@@ -179,11 +180,12 @@ impl World {
         self.notice(5, host, &process, hello);
     }
 
-    /// Has a program make its links. A producer that is gone is waited for, and for long only if all programs start together.
+    /// Has a program make its links. A producer that is gone is waited for at first, and for long only if all programs start together.
     fn make_links(&mut self, host: &str, process: &ProcessId, sessions: &BTreeSet<String>) {
         let there: BTreeSet<String> = self.alive.iter().map(|(_, other)| self.session(other)).collect();
         let reason = "a producer has not come within 18 s".to_owned();
-        match sessions.difference(&there).next() {
+        let is_first = !self.dialled.contains_key(process);
+        match sessions.difference(&there).next().filter(|_| is_first) {
             None => self.notice(3, host, process, Notice::Connected),
             Some(_) if self.rejoining.contains(process) => self.notice(1000, host, process, Notice::Connected),
             Some(_) => self.notice(18_000, host, process, Notice::ConnectFailed { reason }),
