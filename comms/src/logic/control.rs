@@ -425,6 +425,13 @@ pub enum Notice {
         /// The call.
         call: UserCall,
     },
+    /// Stopped as ordered, after `Stop()`, but work outside of the program may go on.
+    StopUnconfirmed {
+        /// As ordered.
+        activation: u32,
+        /// The work that may go on, for a person.
+        reason: String,
+    },
 }
 
 /// A call of a user, as the program has it that is called.

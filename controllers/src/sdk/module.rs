@@ -74,6 +74,12 @@ pub trait Module: Send {
     /// Calls `Stop()` once.
     fn stop(&mut self, now: Time) -> Stopping;
 
+    /// Returns the work outside of the program that may go on, for a person; none if the stop is confirmed. Called once
+    /// when the stop has finished or has taken too long.
+    fn unconfirmed(&mut self) -> Option<String> {
+        None
+    }
+
     /// Takes what the last call sent, as (port, bytes), in order of declaration.
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>));
 

@@ -128,6 +128,7 @@ async fn hear(
         | Notice::Done { .. }
         | Notice::Aborted { .. }
         | Notice::Stopped { .. }
+        | Notice::StopUnconfirmed { .. }
         | Notice::Expecting { .. }
         | Notice::Taken { .. }
         | Notice::Database { .. }
@@ -162,6 +163,7 @@ async fn hear(
             | Notice::Done { .. }
             | Notice::Aborted { .. }
             | Notice::Stopped { .. }
+            | Notice::StopUnconfirmed { .. }
             | Notice::Resume { .. }
             | Notice::Expecting { .. }
             | Notice::Taken { .. }) => Some(Event::Control(connection.clone(), said)),

@@ -120,6 +120,8 @@ struct Current {
     value: Vec<u8>,
     /// The host whose loss stops it.
     lost: Option<String>,
+    /// The work that may go on outside of the program, which was told to leave.
+    may_go_on: Option<String>,
 }
 
 /// The program that is there, or was there last.
@@ -253,6 +255,11 @@ impl Instance {
     /// Returns whether nothing of the program is left, for good.
     pub fn is_gone(&self) -> bool {
         self.stage == Stage::Dead
+    }
+
+    /// Returns the cause of its last end, if work outside of the program may go on.
+    pub fn open_work(&self) -> Option<&FailureCause> {
+        self.failed.as_ref().filter(|cause| matches!(cause, FailureCause::MayGoOn(_)))
     }
 
     /// Returns whether its links have stood once.
@@ -392,7 +399,7 @@ impl Instance {
             let failure = self.failure(cause, context);
             return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
-        self.current = Some(Current { number: activation, value: value.clone(), lost: None });
+        self.current = Some(Current { number: activation, value: value.clone(), lost: None, may_go_on: None });
         context.notes.push(Note::Changed(Change::Activated));
         match self.stage {
             Stage::Idle if self.obstacles.checks_in => {}

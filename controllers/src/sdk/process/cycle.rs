@@ -389,6 +389,7 @@ impl Cycle {
 
     fn ended(&mut self) {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
+        let unconfirmed = self.call(|module| module.unconfirmed()).flatten();
         self.finish_switches();
         self.links.callers().cancel_all();
         self.database.cancel_all();
@@ -406,7 +407,7 @@ impl Cycle {
         if self.refused > 0 {
             tracing::warn!(refused = self.refused, "values were refused: a number in them was not finite");
         }
-        self.tell(&ending.notice(activation));
+        self.tell(&ending.notice(activation, unconfirmed));
     }
 
     fn send(&mut self) {

@@ -15,8 +15,19 @@ pub(super) enum Ending {
 
 impl Ending {
     /// Returns the notice of this end. A notice above the limit of a frame would be lost, and the activation would never end: a value that is
-    /// too large is an abort, and a reason that is too long is cut.
-    pub(super) fn notice(self, activation: u32) -> Notice {
+    /// too large is an abort, and a reason that is too long is cut. `unconfirmed` names the work
+    /// outside of the program that may go on.
+    pub(super) fn notice(self, activation: u32, unconfirmed: Option<String>) -> Notice {
+        match (self, unconfirmed) {
+            (Self::Stopped, Some(reason)) => Notice::StopUnconfirmed { activation, reason: cut(reason) },
+            (Self::Aborted(reason), Some(why)) => {
+                Notice::Aborted { activation, reason: cut(format!("{reason}; {why}")) }
+            }
+            (ending, _) => ending.plain(activation),
+        }
+    }
+
+    fn plain(self, activation: u32) -> Notice {
         match self {
             Self::Done(value) => match control::too_large(value.len()) {
                 None => Notice::Done { activation, value },
@@ -43,7 +54,7 @@ mod tests {
     use comms::logic::control::VALUE_MAX;
 
     fn check(ending: Ending, expected: &str) {
-        let notice = ending.notice(1);
+        let notice = ending.notice(1, None);
         notice_frame(&notice).unwrap();
         let Notice::Aborted { reason, .. } = notice else { panic!("{notice:?}") };
         assert_eq!(reason, expected);
@@ -55,8 +66,18 @@ mod tests {
         check(Ending::Aborted("ä".repeat(9 << 20)), &format!("{}…", "ä".repeat(REASON_MAX / 2)));
         check(Ending::Aborted("no door".to_owned()), "no door");
         assert_eq!(
-            Ending::Done(vec![0; VALUE_MAX]).notice(1),
+            Ending::Done(vec![0; VALUE_MAX]).notice(1, None),
             Notice::Done { activation: 1, value: vec![0; VALUE_MAX] }
         );
+    }
+    #[test]
+    fn what_may_go_on_is_a_part_of_the_end() {
+        let goes_on = || Some("the goal may go on".to_owned());
+        let activation = 1;
+        let reason = "the goal may go on".to_owned();
+        assert_eq!(Ending::Stopped.notice(1, goes_on()), Notice::StopUnconfirmed { activation, reason });
+        let reason = "no door; the goal may go on".to_owned();
+        assert_eq!(Ending::Aborted("no door".to_owned()).notice(1, goes_on()), Notice::Aborted { activation, reason });
+        assert_eq!(Ending::Stopped.notice(1, None), Notice::Stopped { activation });
     }
 }

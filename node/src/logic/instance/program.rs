@@ -59,6 +59,7 @@ impl Instance {
                 self.ended(activation, Ending::Aborted(failure), context);
             }
             Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, context),
+            Notice::StopUnconfirmed { activation, reason } => self.ended_unconfirmed(activation, reason, context),
             Notice::Running { activation } => {
                 if self.current.as_ref().is_some_and(|current| current.number == activation) {
                     self.is_up(context);
@@ -250,7 +251,8 @@ impl Instance {
                 self.hold_ready(context);
             }
             Stage::Stopping { .. } => {
-                self.finish(Ending::Stopped, context);
+                let ending = self.may_go_on(context).unwrap_or(Ending::Stopped);
+                self.finish(ending, context);
                 if !self.is_controller() {
                     self.hold_ready(context);
                 } else if self.probation.is_some() {
@@ -350,6 +352,27 @@ impl Instance {
         }
     }
 
+    /// Returns the end of an activation whose program has ended, if work outside of the program may go on.
+    fn may_go_on(&mut self, context: &InstanceContext<'_>) -> Option<Ending> {
+        let what = self.current.as_mut()?.may_go_on.take()?;
+        Some(Ending::Aborted(self.failure(FailureCause::MayGoOn(what), context)))
+    }
+
+    /// The controller has stopped, and work outside of it may go on. A program that is being ended says so before its end.
+    fn ended_unconfirmed(&mut self, activation: u32, reason: String, context: &mut InstanceContext<'_>) {
+        let current = self.current.as_mut().filter(|current| current.number == activation);
+        match (&self.stage, current) {
+            (Stage::Leaving { .. } | Stage::Stopping { forced: true, .. }, Some(current)) => {
+                current.may_go_on = Some(reason);
+            }
+            (_, Some(_)) => {
+                let failure = self.failure(FailureCause::MayGoOn(reason), context);
+                self.ended(activation, Ending::Aborted(failure), context);
+            }
+            (_, None) => {}
+        }
+    }
+
     /// Kills a program that has hung at its start. The refusal, sent once the program is gone, quotes its output.
     fn give_up(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         self.program.cause.get_or_insert(cause);
@@ -380,7 +403,8 @@ impl Instance {
         let ending = if self.is_unconfirmed() {
             Ending::Unconfirmed
         } else {
-            Ending::Aborted(self.failure(FailureCause::NotAvailable("its host has ended its part".into()), context))
+            let left = || FailureCause::NotAvailable("its host has ended its part".into());
+            self.may_go_on(context).unwrap_or_else(|| Ending::Aborted(self.failure(left(), context)))
         };
         self.finish(ending, context);
         context.notes.push(Note::Gone);

@@ -119,6 +119,8 @@ pub enum FailureCause {
     Restarted,
     /// A user has stopped it while its home was away: the host that reports it.
     StoppedAway(String),
+    /// The program was stopped, and work outside of it may go on: in the program's own words.
+    MayGoOn(String),
 }
 
 /// How a program ended.
@@ -156,9 +158,9 @@ impl FailureCause {
         })
     }
 
-    /// Returns whether it may still be running.
+    /// Returns whether it, or something that it has begun, may still be running.
     pub fn is_unconfirmed_stop(&self) -> bool {
-        matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_))
+        matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_) | Self::MayGoOn(_))
     }
 
     /// Returns the cause with the details of the failed program: how often it was started again, and the last lines of
@@ -202,6 +204,7 @@ impl fmt::Display for FailureCause {
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
             Self::StopUnconfirmed => f.write_str("its stop could not be confirmed"),
+            Self::MayGoOn(what) => write!(f, "its stop could not be confirmed: {}", printable(what)),
             Self::Exhausted { last, restarts } => {
                 write!(f, "{} after {}", printable(last), counted(*restarts, "restart"))
             }

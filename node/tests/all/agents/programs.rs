@@ -128,7 +128,8 @@ impl World {
             Order::Stop { activation } => {
                 self.running.remove(&(host.to_owned(), process.clone()));
                 if module != "Stubborn" {
-                    self.notice(4, host, process, Notice::Stopped { activation });
+                    let notice = self.stopped(process, activation);
+                    self.notice(4, host, process, notice);
                 }
             }
             Order::Configure { .. }
@@ -145,8 +146,22 @@ impl World {
                 self.rejoining.insert(process.clone());
             }
             Order::Exit if self.lingers => {}
-            Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
+            Order::Exit => {
+                if let Some(activation) = self.running.get(&(host.to_owned(), process.clone())) {
+                    let notice = self.stopped(process, *activation);
+                    self.at(0, host, Coming::Input(Input::Control { process: process.clone(), notice }));
+                }
+                self.die(host, process, ShimReport::Exited { code: 0 });
+            }
         }
+    }
+
+    /// Returns how a program ends that was told to.
+    fn stopped(&self, process: &ProcessId, activation: u32) -> Notice {
+        if self.commands[process].get(2).is_some_and(|way| way == "way=loose") {
+            return Notice::StopUnconfirmed { activation, reason: "the goal may go on".to_owned() };
+        }
+        Notice::Stopped { activation }
     }
 
     pub(super) fn spawn(&mut self, host: &str, order: SpawnOrder) {

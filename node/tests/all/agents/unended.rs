@@ -311,3 +311,30 @@ process main() {
     }
     assert!(steps > 100, "it went on now and then: {steps}");
 }
+
+/// A program has stopped, and something outside of it may go on: no end of its mission hides this.
+#[test]
+fn what_may_go_on_outside_of_a_program_is_told() {
+    let cause = FailureCause::MayGoOn("the goal may go on".into());
+    for actions in ["nav # hit", "nav within 200 ms", "(nav # hit) ; hit", "nav"] {
+        let mut world = World::new(&["c1"]);
+        let rest = r#"nav instof Walker("c1", way = loose); hit instof Step("c1");"#;
+        let call = world.deploy("c1", &zone(actions, rest));
+        world.run_for(Duration::from_millis(500));
+        if actions == "nav" {
+            world.stop("c1");
+        }
+        world.run_for(Duration::from_secs(5));
+        let Report::Finished { ending, unconfirmed, .. } = world.last_report(call) else { panic!("it has not ended") };
+        match ending {
+            Ending::Unconfirmed => assert_eq!(actions, "nav"),
+            Ending::Aborted(failure) => assert_eq!((&failure.cause, failure.origin.as_str()), (&cause, "main/nav")),
+            Ending::Done(_) | Ending::Stopped => panic!("{actions}: {ending:?}"),
+        }
+        assert!(unconfirmed.is_empty(), "its programs have ended");
+        let nav = told(&world, call, "main/nav");
+        let is_told =
+            |change: &Change| matches!(change, Change::Ended(Ending::Aborted(failure)) if failure.cause == cause);
+        assert!(nav.iter().any(is_told), "{actions}: {nav:?}");
+    }
+}
