@@ -98,7 +98,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(left) = named(&hosts, |outcome| matches!(outcome, Outcome::Stopped(there) if !there.unended.is_empty()))
     {
-        return Err(anyhow!("not everything could be ended on {left}: `dca status` says which process to end").into());
+        return Err(anyhow!(
+            "not everything could be ended on {left}: end it there; `dca status` names the processes that still run"
+        )
+        .into());
     }
     if let Some(unwritten) = named(&hosts, |outcome| outcome.unwritten().is_some()) {
         let what = if arguments.release { "programs may begin" } else { "everything is stopped" };

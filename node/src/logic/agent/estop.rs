@@ -3,7 +3,7 @@
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
-use crate::logic::protocol::{Answer, Estop, Estopped, FailureCause};
+use crate::logic::protocol::{Answer, Deployment, Estop, Estopped, FailureCause};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 
@@ -19,12 +19,21 @@ pub(super) struct Stopped {
     writes: (u64, u64),
     /// Why the disk does not have it.
     unwritten: Option<String>,
+    /// The work that may go on outside of programs that have ended while callers wait.
+    open: Vec<String>,
 }
 
 impl Stopped {
     /// Whether the last write that was asked for is over.
     const fn is_over(&self) -> bool {
         self.writes.0 == self.writes.1
+    }
+
+    /// Takes note of the work that may go on of a deployment that is over, for the callers that wait.
+    pub(super) fn note_open(&mut self, deployment: &Deployment, may_go_on: Vec<String>) {
+        if !self.waiting.is_empty() {
+            self.open.extend(may_go_on.iter().map(|what| format!("{deployment} {what}")));
+        }
     }
 }
 
@@ -78,7 +87,7 @@ impl Agent {
         if self.stopped.waiting.is_empty() || !self.participants.is_empty() || !self.stopped.is_over() {
             return;
         }
-        let mut unended = Vec::new();
+        let mut unended = std::mem::take(&mut self.stopped.open);
         for (deployment, left) in &self.past.unended {
             let programs =
                 self.past.programs.iter().find(|(id, _)| id == deployment).map_or(&[][..], |(_, programs)| programs);

@@ -33,6 +33,7 @@ impl Agent {
                 let open = away.map(|host| (host.clone(), Why::Lost)).collect();
                 self.peers.absence.open(now, deployment.clone(), participant.home(), open);
             }
+            self.stopped.note_open(&deployment, participant.may_go_on());
             let leaves = participant.unconfirmed();
             if !leaves.is_empty() {
                 let (home, claims) = (participant.home().to_owned(), participant.claims().clone());

@@ -145,6 +145,12 @@ impl Participant {
         self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
     }
 
+    /// Returns the programs that have stopped while work outside of them may go on, each with a description of the work.
+    pub fn may_go_on(&self) -> Vec<String> {
+        let causes = self.instances.iter().filter_map(|(leaf, instance)| Some((leaf, instance.open_work()?)));
+        causes.map(|(leaf, cause)| format!("{}: {cause}", self.path(leaf).unwrap_or_default())).collect()
+    }
+
     /// Returns why a plan cannot be taken on that has no program any more which could not be ended: what that has taken would be
     /// free with it.
     pub(super) fn unended_without(&self, plan: &Plan) -> Vec<String> {

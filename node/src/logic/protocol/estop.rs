@@ -36,7 +36,8 @@ impl fmt::Display for Estop {
 /// The answer to [`super::Request::Estop`]: no program of a deployment runs on the node, but for those named.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Estopped {
-    /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`.
+    /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`. A
+    /// program that has ended is in the list if work outside of it may go on, with a description of the work.
     pub unended: Vec<String>,
     /// Why the disk of the node does not have it; then the next start of the node may not know that everything is stopped.
     pub unwritten: Option<String>,

@@ -5,7 +5,7 @@ use super::changes::outcome;
 use super::losses::{cut, heal};
 use super::world::{Draw, World};
 use node::logic::agent::Input;
-use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report, Request};
+use node::logic::protocol::{Answer, Change, Ending, Estop, FailureCause, Report, Request};
 use shim::protocol::ShimReport;
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -337,4 +337,18 @@ fn what_may_go_on_outside_of_a_program_is_told() {
             |change: &Change| matches!(change, Change::Ended(Ending::Aborted(failure)) if failure.cause == cause);
         assert!(nav.iter().any(is_told), "{actions}: {nav:?}");
     }
+}
+
+/// A user who stops everything has to know that as well.
+#[test]
+fn an_emergency_stop_names_what_may_go_on() {
+    let mut world = World::new(&["c1"]);
+    let call = world.deploy("c1", &zone("nav", r#"nav instof Walker("c1", way = loose);"#));
+    world.run_for(Duration::from_millis(500));
+    let asked = world.ask("c1", Request::Estop(Estop { by: "ann@c1".into(), reason: String::new() }));
+    world.run_for(Duration::from_secs(5));
+    let [Answer::Estopped(there)] = &world.answers[&asked][..] else { panic!("{:?}", world.answers[&asked]) };
+    assert_eq!(there.unended, ["test@1 main/nav: its stop could not be confirmed: the goal may go on"]);
+    let nav = told(&world, call, "main/nav");
+    assert!(nav.iter().any(|change| format!("{change:?}").contains("MayGoOn")), "{nav:?}");
 }
