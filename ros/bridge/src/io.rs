@@ -53,6 +53,8 @@ pub(crate) type Waiting = Arc<Mutex<Arrivals>>;
 #[derive(Debug)]
 pub(crate) struct RosSession {
     session: Session,
+    /// Whether the router was there at the last look.
+    had_router: bool,
     domain: u32,
     node: Node,
     _token: LivelinessToken,
@@ -90,7 +92,21 @@ impl RosSession {
         let token = Token { domain: network.domain, session: session.zid().to_string(), node, endpoint: None };
         let shown = declare(&session, &token)?;
         let tokens = watch(&session, network.domain, graph)?;
-        Ok(Self { session, domain: network.domain, node: token.node, _token: shown, _tokens: tokens })
+        let domain = network.domain;
+        Ok(Self { session, had_router: true, domain, node: token.node, _token: shown, _tokens: tokens })
+    }
+
+    /// Logs that the router has gone or is back, if that is so since the last look.
+    pub(crate) fn look_at_router(&mut self) {
+        let has_router = self.is_connected();
+        if std::mem::replace(&mut self.had_router, has_router) == has_router {
+            return;
+        }
+        if has_router {
+            tracing::info!("the router of ROS 2 is back");
+        } else {
+            tracing::warn!("the router of ROS 2 is away; no message passes until it is back");
+        }
     }
 
     /// Returns whether the router is connected.
@@ -211,7 +227,12 @@ fn open(network: &Network) -> Result<Session, String> {
     let own = SETTINGS.iter().map(|(key, value)| (*key, *value));
     let given = network.settings.iter().map(|(key, value)| (key.as_str(), value.as_str()));
     for (key, value) in own.chain(given) {
-        let why = |error| format!("`ZENOH_CONFIG_OVERRIDE` cannot set `{key}` to `{value}`: {error}");
+        let why = |error: Box<dyn std::error::Error + Send + Sync>| {
+            // Zenoh adds the place in its source.
+            let told = error.to_string();
+            let cause = told.split(" at /").next().unwrap_or_default();
+            format!("`ZENOH_CONFIG_OVERRIDE` cannot set `{key}` to `{value}`: {cause}")
+        };
         config.insert_json5(key, value).map_err(why)?;
     }
     let (until, pause) = (now() + OPEN_WITHIN, Wakeup::default());

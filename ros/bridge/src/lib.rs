@@ -12,6 +12,19 @@ mod module;
 mod setup;
 
 use controllers::sdk::Registry;
+use tracing_subscriber::EnvFilter;
+
+/// The lines of the log, unless `RUST_LOG` says otherwise. Zenoh reports each failed attempt to reach a router; the bridge says the
+/// same once.
+const LOGGED: &str = "off,bridge=info,controllers=warn,comms=warn";
+
+/// Sends the log of this process to standard error, which `dca logs` shows.
+pub fn log() {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
+    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr);
+    // A log that was started before stays.
+    lines.try_init().unwrap_or_default();
+}
 
 /// Returns the controller types of the program: the bridge, and an action as a task.
 pub fn registry() -> Registry {

@@ -139,6 +139,7 @@ impl Module for Bridge {
     }
 
     fn calculate(&mut self, _: Time) -> Progress {
+        self.session.iter_mut().for_each(RosSession::look_at_router);
         for carried in &self.carried {
             if let End::Call { client: Some(client), .. } = &carried.end {
                 client.forget();
