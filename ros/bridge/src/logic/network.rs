@@ -48,7 +48,12 @@ impl Network {
                 settings.push((key.to_owned(), value.to_owned()));
             }
         }
-        Ok(Self { domain, settings, is_humble: distribution == HUMBLE })
+        let network = Self { domain, settings, is_humble: distribution == HUMBLE };
+        let has_router = network.router().chars().any(|character| !matches!(character, '[' | ']' | '"' | ' '));
+        if !has_router {
+            return Err(format!("`ZENOH_CONFIG_OVERRIDE` sets `{ENDPOINTS}` to an empty list: it needs the router"));
+        }
+        Ok(network)
     }
 
     /// Returns the hash of a type in keys.
@@ -86,7 +91,9 @@ mod tests {
 
     #[test]
     fn mistakes_in_them_are_told() {
-        for (domain, overrides) in [("x", ""), ("-1", ""), ("233", ""), ("0", "connect")] {
+        for (domain, overrides) in
+            [("x", ""), ("-1", ""), ("233", ""), ("0", "connect"), ("0", "connect/endpoints=[ ]")]
+        {
             assert!(Network::read(domain, overrides, "").is_err(), "{domain} {overrides}");
         }
     }
