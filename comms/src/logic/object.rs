@@ -201,6 +201,12 @@ pub enum ObjectError {
         /// The name of the called export.
         name: String,
     },
+    /// The program has passed the call on, and got no answer.
+    #[error("{reason}; the call may have been carried out")]
+    Unanswered {
+        /// For a person.
+        reason: String,
+    },
 }
 
 impl ObjectError {
@@ -218,7 +224,7 @@ impl ObjectError {
 
     /// Returns whether the call may have been carried out despite the error.
     pub fn may_have_happened(&self) -> bool {
-        matches!(self, Self::Deadline { .. } | Self::Gone)
+        matches!(self, Self::Deadline { .. } | Self::Gone | Self::Unanswered { .. })
     }
 
     /// Returns advice for a person; empty if the error contains it.
@@ -228,7 +234,7 @@ impl ObjectError {
             Self::NoSuchProcedure { .. } | Self::WrongType { .. } => {
                 "`dca list` shows what is exported, with its types"
             }
-            Self::Refused { .. } => "",
+            Self::Refused { .. } | Self::Unanswered { .. } => "",
             Self::Deadline { .. } => "`--within` gives it more time; `dca status` shows whether its program runs",
             Self::Gone => "`dca status` shows whether its program runs",
             Self::TooLarge { .. } => "large data goes over a connection",
@@ -403,6 +409,7 @@ mod tests {
         failed(ObjectError::TooLarge { size: 300, size_max: 1 }, b"\x06\xac\x02\x01");
         failed(ObjectError::Busy { waiting: 3 }, b"\x07\x03");
         failed(ObjectError::NotConnected { name: "a".into() }, b"\x08\x01a");
+        failed(ObjectError::Unanswered { reason: "no".into() }, b"\x09\x02no");
     }
 
     #[test]

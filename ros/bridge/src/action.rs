@@ -3,7 +3,7 @@
 use crate::io::services::{Caller, Client, Service};
 use crate::io::{Graph, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::Arrivals;
-use crate::logic::goal::{Effect, Ending, Goal, Input, Status};
+use crate::logic::goal::{CancelAnswer, Effect, Ending, Goal, Input, Status};
 use crate::logic::network::Network;
 use crate::logic::parts;
 use crate::logic::replies::Failure;
@@ -36,7 +36,7 @@ const SIGNALS_EVERY: Duration = Duration::from_millis(500);
 const PARAMETERS: &[Parameter] = &[
     Parameter::new("action", Kind::Text(&[])),
     Parameter::new("type", Kind::Text(&[])),
-    Parameter::new("stop_ms", Kind::Text(&[])).or("5000"),
+    Parameter::new("stop_ms", Kind::Text(&[])).or("6000"),
     setup::DOMAIN,
     setup::SETTINGS,
     setup::DISTRIBUTION,
@@ -161,10 +161,11 @@ impl Action {
         lock(&self.graph).forget();
     }
 
-    /// Hands over what was heard, and does what follows; returns the end of the goal, if it has one.
-    fn step(&mut self, now: Time, stop: Option<Input>) -> Option<Ending> {
+    /// Hands over what was heard, and does what follows.
+    fn step(&mut self, now: Time, stop: Option<Input>) {
         let waker = self.waker.clone();
-        let running = self.running.as_mut()?;
+        let Some(running) = &mut self.running else { return };
+        running.session.look_at_router();
         let is_there = running.send.has_server();
         let mut effects = Vec::new();
         for input in [Input::Server { is_there }].into_iter().chain(stop) {
@@ -176,7 +177,6 @@ impl Action {
         for effect in effects {
             running.perform(&effect, &self.forms, waker.clone());
         }
-        running.goal.ending().cloned()
     }
 }
 
@@ -196,7 +196,7 @@ impl Running {
                         Err(failure) => Input::NotAnswered { why: failure.to_string() },
                     });
                 };
-                self.send.call(&request, Caller::Own(Box::new(take)));
+                self.send.call(&request, Caller::own(take));
             }
             Effect::AskResult => {
                 let request = value::of_message(&parts::result_request(self.id));
@@ -204,20 +204,19 @@ impl Running {
                     tell(match answer {
                         Ok(answer) => result(&forms, &answer),
                         Err(Failure::Refused(why)) => Input::BadResult { why },
-                        Err(Failure::Gone | Failure::NoServer(_) | Failure::Busy) => Input::NoResult,
+                        Err(Failure::Gone(_) | Failure::NoServer(_) | Failure::Busy) => Input::NoResult,
                     });
                 };
-                self.result.call(&request, Caller::Own(Box::new(take)));
+                self.result.call(&request, Caller::own(take).unless(parts::is_unknown));
             }
-            Effect::Cancel => {
-                let request = value::of_message(&parts::cancel_request(self.id));
-                // The end of the goal says whether it was canceled.
-                let take = |answer: Result<Vec<u8>, Failure>| match answer {
-                    Ok(answer) if parts::is_canceling(&answer) => {}
-                    Ok(_) => tracing::warn!("the server does not cancel the goal"),
-                    Err(why) => tracing::warn!(%why, "the goal may still run: a request to cancel it has no answer"),
+            Effect::Cancel { number } => {
+                let (request, number) = (value::of_message(&parts::cancel_request(self.id)), *number);
+                let take = move |answer: Result<Vec<u8>, Failure>| {
+                    let answer = answer.map_or(CancelAnswer::Missing, |answer| parts::cancel_answer(&answer));
+                    tracing::info!(?answer, "the server was asked to cancel the goal");
+                    tell(Input::Cancel { number, answer });
                 };
-                self.cancel.call(&request, Caller::Own(Box::new(take)));
+                self.cancel.call(&request, Caller::own(take).unless(parts::cancels_unknown));
             }
         }
     }
@@ -255,20 +254,31 @@ impl Module for Action {
     }
 
     fn calculate(&mut self, now: Time) -> Progress {
-        match self.step(now, None) {
+        self.step(now, None);
+        match self.running.as_ref().and_then(|running| running.goal.ending()) {
             None => Progress::Continue,
-            Some(Ending::Done(result)) => Progress::Done(result),
-            Some(Ending::Aborted(why)) => Progress::Aborted(why),
+            Some(Ending::Done(result)) => Progress::Done(result.clone()),
+            Some(Ending::Aborted(why)) => Progress::Aborted(why.clone()),
             Some(Ending::Stopped) => Progress::Aborted("the goal was stopped".to_owned()),
         }
     }
 
     fn stop(&mut self, now: Time) -> Stopping {
-        if self.running.is_some() && self.step(now, Some(Input::Stop)).is_none() {
+        self.step(now, Some(Input::Stop));
+        if self.running.as_ref().is_some_and(|running| !running.goal.is_over()) {
             return Stopping::Again;
         }
         self.disconnect();
         Stopping::Finished
+    }
+
+    fn unconfirmed(&mut self) -> Option<String> {
+        let told = self.running.as_ref().and_then(|running| running.goal.may_go_on());
+        if let Some(why) = &told {
+            tracing::warn!(why, "the end of the goal is not confirmed");
+        }
+        self.disconnect();
+        told
     }
 
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {

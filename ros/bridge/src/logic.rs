@@ -6,5 +6,6 @@ pub(crate) mod network;
 pub(crate) mod others;
 pub(crate) mod parts;
 pub(crate) mod replies;
+pub(crate) mod retry;
 pub(crate) mod senders;
 pub(crate) mod value;

@@ -318,6 +318,7 @@ impl<T: Message> QueueClient<T> {
                 | ObjectError::WrongType { .. }
                 | ObjectError::Refused { .. }
                 | ObjectError::TooLarge { .. }
+                | ObjectError::Unanswered { .. }
                 | ObjectError::NotConnected { .. }),
             ) => SendEnd::Unknown(error),
         };

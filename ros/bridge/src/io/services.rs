@@ -1,8 +1,8 @@
 //! Clients and servers of services of ROS 2.
 
 use super::{RosSession, declare, key, lock, now_nanos, told};
-use crate::logic::arrivals::{Counts, Refused, checked, fits};
-use crate::logic::replies::{Failure, Replies, Requests, WAITING_MAX};
+use crate::logic::arrivals::{Counts, Refused, answered, checked};
+use crate::logic::replies::{Failure, Replies, Requests, Taken, WAITING_MAX};
 use crate::logic::value;
 use crate::setup;
 use comms::io::clock::now;
@@ -23,6 +23,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{ConsolidationMode, Querier, Query, QueryTarget, Queryable, Reply};
+use zenoh::sample::Sample;
 
 /// How long a server of ROS 2 may take at most. A caller has a time of its own, which is shorter.
 const ANSWER_WITHIN: Duration = Duration::from_secs(3600);
@@ -44,7 +45,11 @@ pub(crate) enum Caller {
     /// A process of the mission.
     Process(RawReply),
     /// This program.
-    Own(Box<dyn FnOnce(Result<Vec<u8>, Failure>) + Send>),
+    Own {
+        take: Box<dyn FnOnce(Result<Vec<u8>, Failure>) + Send>,
+        /// Whether a response only counts if no other server responds.
+        is_last: fn(&[u8]) -> bool,
+    },
 }
 
 /// A client of a service.
@@ -136,17 +141,35 @@ impl RosSession {
 }
 
 impl Caller {
+    /// Returns this program as a caller that takes the first answer.
+    pub(crate) fn own(take: impl FnOnce(Result<Vec<u8>, Failure>) + Send + 'static) -> Self {
+        Self::Own { take: Box::new(take), is_last: |_| false }
+    }
+
+    /// Returns the caller with responses that only count if no other server responds.
+    pub(crate) fn unless(self, is_last: fn(&[u8]) -> bool) -> Self {
+        match self {
+            Self::Own { take, .. } => Self::Own { take, is_last },
+            Self::Process(_) => self,
+        }
+    }
+
     fn is_wanted(&self) -> bool {
         match self {
             Self::Process(reply) => reply.is_wanted(),
-            Self::Own(_) => true,
+            Self::Own { .. } => true,
         }
+    }
+
+    fn is_last(&self, result: &Result<Vec<u8>, Failure>) -> bool {
+        let (Self::Own { is_last, .. }, Ok(response)) = (self, result) else { return false };
+        is_last(response)
     }
 
     fn answer(self, result: Result<Vec<u8>, Failure>) {
         match self {
             Self::Process(reply) => reply.answer(result.map_err(ObjectError::from)),
-            Self::Own(take) => take(result),
+            Self::Own { take, .. } => take(result),
         }
     }
 }
@@ -180,7 +203,7 @@ impl Client {
         let attachment = Attachment { sequence: self.sequence, nanos: now_nanos(), sender: self.sender };
         let is_known = self.has_server() || now() < self.since + SETTLED_AFTER;
         let (waiting, service, name) = (Arc::clone(&self.waiting), Arc::clone(&self.service), self.name.clone());
-        let call = Waiting { number, waiting, service, name, is_known };
+        let call = Waiting { number, attachment, waiting, service, name, is_known, last: Mutex::default() };
         let get = self.querier.get().payload(request.to_vec()).attachment(attachment.encode().to_vec());
         if let Err(error) = get.callback(move |reply| call.hear(&reply)).wait() {
             tracing::debug!(%error, "a request of ROS 2 was not sent");
@@ -197,33 +220,46 @@ impl Client {
 /// A call that waits. Dropped without an answer, it is over.
 struct Waiting {
     number: u64,
+    /// Each response has to bear its number and sender.
+    attachment: Attachment,
     waiting: Arc<Mutex<Replies<Caller>>>,
     service: Arc<Service>,
     name: String,
     /// Whether there may have been a server when the call was made.
     is_known: bool,
+    /// A response that counts if no other comes.
+    last: Mutex<Option<Vec<u8>>>,
 }
 
 impl Waiting {
     fn hear(&self, reply: &Reply) {
-        let taken = lock(&self.waiting).take(self.number);
-        let Some(caller) = taken else { return };
         let result = match reply.result() {
-            Ok(sample) => self.response(&sample.payload().to_bytes()),
+            Ok(sample) => self.response(sample),
             Err(error) => {
                 let why = format!("the service answers: {}", reason(&error.payload().to_bytes()));
                 Err(Failure::Refused(why))
             }
         };
+        let taken = lock(&self.waiting).take_unless(self.number, |caller| caller.is_last(&result));
+        match (taken, result) {
+            (Taken::Call(caller), result) => self.answer(caller, result),
+            (Taken::Waits, Ok(response)) => *lock(&self.last) = Some(response),
+            (Taken::Waits | Taken::Over, _) => {}
+        }
+    }
+
+    fn answer(&self, caller: Caller, result: Result<Vec<u8>, Failure>) {
         let mut counts = lock(&self.service.counts);
         *(if result.is_ok() { &mut counts.received } else { &mut counts.refused }) += 1;
         drop(counts);
         caller.answer(result);
     }
 
-    fn response(&self, response: &[u8]) -> Result<Vec<u8>, Failure> {
-        match fits(&self.service.response, response) {
-            Ok(()) => Ok(value::of_message(response)),
+    fn response(&self, sample: &Sample) -> Result<Vec<u8>, Failure> {
+        let response = sample.payload().to_bytes();
+        let attachment = sample.attachment().map(ZBytes::to_bytes);
+        match answered(&self.service.response, &self.attachment, attachment.as_deref(), &response) {
+            Ok(()) => Ok(value::of_message(&response)),
             Err(why) => Err(Failure::Refused(format!("the service was called, and its response is refused: {why}"))),
         }
     }
@@ -233,8 +269,12 @@ impl Drop for Waiting {
     fn drop(&mut self) {
         let taken = lock(&self.waiting).take(self.number);
         let Some(caller) = taken else { return };
+        if let Some(response) = lock(&self.last).take() {
+            return self.answer(caller, Ok(response));
+        }
         lock(&self.service.counts).lost += 1;
-        let failure = if self.is_known { Failure::Gone } else { Failure::NoServer(self.name.clone()) };
+        let failure = if self.is_known { Failure::Gone } else { Failure::NoServer };
+        let failure = failure(self.name.clone());
         caller.answer(Err(failure));
     }
 }

@@ -21,8 +21,11 @@ pub(crate) enum Refused {
     #[error("it has {0} bytes, and {MESSAGE_MAX} are the limit")]
     Long(usize),
     /// Its bytes are not a message of its type.
-    #[error("its bytes are not a message of the topic's type: {0}")]
+    #[error("its bytes are not a message of its type: {0}")]
     Bytes(#[from] CdrError),
+    /// It answers another request.
+    #[error("its attachment is that of another request")]
+    OtherRequest,
 }
 
 /// A message that was refused, and how many were by then.
@@ -109,11 +112,23 @@ pub(crate) fn checked(schema: &Schema, attachment: Option<&[u8]>, message: &[u8]
     Ok(attachment)
 }
 
-/// Checks the size and the bytes of a message.
+/// Checks the response to a request. A server of ROS 2 sends the number of the request and the name of its client back.
 ///
 /// # Errors
-/// The message is not passed on.
-pub(crate) fn fits(schema: &Schema, message: &[u8]) -> Result<(), Refused> {
+/// The response is not passed on.
+pub(crate) fn answered(
+    schema: &Schema,
+    request: &Attachment,
+    attachment: Option<&[u8]>,
+    response: &[u8],
+) -> Result<(), Refused> {
+    let own = checked(schema, attachment, response)?;
+    let is_answer = own.sequence == request.sequence && own.sender == request.sender;
+    if is_answer { Ok(()) } else { Err(Refused::OtherRequest) }
+}
+
+/// Checks the size and the bytes of a message.
+fn fits(schema: &Schema, message: &[u8]) -> Result<(), Refused> {
     if message.len() > MESSAGE_MAX {
         return Err(Refused::Long(message.len()));
     }

@@ -1,13 +1,18 @@
-//! One goal of an action of ROS 2, from its request to its end.
+//! One goal of an action of ROS 2, from its request to its end, and the end of the process that has sent it.
 //!
 //! ```text
-//! Looking ──there is a server──▶ Asked ──accepted──▶ Active ──result──▶ Over
-//!    └──nothing in time──▶ Over    └──rejected──▶ Over   └──stop──▶ (asks to cancel, and waits for the result)
+//! Looking ──there is a server──▶ Asked ──accepted──▶ Active ──the goal has ended──▶ Over
+//!    └──nothing in time──▶ Over    ├──rejected──▶ Over
+//!                                  └──no valid answer──▶ Unclear ──the server cancels it──▶ Active
 //! ```
 //!
-//! A result is asked for again if no answer comes: the router or the server may have been away for a time, and a server keeps
-//! results. Only a server that stays away ends the goal.
+//! The process ends with its goal. If the process has to end earlier, because it is stopped or because it cannot follow the goal any
+//! more, the goal is canceled at once, also when no server has accepted it yet. The stop of the process is confirmed when a server has
+//! said that the goal has ended, was rejected or is unknown. Until then the goal may go on: [`Goal::may_go_on`].
+//!
+//! A question without an answer is asked again: the router or the server may have been away for a time, and a server keeps results.
 
+use super::retry::Retry;
 use comms::logic::time::Time;
 use std::time::Duration;
 
@@ -15,8 +20,8 @@ use std::time::Duration;
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 /// How long a server may be away while the goal is active.
 const AWAY_WITHIN: Duration = Duration::from_secs(5);
-/// The pause before a question is asked again.
-const AGAIN_AFTER: Duration = Duration::from_millis(200);
+/// How often in a row a server may leave the question for the result without an answer.
+const NO_RESULTS_MAX: u32 = 10;
 
 /// News for a goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,23 +32,43 @@ pub(crate) enum Input {
     Answered { is_accepted: bool },
     /// The request to take it had no valid answer.
     NotAnswered { why: String },
-    /// The goal has ended.
+    /// The answer to the question for the result.
     Result { status: Status, result: Vec<u8> },
     /// The question for the result had no answer: it is lost, or the server has gone.
     NoResult,
     /// The answer to a question for the result is not one.
     BadResult { why: String },
+    /// The answer to a request to cancel the goal, by the number of the request.
+    Cancel { number: u32, answer: CancelAnswer },
     /// The mission stops the goal.
     Stop,
 }
 
-/// How a goal has ended. Source: `action_msgs/msg/GoalStatus`.
+/// The status of a goal in the answer to the question for its result. Source: `action_msgs/msg/GoalStatus`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Status {
     Succeeded,
     Canceled,
     Aborted,
+    /// The server does not know the goal.
+    Unknown,
+    /// A number that is not the end of a goal.
     Other(i64),
+}
+
+/// The answer to a request to cancel a goal. Source: `action_msgs/srv/CancelGoal`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CancelAnswer {
+    /// The server cancels it.
+    Accepted,
+    /// The server refuses that.
+    Refused,
+    /// The server does not know the goal.
+    Unknown,
+    /// The goal has ended already.
+    Ended,
+    /// There is none, or it is not valid.
+    Missing,
 }
 
 /// A request of a goal to its server.
@@ -54,26 +79,38 @@ pub(crate) enum Effect {
     /// Ask for its result.
     AskResult,
     /// Ask to cancel it.
-    Cancel,
+    Cancel { number: u32 },
 }
 
-/// The end of a goal.
+/// The end of the process that has sent a goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
-    /// It has succeeded, with this result.
+    /// The goal has succeeded, with this result.
     Done(Vec<u8>),
-    /// It has failed; why, for a person.
+    /// The goal has failed, or the process cannot follow it; why, for a person.
     Aborted(String),
-    /// It was stopped by the mission.
+    /// The mission has stopped it.
     Stopped,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Looking,
     Asked,
+    /// The request to take the goal had no valid answer.
+    Unclear,
     Active,
-    Over(Ending),
+    /// The goal has ended, or was never begun.
+    Over,
+}
+
+/// The requests to cancel a goal.
+#[derive(Debug, Default)]
+struct Canceling {
+    /// The number of the last request; 0 if there was none.
+    number: u32,
+    answer: Option<CancelAnswer>,
+    retry: Retry,
 }
 
 /// A goal.
@@ -81,99 +118,186 @@ enum Stage {
 pub(crate) struct Goal {
     action: String,
     stage: Stage,
-    is_stopping: bool,
+    ending: Option<Ending>,
+    canceling: Canceling,
+    /// The question for the result.
+    result: Retry,
     /// When a server was there last; before the first one, since when it is looked for.
     seen: Time,
-    /// When the result is asked for again.
-    again: Option<Time>,
+    is_there: bool,
 }
 
 impl Goal {
     /// Returns a goal for a server of this action, which is looked for from now on.
     pub(crate) fn new(action: String, now: Time) -> Self {
-        Self { action, stage: Stage::Looking, is_stopping: false, seen: now, again: None }
+        let (canceling, result) = (Canceling::default(), Retry::default());
+        Self { action, stage: Stage::Looking, ending: None, canceling, result, seen: now, is_there: false }
     }
 
     /// Takes an input.
     pub(crate) fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
-        match (&self.stage, input) {
+        match (self.stage, input) {
             // An answer that comes late changes nothing.
-            (Stage::Over(_), _) => {}
-            (Stage::Looking, Input::Stop) => self.end(Ending::Stopped),
-            (Stage::Looking, Input::Server { is_there: true }) => {
-                (self.stage, self.seen) = (Stage::Asked, now);
-                effects.push(Effect::Send);
-            }
-            (Stage::Looking, Input::Server { is_there: false }) if now >= self.seen + LOOK_WITHIN => {
-                let within = LOOK_WITHIN.as_secs();
-                self.fail(&format!("no node of ROS 2 serves it within {within} s"));
-            }
+            (Stage::Over, _) => {}
             (_, Input::Server { is_there }) => self.look(now, is_there, effects),
+            (Stage::Looking, Input::Stop) => self.settle(Ending::Stopped),
+            (Stage::Looking, _) => {}
+            (_, Input::Stop) => self.end(now, Ending::Stopped, effects),
             (Stage::Asked, Input::Answered { is_accepted: true }) => {
-                self.stage = Stage::Active;
-                effects.push(Effect::AskResult);
-                if self.is_stopping {
-                    effects.push(Effect::Cancel);
+                self.activate(now, effects);
+                if self.ending.is_some() {
+                    self.cancel(now, effects);
                 }
             }
             (Stage::Asked, Input::Answered { is_accepted: false }) => {
-                let ending = Ending::Aborted(format!("the server of `{}` has rejected the goal", self.action));
-                self.end(if self.is_stopping { Ending::Stopped } else { ending });
+                let why = format!("the server of `{}` has rejected the goal", self.action);
+                self.settle(Ending::Aborted(why));
             }
             (Stage::Asked, Input::NotAnswered { why }) => {
                 // The server may have taken it without an answer.
-                effects.push(Effect::Cancel);
-                self.fail(&format!("the goal was sent and has no answer: {why}"));
+                self.stage = Stage::Unclear;
+                if self.ending.is_some() {
+                    return self.cancel(now, effects);
+                }
+                self.fail(now, &format!("the goal was sent and has no answer: {why}"), effects);
             }
-            (Stage::Active, Input::Result { status, result }) => self.ended(status, result),
-            (Stage::Active, Input::NoResult) => self.again = Some(now + AGAIN_AFTER),
-            (Stage::Active, Input::BadResult { why }) => self.fail(&format!("its result cannot be read: {why}")),
-            (Stage::Asked | Stage::Active, Input::Stop) if self.is_stopping => {}
-            (Stage::Asked, Input::Stop) => self.is_stopping = true,
-            (Stage::Active, Input::Stop) => {
-                self.is_stopping = true;
-                effects.push(Effect::Cancel);
+            (Stage::Active, Input::Result { status, result }) => self.answered(now, status, result, effects),
+            (Stage::Active, Input::NoResult) => {
+                if self.result.failed(now) == NO_RESULTS_MAX {
+                    let why =
+                        format!("its server has left {NO_RESULTS_MAX} questions for the result without an answer");
+                    self.fail(now, &why, effects);
+                }
             }
-            (Stage::Looking | Stage::Asked | Stage::Active, _) => {}
+            (Stage::Active, Input::BadResult { why }) => {
+                self.result.failed(now);
+                self.fail(now, &format!("its result cannot be read: {why}"), effects);
+            }
+            (_, Input::Cancel { number, answer }) if number == self.canceling.number => {
+                self.cancel_answered(now, answer, effects);
+            }
+            (Stage::Asked | Stage::Unclear | Stage::Active, _) => {}
         }
     }
 
-    /// Returns the end of the goal, once it has one.
+    /// Returns the end of its process, once the process ends: with the goal or before it.
     pub(crate) fn ending(&self) -> Option<&Ending> {
-        if let Stage::Over(ending) = &self.stage { Some(ending) } else { None }
+        self.ending.as_ref()
+    }
+
+    /// Returns whether the goal has ended or was never begun.
+    pub(crate) fn is_over(&self) -> bool {
+        self.stage == Stage::Over
+    }
+
+    /// Returns a sentence for a person if the goal may go on in ROS 2.
+    pub(crate) fn may_go_on(&self) -> Option<String> {
+        let why = match (self.stage, self.canceling.answer) {
+            (Stage::Looking | Stage::Over, _) => return None,
+            _ if !self.is_there => "its server cannot be reached",
+            (_, Some(CancelAnswer::Refused)) => "its server refuses to cancel it",
+            (_, Some(CancelAnswer::Accepted)) => "its server is canceling it, and has not ended it",
+            (Stage::Asked, _) => "its server has not said whether it takes the goal, and may begin it later",
+            (Stage::Unclear | Stage::Active, _) => "the request to cancel it has no answer",
+        };
+        Some(format!("the goal of action `{}` may go on in ROS 2: {why}", self.action))
     }
 
     fn look(&mut self, now: Time, is_there: bool, effects: &mut Vec<Effect>) {
-        if is_there {
-            self.seen = now;
-        } else if now >= self.seen + AWAY_WITHIN {
-            return self.fail(&format!("its server has been away for {} s", AWAY_WITHIN.as_secs()));
+        self.is_there = is_there;
+        if !is_there {
+            let within = if self.stage == Stage::Looking { LOOK_WITHIN } else { AWAY_WITHIN };
+            if now < self.seen + within || self.ending.is_some() {
+                return;
+            }
+            if self.stage == Stage::Looking {
+                let why = format!("no node of ROS 2 serves it within {} s", within.as_secs());
+                return self.settle(Ending::Aborted(self.reason(&why)));
+            }
+            return self.fail(now, &format!("its server has been away for {} s", within.as_secs()), effects);
         }
-        if is_there && self.again.is_some_and(|again| now >= again) {
-            self.again = None;
-            effects.push(Effect::AskResult);
+        self.seen = now;
+        if self.stage == Stage::Looking {
+            self.stage = Stage::Asked;
+            effects.push(Effect::Send);
+        }
+        if self.result.is_due(now) {
+            self.ask(now, effects);
+        }
+        if self.canceling.retry.is_due(now) {
+            self.cancel(now, effects);
         }
     }
 
-    fn ended(&mut self, status: Status, result: Vec<u8>) {
-        let ending = match status {
-            // It was faster than the stop.
-            Status::Succeeded => Ending::Done(result),
-            Status::Canceled if self.is_stopping => Ending::Stopped,
-            Status::Canceled => return self.fail("another client has canceled the goal"),
-            Status::Aborted => return self.fail("its server has aborted the goal"),
-            Status::Other(status) => return self.fail(&format!("the goal has ended with status {status}")),
+    fn activate(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        self.stage = Stage::Active;
+        self.ask(now, effects);
+    }
+
+    fn ask(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        self.result.asked(now);
+        effects.push(Effect::AskResult);
+    }
+
+    fn cancel(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        self.canceling.number += 1;
+        self.canceling.answer = None;
+        self.canceling.retry.asked(now);
+        effects.push(Effect::Cancel { number: self.canceling.number });
+    }
+
+    fn cancel_answered(&mut self, now: Time, answer: CancelAnswer, effects: &mut Vec<Effect>) {
+        self.canceling.answer = Some(answer);
+        match (answer, self.stage) {
+            // The server has not looked at the request to take the goal yet.
+            (CancelAnswer::Unknown, Stage::Asked) | (CancelAnswer::Refused, _) => {}
+            (CancelAnswer::Unknown | CancelAnswer::Ended, _) => self.stage = Stage::Over,
+            (CancelAnswer::Accepted, Stage::Unclear) => self.activate(now, effects),
+            (CancelAnswer::Accepted, _) => {}
+            (CancelAnswer::Missing, _) => drop(self.canceling.retry.failed(now)),
+        }
+    }
+
+    /// Takes the answer to the question for the result.
+    fn answered(&mut self, now: Time, status: Status, result: Vec<u8>, effects: &mut Vec<Effect>) {
+        let why = match status {
+            Status::Succeeded => return self.settle(Ending::Done(result)),
+            Status::Canceled => "another client has canceled the goal",
+            Status::Aborted => "its server has aborted the goal",
+            Status::Unknown => {
+                self.result.failed(now);
+                return self.fail(now, "its server does not know the goal any more", effects);
+            }
+            Status::Other(status) => {
+                self.result.failed(now);
+                let why = format!("its server has answered with status {status}, which is not the end of a goal");
+                return self.fail(now, &why, effects);
+            }
         };
-        self.end(ending);
+        self.settle(Ending::Aborted(self.reason(why)));
     }
 
-    fn fail(&mut self, why: &str) {
-        let reason = format!("action `{}`: {why}", self.action);
-        self.end(if self.is_stopping { Ending::Stopped } else { Ending::Aborted(reason) });
+    /// The process cannot follow the goal: it ends, and the goal is canceled.
+    fn fail(&mut self, now: Time, why: &str, effects: &mut Vec<Effect>) {
+        self.end(now, Ending::Aborted(self.reason(why)), effects);
     }
 
-    fn end(&mut self, ending: Ending) {
-        self.stage = Stage::Over(ending);
+    /// The process ends before its goal. A second reason to end changes nothing.
+    fn end(&mut self, now: Time, ending: Ending, effects: &mut Vec<Effect>) {
+        if self.ending.is_none() {
+            self.ending = Some(ending);
+            self.cancel(now, effects);
+        }
+    }
+
+    /// The goal has ended or was never begun; the process ends with it, if it has not ended before.
+    fn settle(&mut self, ending: Ending) {
+        self.stage = Stage::Over;
+        self.ending.get_or_insert(ending);
+    }
+
+    fn reason(&self, why: &str) -> String {
+        format!("action `{}`: {why}", self.action)
     }
 }
 
@@ -181,6 +305,7 @@ impl Status {
     /// Returns the status with this number.
     pub(crate) fn of(number: i64) -> Self {
         match number {
+            0 => Self::Unknown,
             4 => Self::Succeeded,
             5 => Self::Canceled,
             6 => Self::Aborted,
@@ -190,111 +315,4 @@ impl Status {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn at(millis: u64) -> Time {
-        Time::from_nanos(millis * 1_000_000)
-    }
-
-    const THERE: Input = Input::Server { is_there: true };
-    const AWAY: Input = Input::Server { is_there: false };
-    const TAKEN: Input = Input::Answered { is_accepted: true };
-
-    fn ended(status: Status) -> Input {
-        Input::Result { status, result: vec![7] }
-    }
-
-    /// Plays inputs, one every 10 ms; returns the effects and the goal.
-    fn play(inputs: &[Input]) -> (Vec<Effect>, Goal) {
-        let (mut goal, mut effects) = (Goal::new("/go".to_owned(), at(0)), Vec::new());
-        for (step, input) in (1..).zip(inputs) {
-            goal.handle(at(10 * step), input.clone(), &mut effects);
-        }
-        (effects, goal)
-    }
-
-    #[track_caller]
-    fn check(inputs: &[Input], effects: &[Effect], ending: Option<Ending>) {
-        let (found, goal) = play(inputs);
-        assert_eq!((found.as_slice(), goal.ending()), (effects, ending.as_ref()));
-    }
-
-    fn aborted(why: &str) -> Option<Ending> {
-        Some(Ending::Aborted(why.to_owned()))
-    }
-
-    #[test]
-    fn a_goal_is_sent_taken_and_done() {
-        use Effect::{AskResult, Send};
-        let all = [AWAY, THERE, THERE, TAKEN, THERE, ended(Status::Succeeded)];
-        check(&all, &[Send, AskResult], Some(Ending::Done(vec![7])));
-        for end in 0..all.len() {
-            check(&all[..end], &[Send, AskResult][..usize::from(end > 1) + usize::from(end > 3)], None);
-        }
-        check(
-            &[THERE, Input::Answered { is_accepted: false }],
-            &[Send],
-            aborted("the server of `/go` has rejected the goal"),
-        );
-        for (status, why) in [
-            (Status::Aborted, "its server has aborted the goal"),
-            (Status::Canceled, "another client has canceled the goal"),
-            (Status::of(2), "the goal has ended with status 2"),
-        ] {
-            check(&[THERE, TAKEN, ended(status)], &[Send, AskResult], aborted(&format!("action `/go`: {why}")));
-        }
-    }
-
-    #[test]
-    fn a_stop_cancels_the_goal_and_waits_for_its_end() {
-        use Effect::{AskResult, Cancel, Send};
-        check(&[AWAY, Input::Stop], &[], Some(Ending::Stopped));
-        check(&[THERE, Input::Stop, Input::Stop], &[Send], None);
-        check(&[THERE, Input::Stop, TAKEN], &[Send, AskResult, Cancel], None);
-        check(&[THERE, Input::Stop, Input::Answered { is_accepted: false }], &[Send], Some(Ending::Stopped));
-        let stopped = [THERE, TAKEN, Input::Stop, Input::Stop, ended(Status::Canceled)];
-        check(&stopped, &[Send, AskResult, Cancel], Some(Ending::Stopped));
-        check(&stopped[..4], &[Send, AskResult, Cancel], None);
-        let done = [THERE, TAKEN, Input::Stop, ended(Status::Succeeded), ended(Status::Canceled)];
-        check(&done, &[Send, AskResult, Cancel], Some(Ending::Done(vec![7])));
-        check(&[THERE, TAKEN, Input::Stop, ended(Status::Aborted)], &[Send, AskResult, Cancel], Some(Ending::Stopped));
-    }
-
-    #[test]
-    fn a_server_that_is_not_there_is_told() {
-        let (mut goal, mut effects) = (Goal::new("/go".to_owned(), at(0)), Vec::new());
-        goal.handle(at(4999), AWAY, &mut effects);
-        assert_eq!(goal.ending(), None);
-        goal.handle(at(5000), AWAY, &mut effects);
-        assert_eq!(goal.ending().cloned(), aborted("action `/go`: no node of ROS 2 serves it within 5 s"));
-        assert_eq!(effects, []);
-    }
-
-    #[test]
-    fn a_lost_result_is_asked_for_again_until_the_server_stays_away() {
-        use Effect::{AskResult, Send};
-        let (mut effects, mut goal) = play(&[THERE, TAKEN, Input::NoResult, AWAY, THERE]);
-        assert_eq!(effects, [Send, AskResult]);
-        goal.handle(at(231), THERE, &mut effects);
-        goal.handle(at(240), THERE, &mut effects);
-        assert_eq!(effects, [Send, AskResult, AskResult]);
-        goal.handle(at(250), Input::NoResult, &mut effects);
-        goal.handle(at(5239), AWAY, &mut effects);
-        assert_eq!((goal.ending(), effects.len()), (None, 3));
-        goal.handle(at(5240), AWAY, &mut effects);
-        assert_eq!(goal.ending().cloned(), aborted("action `/go`: its server has been away for 5 s"));
-    }
-
-    #[test]
-    fn answers_that_make_no_sense_change_nothing() {
-        use Effect::{AskResult, Cancel, Send};
-        check(&[TAKEN, ended(Status::Succeeded), Input::NoResult], &[], None);
-        check(&[THERE, ended(Status::Succeeded), TAKEN, TAKEN], &[Send, AskResult], None);
-        let why = "x".to_owned();
-        let told = "action `/go`: the goal was sent and has no answer: x";
-        check(&[THERE, Input::NotAnswered { why: why.clone() }, TAKEN], &[Send, Cancel], aborted(told));
-        let told = "action `/go`: its result cannot be read: x";
-        check(&[THERE, TAKEN, Input::BadResult { why }], &[Send, AskResult], aborted(told));
-    }
-}
+mod tests;

@@ -2,6 +2,7 @@
 //!
 //! An id has sixteen bytes, so the message behind it has the same gaps as alone.
 
+use super::goal::CancelAnswer;
 use super::value;
 use ros::logic::cdr::{self, CdrError, Value};
 use ros::logic::schema::Schema;
@@ -37,8 +38,24 @@ pub(crate) fn is_accepted(answer: &[u8]) -> bool {
     first(answer) == Some(1)
 }
 
-/// Returns whether the value of an answer says that a goal is being canceled.
-pub(crate) fn is_canceling(answer: &[u8]) -> bool {
+/// Returns what the value of an answer says about a request to cancel a goal.
+pub(crate) fn cancel_answer(answer: &[u8]) -> CancelAnswer {
+    match first(answer) {
+        Some(0) => CancelAnswer::Accepted,
+        Some(1) => CancelAnswer::Refused,
+        Some(2) => CancelAnswer::Unknown,
+        Some(3) => CancelAnswer::Ended,
+        _ => CancelAnswer::Missing,
+    }
+}
+
+/// Returns whether a server does not know the goal to cancel: another server of the action may know it.
+pub(crate) fn cancels_unknown(answer: &[u8]) -> bool {
+    cancel_answer(answer) == CancelAnswer::Unknown
+}
+
+/// Returns whether a server does not know the goal whose result was asked for: another server of the action may know it.
+pub(crate) fn is_unknown(answer: &[u8]) -> bool {
     first(answer) == Some(0)
 }
 
@@ -116,6 +133,11 @@ mod tests {
         cdr::check(&schema("action_msgs/srv/CancelGoal_Request"), &cancel_request(ID)).unwrap();
         let answer = |first: u8| value::of_message(&[0, 1, 0, 0, first, 0, 0, 0]);
         assert!(is_accepted(&answer(1)) && !is_accepted(&answer(0)) && !is_accepted(&[]));
-        assert!(is_canceling(&answer(0)) && !is_canceling(&answer(1)) && !is_canceling(&[]));
+        let answers =
+            [answer(0), answer(1), answer(2), answer(3), answer(4), Vec::new()].map(|one| cancel_answer(&one));
+        use CancelAnswer::{Accepted, Ended, Missing, Refused, Unknown};
+        assert_eq!(answers, [Accepted, Refused, Unknown, Ended, Missing, Missing]);
+        assert!(cancels_unknown(&answer(2)) && !cancels_unknown(&answer(0)));
+        assert!(is_unknown(&answer(0)) && !is_unknown(&answer(4)) && !is_unknown(&[]));
     }
 }

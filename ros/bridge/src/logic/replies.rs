@@ -13,9 +13,9 @@ pub(crate) enum Failure {
     /// It was not sent to any server.
     #[error("no node of ROS 2 answers the service `{0}`")]
     NoServer(String),
-    /// Its server, or the way to it, is gone.
-    #[error("the server has gone without an answer")]
-    Gone,
+    /// Its server, or the way to it, is gone; or the server has dropped the call.
+    #[error("the service `{0}` of ROS 2 was called, and its server has gone or has dropped the call")]
+    Gone(String),
     /// The call or its answer is not valid, or the server refuses it.
     #[error("{0}")]
     Refused(String),
@@ -27,11 +27,22 @@ pub(crate) enum Failure {
 impl From<Failure> for ObjectError {
     fn from(failure: Failure) -> Self {
         match failure {
-            Failure::Gone => Self::Gone,
+            Failure::Gone(_) => Self::Unanswered { reason: failure.to_string() },
             Failure::Busy => Self::Busy { waiting: u32::try_from(WAITING_MAX).unwrap_or(u32::MAX) },
             Failure::NoServer(_) | Failure::Refused(_) => Self::Refused { reason: failure.to_string() },
         }
     }
+}
+
+/// A call that was to be taken out.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Taken<T> {
+    /// The call.
+    Call(T),
+    /// It stays, and waits for another answer.
+    Waits,
+    /// It has its answer, or is no longer waited for.
+    Over,
 }
 
 /// Calls that wait for an answer, by number.
@@ -64,6 +75,14 @@ impl<T> Replies<T> {
     /// Takes a call out; none if it has its answer, or is no longer waited for.
     pub(crate) fn take(&mut self, number: u64) -> Option<T> {
         self.waiting.remove(&number)
+    }
+
+    /// Takes a call out, unless it waits for another answer.
+    pub(crate) fn take_unless(&mut self, number: u64, waits: impl Fn(&T) -> bool) -> Taken<T> {
+        if self.waiting.get(&number).is_some_and(waits) {
+            return Taken::Waits;
+        }
+        self.take(number).map_or(Taken::Over, Taken::Call)
     }
 
     /// Forgets the calls whose callers wait no more; returns their number.
@@ -122,8 +141,11 @@ mod tests {
         assert_eq!(replies.add(0), Err(0));
         assert_eq!((replies.take(7), replies.take(7)), (Some(7), None));
         assert_eq!(replies.add(65), Ok(65), "a number is used once");
+        assert_eq!(replies.take_unless(65, |call| *call == 65), Taken::Waits);
+        assert_eq!(replies.take_unless(7, |call| *call == 65), Taken::Over);
         assert_eq!(replies.forget(|call| *call > 60), 59);
         assert_eq!((replies.take(60), replies.take(61)), (None, Some(61)));
+        assert_eq!(replies.take_unless(62, |call| *call == 65), Taken::Call(62));
     }
 
     #[test]

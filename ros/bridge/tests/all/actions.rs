@@ -38,6 +38,9 @@ fn taken(is_taken: bool) -> Vec<u8> {
 
 /// The answer to a request to cancel: yes, and no list.
 const CANCELING: [u8; 12] = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+/// The same: no, and the goal is not known.
+const REFUSING: [u8; 12] = [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0];
+const UNKNOWN: [u8; 12] = [0, 1, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0];
 
 /// A server that hands its queries over.
 struct Server {
@@ -115,11 +118,108 @@ fn a_stop_cancels_the_goal() {
     reply(&cancel, &CANCELING);
     assert_eq!(action.stop_once(), Stopping::Again, "its end has not come");
     reply(&query, &result(5));
-    let until = comms::io::clock::now() + SOON;
-    while action.stop_once() == Stopping::Again {
-        assert!(comms::io::clock::now() < until, "it does not end");
-    }
+    action.stopped();
+    assert_eq!(action.unconfirmed(), None);
     assert!(server.canceled.try_recv().is_err(), "it is canceled once");
+}
+
+/// Otherwise the server could begin the goal after the mission was reported as stopped.
+#[test]
+fn a_stop_cancels_a_goal_that_is_not_accepted_yet() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    let mut action = started(&router);
+    let goal = action.until(|| server.sent.try_recv().ok());
+    let id = goal.payload().unwrap().to_bytes()[4..20].to_vec();
+    let cancel = action.stopping_until(|| server.canceled.try_recv().ok());
+    assert_eq!(cancel.payload().unwrap().to_bytes(), [&[0, 1, 0, 0], &id[..], &[0; 8]].concat());
+    reply(&cancel, &UNKNOWN);
+    drop(cancel);
+    reply(&goal, &taken(true));
+    let again = action.stopping_until(|| server.canceled.try_recv().ok());
+    reply(&again, &CANCELING);
+    let query = action.stopping_until(|| server.asked.try_recv().ok());
+    reply(&query, &result(5));
+    action.stopped();
+    assert_eq!(action.unconfirmed(), None);
+}
+
+#[test]
+fn a_goal_that_may_go_on_is_told() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    for (answer, why) in [
+        (None, "the request to cancel it has no answer"),
+        (Some(&REFUSING), "its server refuses to cancel it"),
+        (Some(&CANCELING), "its server is canceling it, and has not ended it"),
+    ] {
+        let mut action = started(&router);
+        take(&mut action, &server);
+        let _question = action.until(|| server.asked.try_recv().ok());
+        let cancel = action.stopping_until(|| server.canceled.try_recv().ok());
+        if let Some(answer) = answer {
+            action.woken_by(|| reply(&cancel, answer));
+            action.stop_once();
+        }
+        let expected = format!("the goal of action `/arm/fib` may go on in ROS 2: {why}");
+        assert_eq!(action.unconfirmed(), Some(expected));
+        assert_eq!((action.stop_once(), action.unconfirmed()), (Stopping::Finished, None));
+    }
+}
+
+/// The process ends, and its goal with it.
+#[test]
+fn a_result_that_is_not_the_end_of_a_goal_cancels_it() {
+    let router = Router::new();
+    let server = Server::new(&router);
+    for (answer, why) in [
+        (Some(result(2)), "its server has answered with status 2, which is not the end of a goal"),
+        (Some(vec![0, 1, 0, 0, 4]), "its result cannot be read"),
+        (None, "its result cannot be read: the service answers: no"),
+    ] {
+        let mut action = started(&router);
+        take(&mut action, &server);
+        let query = action.until(|| server.asked.try_recv().ok());
+        match answer {
+            Some(answer) => reply(&query, &answer),
+            None => query.reply_err("no").wait().unwrap(),
+        }
+        let Progress::Aborted(told) = action.ended() else { panic!("it has not failed") };
+        assert!(told.starts_with(&format!("action `/arm/fib`: {why}")), "{told}");
+        let cancel = action.stopping_until(|| server.canceled.try_recv().ok());
+        reply(&cancel, &CANCELING);
+        let again = action.stopping_until(|| server.asked.try_recv().ok());
+        reply(&again, &result(5));
+        action.stopped();
+        assert_eq!(action.unconfirmed(), None);
+    }
+}
+
+/// Each of two servers of one action is asked, and only one has the goal.
+#[test]
+fn a_server_that_does_not_know_the_goal_does_not_end_it() {
+    let router = Router::new();
+    let (server, other) = (Server::new(&router), Server::new(&router));
+    let mut action = started(&router);
+    reply(&action.until(|| other.sent.try_recv().ok()), &taken(true));
+    take(&mut action, &server);
+    let query = action.until(|| other.asked.try_recv().ok());
+    reply(&query, &result(0));
+    drop(query);
+    let query = action.until(|| server.asked.try_recv().ok());
+    reply(&query, &result(4));
+    drop(query);
+    assert_eq!(action.ended(), Progress::Done(value(&sequence(&[]))));
+    // None of them knows it.
+    action.start_with(&value(&GOAL)).unwrap();
+    reply(&action.until(|| other.sent.try_recv().ok()), &taken(true));
+    take(&mut action, &server);
+    for one in [&server, &other] {
+        let query = action.until(|| one.asked.try_recv().ok());
+        reply(&query, &result(0));
+    }
+    let why = "action `/arm/fib`: its server does not know the goal any more".to_owned();
+    assert_eq!(action.ended(), Progress::Aborted(why));
 }
 
 #[test]

@@ -192,6 +192,40 @@ impl Bridge {
         self.module.stop(comms::io::clock::now())
     }
 
+    /// Returns what may go on after its stop, as its loop asks when the stop is over.
+    pub(crate) fn unconfirmed(&mut self) -> Option<String> {
+        self.module.unconfirmed()
+    }
+
+    /// Waits until something that was done has woken its loop.
+    pub(crate) fn woken_by(&mut self, act: impl FnOnce()) {
+        while self.woken.try_recv().is_ok() {}
+        act();
+        self.woken.recv_timeout(SOON).expect("it is heard");
+    }
+
+    /// Asks it to stop until it has finished.
+    pub(crate) fn stopped(&mut self) {
+        let until = comms::io::clock::now() + SOON;
+        while self.stop_once() == Stopping::Again {
+            self.woken.recv_timeout(Duration::from_millis(20)).unwrap_or_default();
+            assert!(comms::io::clock::now() < until, "it does not stop");
+        }
+    }
+
+    /// Asks it to stop until something is there.
+    pub(crate) fn stopping_until<T>(&mut self, mut look: impl FnMut() -> Option<T>) -> T {
+        let until = comms::io::clock::now() + SOON;
+        loop {
+            assert_eq!(self.stop_once(), Stopping::Again);
+            if let Some(found) = look() {
+                return found;
+            }
+            self.woken.recv_timeout(Duration::from_millis(20)).unwrap_or_default();
+            assert!(comms::io::clock::now() < until, "nothing comes");
+        }
+    }
+
     /// Starts it with a value.
     pub(crate) fn start_with(&mut self, value: &[u8]) -> Result<(), String> {
         self.module.init(value, comms::io::clock::now())

@@ -82,7 +82,7 @@ fn a_call_without_an_answer_ends() {
     let why = loop {
         match bridge.call("robot1.reset", &value(&REQUEST)).recv_timeout(SOON).unwrap() {
             // Until it knows which servers there are, there may have been one.
-            Err(ObjectError::Gone) => {}
+            Err(ObjectError::Unanswered { .. }) => {}
             Err(why) => break why.to_string(),
             Ok(answer) => panic!("nothing answers: {answer:?}"),
         }
@@ -91,7 +91,13 @@ fn a_call_without_an_answer_ends() {
     let (server, queries) = serve(&node, key());
     let (query, answer) = call_known(&mut bridge, &queries);
     drop(query);
-    assert_eq!(answer.recv_timeout(SOON).unwrap(), Err(ObjectError::Gone), "it may have been carried out");
+    let why = answer.recv_timeout(SOON).unwrap().unwrap_err();
+    assert!(why.may_have_happened());
+    assert_eq!(
+        why.to_string(),
+        "the service `/robot1/reset` of ROS 2 was called, and its server has gone or has dropped the call; the call may have been \
+         carried out"
+    );
     let (_query, answer) = call_known(&mut bridge, &queries);
     bridge.stop();
     assert!(!answer.recv_timeout(SOON).is_ok_and(|answer| answer.is_ok()), "the caller hears of it");
@@ -113,13 +119,28 @@ fn what_is_no_response_is_refused() {
         let why = answer.recv_timeout(SOON).unwrap().unwrap_err().to_string();
         assert!(why.starts_with("the service was called, and its response is refused"), "{why}");
     }
+    // An answer bears the number of its request, and the name of the client.
+    for (attachment, end) in [
+        (None, "it has no attachment, or one of another form"),
+        (Some(vec![0; 32]), "it has no attachment, or one of another form"),
+        (Some(attachment(1_000, 1)), "its attachment is that of another request"),
+    ] {
+        let (query, answer) = call_known(&mut bridge, &queries);
+        let reply = query.reply(query.key_expr().clone(), &whole[..]);
+        match attachment {
+            Some(attachment) => reply.attachment(attachment).wait().unwrap(),
+            None => reply.wait().unwrap(),
+        }
+        let why = answer.recv_timeout(SOON).unwrap().unwrap_err().to_string();
+        assert_eq!(why, format!("the service was called, and its response is refused: {end}"));
+    }
     let (query, answer) = call_known(&mut bridge, &queries);
     query.reply_err("not\nnow").wait().unwrap();
     let why = answer.recv_timeout(SOON).unwrap().unwrap_err().to_string();
     assert_eq!(why, "the service answers: not now");
     let why = bridge.call("robot1.reset", &[3, 0, 1, 0]).recv_timeout(SOON).unwrap().unwrap_err().to_string();
     assert_eq!(why, "its argument is not a `std_srvs/srv/Trigger_Request`");
-    bridge.expect_signal("/robot1/reset refused", 5.0);
+    bridge.expect_signal("/robot1/reset refused", 8.0);
     let unknown = bridge.call("other", &value(&REQUEST)).recv_timeout(SOON).unwrap();
     assert!(matches!(unknown, Err(ObjectError::NoSuchProcedure { .. })), "{unknown:?}");
 }
