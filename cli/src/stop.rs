@@ -16,7 +16,7 @@ use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::human::span;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, Deployment, Report, Request};
+use node::logic::protocol::{Answer, Change, Deployment, Ending, FailureCause, Report, Request};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -54,8 +54,21 @@ struct Ended {
     is_stopped: bool,
     /// The hosts that have not confirmed that nothing of it is left.
     unconfirmed: Vec<String>,
+    /// The work outside of its programs that may go on.
+    may_go_on: Vec<String>,
     /// Why this is not a success; nothing if it is one.
     failure: Option<Failure>,
+}
+
+/// The end of a deployment, as its home has reported it.
+#[derive(Default)]
+struct Reported {
+    /// The hosts that have not confirmed that nothing of it is left.
+    hosts: Vec<String>,
+    /// The work outside of its programs that may go on.
+    may_go_on: Vec<String>,
+    /// Whether a stop could not be confirmed.
+    is_unconfirmed: bool,
 }
 
 /// Runs the verb.
@@ -76,11 +89,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let outcome = match outcome {
         Ok(Some(outcome)) => outcome,
         Ok(None) => return Ok(()),
-        Err(failure) => Ended { is_stopped: false, unconfirmed: Vec::new(), failure: Some(failure) },
+        Err(failure) => {
+            Ended { is_stopped: false, unconfirmed: Vec::new(), may_go_on: Vec::new(), failure: Some(failure) }
+        }
     };
     if arguments.json {
-        let Ended { is_stopped, unconfirmed, .. } = &outcome;
-        console::answer(&serde_json::json!({ "deployment": name, "stopped": is_stopped, "unconfirmed": unconfirmed }));
+        let Ended { is_stopped, unconfirmed, may_go_on, .. } = &outcome;
+        console::answer(&serde_json::json!({
+            "deployment": name, "stopped": is_stopped, "unconfirmed": unconfirmed, "may_go_on": may_go_on,
+        }));
     }
     match outcome.failure {
         Some(failure) => Err(failure),
@@ -93,17 +110,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Ended {
-    /// Returns the outcome of a stop that the home has reported as done, but for hosts that could not confirm it.
-    fn reported(name: &DeploymentName, unconfirmed: Vec<String>) -> Self {
-        let hosts = unconfirmed.join("`, `");
-        let have = if unconfirmed.len() == 1 { "has" } else { "have" };
-        let failure = (!unconfirmed.is_empty()).then(|| {
-            Failure::Unreachable(anyhow!(
-                "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
+    /// Returns the outcome of a stop that the home has reported as done, but for hosts that could not confirm it, and for
+    /// what may go on outside of its programs.
+    fn reported(name: &DeploymentName, Reported { hosts, may_go_on, is_unconfirmed }: Reported) -> Self {
+        let have = if hosts.len() == 1 { "has" } else { "have" };
+        let failure = if !hosts.is_empty() {
+            let listed = hosts.join("`, `");
+            Some(Failure::Unreachable(anyhow!(
+                "`{name}` is stopped, but `{listed}` {have} not confirmed that nothing of it is left: its programs may still run \
                  there; `dca status` says when they have ended"
-            ))
-        });
-        Self { is_stopped: true, unconfirmed, failure }
+            )))
+        } else if !may_go_on.is_empty() {
+            Some(anyhow!("the programs of `{name}` have ended, but {}", may_go_on.join("; ")).into())
+        } else if is_unconfirmed {
+            Some(
+                anyhow!(
+                    "`{name}` has ended, but the stop of one of its processes was not confirmed; `dca log` names it"
+                )
+                .into(),
+            )
+        } else {
+            None
+        };
+        Self { is_stopped: true, unconfirmed: hosts, may_go_on, failure }
     }
 }
 
@@ -200,7 +229,8 @@ async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure
             let Some(end) = away.end(name) else { return Err(absent::no_deployment(name, &all, &away)) };
             let unconfirmed: Vec<String> = end.hosts.iter().map(|one| one.host.clone()).collect();
             let failure = away.not_confirmed(name, end);
-            return Ok(Ended { is_stopped: !absent::is_unknown_at_home(end), unconfirmed, failure: Some(failure) });
+            let is_stopped = !absent::is_unknown_at_home(end);
+            return Ok(Ended { is_stopped, unconfirmed, may_go_on: Vec::new(), failure: Some(failure) });
         }
         None => return Ok(Ended::reported(name, stop_running(locate(all, name).await?).await?)),
     }
@@ -212,7 +242,8 @@ async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure
         let open: BTreeSet<String> = ends.flat_map(|end| end.hosts.iter().map(|open| open.host.clone())).collect();
         let answers = |host: &String| all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == *host);
         if !open.iter().any(answers) || clock::now() >= deadline {
-            return Ok(Ended::reported(name, open.into_iter().collect()));
+            let hosts = open.into_iter().collect();
+            return Ok(Ended::reported(name, Reported { hosts, ..Reported::default() }));
         }
         clock::sleep_until(clock::now() + ASK_EVERY).await;
     }
@@ -236,8 +267,8 @@ async fn stop_waiting(client: &Client, home: &str, name: &str) -> Result<(), Fai
     }
 }
 
-/// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.
-async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Result<Vec<String>, Failure> {
+/// Stops a deployment; returns its end.
+async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Result<Reported, Failure> {
     let name = &deployment.name;
     let (mut heard, mut is_told) = (clock::now(), false);
     loop {
@@ -247,8 +278,8 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
         };
         // Stopping goes by the name, which may be another deployment's by now.
         while !runs(client, &deployment).await {
-            if let Ok(unconfirmed) = last_report(client.ask_on(&home, &watch(&deployment))?, &home).await {
-                return Ok(unconfirmed);
+            if let Ok(end) = last_report(client.ask_on(&home, &watch(&deployment))?, &home).await {
+                return Ok(end);
             }
             if clock::now() - heard > SILENT_MAX {
                 return Err(Failure::Unreachable(why.context(format!(
@@ -276,7 +307,7 @@ async fn runs(client: &Client, deployment: &Deployment) -> bool {
     part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))
 }
 
-async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Vec<String>, Failure> {
+async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Reported, Failure> {
     // Watched first, so that the last report is not missed.
     let reports = client.ask_on(home, &watch(deployment))?;
     let stop = Request::Stop { name: deployment.name.clone() };
@@ -289,7 +320,7 @@ async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Resu
         }
     };
     tokio::select! {
-        unconfirmed = last_report(reports, home) => unconfirmed,
+        end = last_report(reports, home) => end,
         refused = refused => Err(refused),
     }
 }
@@ -299,16 +330,27 @@ fn watch(deployment: &Deployment) -> Request {
     Request::Watch { deployment: deployment.clone(), seen: u64::MAX }
 }
 
-/// Waits for the last report; returns the hosts that could not confirm.
-async fn last_report(mut reports: Answers, home: &str) -> Result<Vec<String>, Failure> {
+/// Waits for the last report; returns the end that it tells.
+async fn last_report(mut reports: Answers, home: &str) -> Result<Reported, Failure> {
+    let mut end = Reported::default();
     loop {
         match reports.next().await {
-            Some(Ok(Answer::Report(Report::Finished { unconfirmed, .. }))) => return Ok(unconfirmed),
-            Some(Ok(Answer::Report(Report::Refused { .. }))) => return Ok(Vec::new()),
-            Some(Ok(Answer::Report(_))) => {}
+            Some(Ok(Answer::Report(Report::Finished { unconfirmed, ending, .. }))) => {
+                (end.hosts, end.is_unconfirmed) = (unconfirmed, ending == Ending::Unconfirmed);
+                return Ok(end);
+            }
+            Some(Ok(Answer::Report(Report::Refused { .. }))) => return Ok(Reported::default()),
+            Some(Ok(Answer::Report(report))) => end.may_go_on.extend(open_end(&report)),
             Some(Ok(other)) => return Err(unasked(home, &other)),
             Some(Err(why)) => return Err(why),
             None => return Err(Failure::Unreachable(anyhow!("the node `{home}` went away"))),
         }
     }
+}
+
+/// Returns what may go on outside of a process that has ended, if the report is of such an end.
+fn open_end(report: &Report) -> Option<String> {
+    let Report::Process { path, change: Change::Ended(Ending::Aborted(failure)), .. } = report else { return None };
+    let FailureCause::MayGoOn(what) = &failure.cause else { return None };
+    (failure.origin == *path).then(|| format!("`{path}`: {what}"))
 }
