@@ -18,9 +18,9 @@ use std::time::Duration;
 const TYPE: &str = "RosAction";
 /// The output of its feedback.
 const FEEDBACK: &str = "Feedback";
-/// How long it may take to stop, unless its interface sets another time: a server has to end the goal.
+/// How long a stop waits for the end of the goal, unless the module sets another time.
 const STOP_WITHIN: Duration = Duration::from_secs(6);
-/// The part of that time in which the program itself ends.
+/// How long its program may take beyond that to say how the stop has gone.
 const LEAVE_WITHIN: Duration = Duration::from_secs(1);
 
 /// Reads the action of a module, once the rest of it is known.
@@ -51,7 +51,7 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     let written = token.content();
     let Some(name) = GraphName::parse(&written).filter(|name| written.starts_with('/') && is_short(name)) else {
         let message = format!("{written:?} is not the name of an action of ROS 2");
-        let help = "it begins with `/`, has words of letters, digits and `_`, and at most 200 bytes";
+        let help = "it begins with `/`, has words of letters, digits and `_` that do not begin with a digit, and at most 200 bytes";
         return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
     };
     let Some(of) = library::actions().find(|action| action.spec() == kind.text) else {
@@ -60,9 +60,9 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));
     };
     let has_limit = node.child(StopWithin).is_some();
-    let limit = if has_limit { module.times.stop_within } else { STOP_WITHIN };
-    module.times.stop_within = limit;
-    let stop = (limit / 2).max(limit.saturating_sub(LEAVE_WITHIN)).as_millis();
+    let wait = if has_limit { module.times.stop_within } else { STOP_WITHIN };
+    module.times.stop_within = wait.saturating_add(LEAVE_WITHIN);
+    let stop = wait.as_millis();
     module.exec = Some(format!("{BRIDGE_PROGRAM} {TYPE} action={name} type={of} stop_ms={stop}"));
     module.environment.inherited.extend(ROS_VARIABLES.map(str::to_owned));
     module.has_end = true;
@@ -74,4 +74,29 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
 /// Returns whether the names of the topics and services of an action have room.
 fn is_short(name: &GraphName) -> bool {
     name.as_str().len() <= 200
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::source::Source;
+    use crate::{Options, compile};
+
+    #[test]
+    fn a_stop_waits_as_long_as_the_module_says() {
+        for (limit, wait, all) in
+            [("stop within 3 s;", 3000, 4000), ("", 6000, 7000), ("stop within 200 ms;", 200, 1200)]
+        {
+            let text = format!(
+                "module Plan(host) {{ exec \"plan\"; done; }}
+                 module Fib(host) {{ action \"/fib\": ros.example.Fibonacci; {limit} }}
+                 process main(){{ host{{c1}} instantiated_processes{{ plan instof Plan(c1); fib instof Fib(c1); }}
+                 internal_event_actions{{ plan : fib }} }}"
+            );
+            let compiled = compile(&Source::new("a.dca", text), &[], &Options::named("a"));
+            let leaf = compiled.plan.expect("it compiles").leaves.remove(1);
+            let exec = leaf.exec.unwrap_or_default();
+            assert!(exec.ends_with(&format!("stop_ms={wait}")), "{exec}");
+            assert_eq!(leaf.stop_within.as_millis(), all);
+        }
+    }
 }

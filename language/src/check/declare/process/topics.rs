@@ -77,7 +77,7 @@ fn name_of(text: &Token, of: &str) -> Result<GraphName, Box<Diagnostic>> {
     name.ok_or_else(|| {
         let message = format!("{written:?} is not the name of a {of} of ROS 2");
         let diagnostic = Diagnostic::new(Code::E0309, text.span(), message);
-        Box::new(diagnostic.help("it begins with `/`, has words of letters, digits and `_`, and at most 247 bytes"))
+        Box::new(diagnostic.help("it begins with `/`, has words of letters, digits and `_` that do not begin with a digit, and at most 247 bytes"))
     })
 }
 
