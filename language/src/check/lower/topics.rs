@@ -168,9 +168,8 @@ fn conflict(host: u32, one: &Route, other_host: u32, other: &Route) -> Option<St
     if one.way == Way::Serve {
         return Some("is answered by two processes".to_owned());
     }
-    if host != other_host {
-        let is_published = one.way == Way::ToRos;
-        return is_published.then(|| "is published on two hosts".to_owned());
+    if host != other_host && one.way == Way::ToRos {
+        return Some("is published on two hosts".to_owned());
     }
     (one.qos != other.qos).then(|| "has two qualities of service".to_owned())
 }
