@@ -125,7 +125,7 @@ impl Ended {
         } else if is_unconfirmed {
             Some(
                 anyhow!(
-                    "`{name}` has ended, but the stop of one of its processes was not confirmed; `dca log` names it"
+                    "`{name}` has ended, but the stop of one of its processes was not confirmed; `dca events` names it"
                 )
                 .into(),
             )
