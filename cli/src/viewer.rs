@@ -78,7 +78,7 @@ async fn serve(address: SocketAddr, mut live: Live, reader: &mut Reader) -> anyh
     let (orders_tx, mut orders) = mpsc::channel(ORDERS_MAX);
     let mut given: JoinSet<String> = JoinSet::new();
     let number = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
-    let door = Door { address, key: secret()?, token: secret()? };
+    let door = Door { address: address.to_string(), port: address.port(), key: secret()?, token: secret()? };
     console::say(&format!("http://{address}/?key={}", door.key));
     console::note("open this link in a browser on this machine (Ctrl-C to leave)");
     let shared = Arc::new(Shared { door, model: Mutex::new(Model::new(number)), version, orders: orders_tx });

@@ -3,7 +3,6 @@
 //! Source: RFC 9112 for messages, RFC 6265 for cookies, the Fetch standard for `Sec-Fetch-Site`.
 
 use std::fmt::Write as _;
-use std::net::SocketAddr;
 
 /// The longest head of a request, in bytes.
 const HEAD_MAX: usize = 16 << 10;
@@ -105,8 +104,9 @@ pub(crate) fn head(bytes: &[u8]) -> Result<Option<(Head, usize)>, Status> {
 /// The secrets of a view, and the address under which it is opened.
 #[derive(Clone, Debug)]
 pub(crate) struct Door {
-    /// The address at which it listens.
-    pub(crate) address: SocketAddr,
+    /// The address at which it listens, and its port.
+    pub(crate) address: String,
+    pub(crate) port: u16,
     /// The secret in the link that is printed.
     pub(crate) key: String,
     /// The secret in the page, which each order repeats.
@@ -126,8 +126,7 @@ impl Door {
     /// Checks whether a request comes from a browser that has opened the link, and an order from the page itself.
     pub(crate) fn check(&self, head: &Head) -> Result<Entry, Status> {
         // A page of another site that has its name point here has another host.
-        let (address, port) = (self.address, self.address.port());
-        if head.host != address.to_string() && head.host != format!("localhost:{port}") {
+        if head.host != self.address && head.host != format!("localhost:{}", self.port) {
             return Err(Status::Forbidden);
         }
         let key = head.query.strip_prefix("key=").unwrap_or_default();
@@ -150,7 +149,7 @@ impl Door {
 
     /// Returns the name of its cookie.
     fn cookie(&self) -> String {
-        format!("{COOKIE}{}", self.address.port())
+        format!("{COOKIE}{}", self.port)
     }
 
     /// Returns the answer to the link.
@@ -198,7 +197,7 @@ mod tests {
     use super::*;
 
     fn door() -> Door {
-        Door { address: ([127, 0, 0, 1], 7080).into(), key: "k1".into(), token: "t1".into() }
+        Door { address: "127.0.0.1:7080".into(), port: 7080, key: "k1".into(), token: "t1".into() }
     }
 
     fn read(text: &str) -> Result<Head, Status> {

@@ -167,13 +167,16 @@ mod tests {
         outputs.iter().map(|output| ((*output).to_owned(), 3)).collect()
     }
 
+    /// A leaf, its outputs, and how many of them are recorded.
+    type Expected<'a> = (u32, &'a [&'a str], usize);
+
     #[test]
     fn a_record_stands_in_for_sensors_or_for_the_named_outputs() {
-        let check = |outputs: &[&str], wanted: &[&str], expected: Result<&[(u32, &[&str], usize)], &str>| {
+        let check = |outputs: &[&str], wanted: &[&str], expected: Result<&[Expected<'_>], &str>| {
             let wanted: Vec<String> = wanted.iter().map(|what| (*what).to_owned()).collect();
             let found = choose(&plan(), &recorded(outputs), &wanted);
             let expected = expected.map(|all| {
-                let stand_in = |(leaf, outputs, recorded): &(u32, &[&str], usize)| StandIn {
+                let stand_in = |(leaf, outputs, recorded): &Expected<'_>| StandIn {
                     leaf: *leaf,
                     outputs: outputs.iter().map(|output| (*output).to_owned()).collect(),
                     recorded: *recorded,

@@ -297,11 +297,11 @@ fn an_estop_is_given_only_after_a_yes() {
 fn a_long_question_is_shown_whole_where_it_is_answered() {
     let text = "Is the door free, is nobody behind it, and is the floor dry? If you are not sure, look again, since a no costs \
                 nothing, and a yes moves an arm of 60 kg: DANGER";
-    let mut asking = with_question();
-    let activity = asking.activity.as_mut().expect("it asks");
+    let mut ask = with_question();
+    let activity = ask.activity.as_mut().expect("it asks");
     activity.questions[0].text = text.into();
     let mut model = Model::new(1);
-    model.apply(at(0), Input::Status(Box::new(node("r1", vec![asking]))));
+    model.apply(at(0), Input::Status(Box::new(node("r1", vec![ask]))));
     let mut top = Top::new(PLAIN);
     top.tick(at(1));
     for key in [Key::Char('6'), Key::Enter] {
