@@ -285,7 +285,7 @@ fn a_full_disk_refuses_a_deployment_and_gives_no_epoch_twice() {
 /// A node takes the room for the words of an emergency stop when it starts.
 #[test]
 fn a_full_disk_takes_the_reason_of_an_emergency_stop() {
-    let mut place = Place::new("e");
+    let mut place = Place::new("full");
     let Some(disk) = SmallDisk::mount(place.folder.join("s")) else {
         println!("skipped: needs root to mount a small disk");
         return;
