@@ -11,6 +11,8 @@ const LEAVES_PER_GROUP: usize = 40;
 const PROGRAMS: usize = 500;
 /// How long the node's sockets, and ending shims, may take to settle after a round.
 const SETTLE: Duration = Duration::from_secs(5);
+/// How many threads pools of the network's library may start late, and keep. A thread that is left over in each round is one more.
+const LATE: usize = 3;
 /// How long threads of a pool may stay without work: tokio keeps them for 10 s.
 const POOL: Duration = Duration::from_secs(30);
 
@@ -34,7 +36,7 @@ fn come_and_go(times: usize) {
     let file = cluster.file("many.dca", &nested());
     // The network's library starts its threads with the first caller.
     assert_eq!(here.ask(&["nodes"]).code, Some(0));
-    let threads_first = threads(node.pid());
+    let limit = threads(node.pid()) + LATE;
     let mut descriptors_first = None;
     for round in 1..=times {
         let deployed = here.dca(&["deploy", "--no-record", &file]);
@@ -61,8 +63,8 @@ fn come_and_go(times: usize) {
         let grown = || format!("{limit} after round 1, more after {round}: {:#?}", descriptors(node.pid()));
         wait_until(SETTLE, is_as_before).unwrap_or_else(|| panic!("descriptors: {}", grown()));
     }
-    let took = wait_until(POOL, || threads(node.pid()) <= threads_first);
-    assert!(took.is_some(), "{threads_first} threads at first, {} after the last round", threads(node.pid()));
+    let took = wait_until(POOL, || threads(node.pid()) <= limit);
+    assert!(took.is_some(), "at most {limit} threads expected, {} after the last round", threads(node.pid()));
 }
 
 /// 500 programs on one machine end at a `dca stop`, which reports it with exit code 0.
