@@ -59,9 +59,12 @@ struct Declaration {
     keys: Vec<DeclaredKeys>,
     database: Option<String>,
     parameters: Vec<DeclaredParameter>,
-    /// The message that it starts with, and its normal ends, each with the name of its message.
-    values: (Option<Py<MessageType>>, Vec<(String, Option<String>)>),
+    values: DeclaredValues,
 }
+
+/// The message that it starts with, and its normal ends, each with the name of its message.
+#[derive(FromPyObject)]
+struct DeclaredValues(Option<Py<MessageType>>, Vec<(String, Option<String>)>);
 
 #[derive(FromPyObject)]
 struct DeclaredPort {
@@ -99,7 +102,7 @@ impl Class {
             ports.push(Port { attribute, message: Arc::new(message), keeps_all });
         }
         let parameters = declared.parameters.iter().map(|one| one.parameter(py)).collect::<PyResult<Vec<_>>>()?;
-        let (start, outcomes) = declared.values;
+        let DeclaredValues(start, outcomes) = declared.values;
         let outcomes = outcomes
             .into_iter()
             .map(|(tag, type_name)| Outcome { tag: for_ever(tag), type_name: type_name.map(for_ever) });
