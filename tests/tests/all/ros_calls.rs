@@ -101,3 +101,24 @@ fn an_action_is_a_task_that_ends_or_is_stopped() {
         cluster.expect_nothing_left(Duration::from_secs(5));
     }
 }
+
+/// A server that does not cancel the goal: neither the stop nor the mission claims that nothing is left.
+#[test]
+fn a_stop_says_that_a_goal_may_go_on() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let servers = [SEND, RESULT, CANCEL].map(|key| serve(&ros, key));
+    let [sent, _, canceled] = &servers.each_ref().map(|(_, queries)| queries);
+    let mission = run(&cluster, &ros, &ACTION.replace("Fibonacci;", "Fibonacci; stop within 500 ms;"));
+    let goal = sent.recv_timeout(SOON).unwrap_or_else(|_| panic!("{}", mission.text(Stream::Err)));
+    reply(&goal, &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    let stop = cluster.here().dca(&["stop", "echo"]);
+    let cancel = canceled.recv_timeout(SOON).expect("a stop cancels the goal");
+    reply(&cancel, &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]);
+    let stopped = stop.ended(SOON);
+    assert_eq!(stopped.code, Some(1), "{stopped}");
+    let goes_on = "the goal of action `/fib` may go on in ROS 2";
+    assert!(stopped.err.contains(goes_on) && !stopped.out.contains("nothing of it is left"), "{stopped}");
+    let ended = mission.ended(SOON);
+    assert!(ended.code == Some(1) && format!("{}{}", ended.out, ended.err).contains(goes_on), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(5));
+}

@@ -171,6 +171,23 @@ fn a_killed_bridge_is_back_and_the_mission_goes_on() {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
+#[test]
+fn the_log_of_a_bridge_names_a_node_that_has_another_type() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let token = "@ros2_lv/7/aa/0/1/MP/%/%/talker/%there/std_msgs::msg::dds_::Bool_/RIHS01_aa/::,:,:,:,,";
+    let token = ros.session.liveliness().declare_token(token).wait().expect("a peer of a test");
+    let mission = run(&cluster, &ros, ECHO);
+    let mut log = String::new();
+    let is_told = wait_until(SOON, || {
+        log = cluster.here().ask(&["logs", "main/ros"]).out;
+        log.contains("node `/talker` publishes `/there` with type `std_msgs/msg/Bool`")
+    });
+    assert!(is_told.is_some(), "{log}\n{}", mission.text(Stream::Err));
+    drop(token);
+    mission.signal(Signal::INT);
+    mission.ended(SOON);
+}
+
 /// How long messages take there and back, and how many do not come back.
 #[derive(Debug)]
 struct Figures {
