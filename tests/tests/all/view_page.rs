@@ -121,6 +121,13 @@ fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
+/// Returns whether no thread of a process runs: a signal is sent before it has reached all of them.
+fn is_suspended(pid: u32) -> bool {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).expect("it is there").flatten();
+    let states = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("stat")).ok());
+    states.into_iter().all(|stat| stat.rsplit_once(')').is_some_and(|(_, rest)| rest.trim_start().starts_with('T')))
+}
+
 /// Idle connections of others take no connection from a person, and an order that its person has given up is not carried out.
 #[test]
 fn strangers_and_late_orders_do_nothing() {
@@ -134,6 +141,7 @@ fn strangers_and_late_orders_do_nothing() {
     let idle: Vec<TcpStream> =
         (0..200).map(|_| TcpStream::connect(&page.address).expect("the page is there")).collect();
     page.view.signal(Signal::STOP);
+    wait_until(SOON, || is_suspended(page.view.pid())).expect("all of its threads stop");
     drop(page.request("POST /estop", &fields, "{}"));
     page.view.signal(Signal::CONT);
     let refused = page.ask("POST /answer", &fields, "{}");
