@@ -255,7 +255,7 @@ impl Live {
     /// Asks and listens over new connections instead of the present ones.
     fn go_on_with(&mut self, feed: Feed) -> Input {
         self.tasks.abort_all();
-        // What the old tasks have sent is about connections that are no more.
+        // The old tasks have sent inputs about connections that are closed.
         (self.sink, self.heard) = mpsc::channel(INPUTS_MAX);
         (self.output, self.measurement) = (None, None);
         self.watched.clear();
@@ -344,7 +344,7 @@ impl Live {
     }
 }
 
-/// Looks for the nodes that a connection reaches. A node of this machine that does not answer is no sign that others have left.
+/// Looks for the nodes that a connection reaches. That a node of this machine does not answer does not mean that others have left.
 async fn find(number: usize, client: Arc<Client>, sink: Sender<Heard>) {
     loop {
         let looked = clock::now();

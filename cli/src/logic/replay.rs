@@ -1,4 +1,4 @@
-//! A record as a source of values: which processes of a plan it can stand in for, and what each of them sends.
+//! A record as a source of values: the processes of a plan that it can stand in for, and the values that each of them sends.
 
 mod encode;
 mod steps;

@@ -126,7 +126,7 @@ async fn answer(
         (false, "/page.css") => ("text/css; charset=utf-8", STYLE.to_owned()),
         (false, "/page.js") => ("text/javascript; charset=utf-8", SCRIPT.to_owned()),
         (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
-        // A browser that connects again by itself tells the position in its field; one that opens the stream anew in the query.
+        // A browser that reconnects by itself tells the position in its field, and a script that opens a new stream in the query.
         (false, "/events") if head.last_event_id.is_empty() => {
             return events(stream, shared, head.query.strip_prefix("after=").unwrap_or_default()).await;
         }

@@ -12,7 +12,7 @@ pub const GIVEN_MAX: usize = 64 * 1024;
 pub struct Given {
     /// The value as a spec spells it, in SI units.
     pub text: String,
-    /// What the process gets for its `Init`.
+    /// The value for `Init` of the process.
     pub value: Value,
 }
 

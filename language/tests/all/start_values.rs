@@ -1,4 +1,4 @@
-//! The values that a spec gives to processes for their start: their bytes, and what a changed value does to a running group.
+//! The values that a spec gives to processes for their start: their bytes, and the effect of a changed value on a running group.
 
 use language::algebra::{Command, Event, Program, State, Value, carry, step};
 use language::plan::{Expression, Plan, difference};
@@ -30,7 +30,7 @@ fn plan(actions: &str) -> Plan {
     compiled.plan.unwrap_or_else(|| panic!("{actions}: {:#?}", compiled.diagnostics))
 }
 
-/// What the first process of some event actions starts with.
+/// The start value of the first process of some event actions.
 fn started(actions: &str) -> Value {
     let program = Program::compile(&plan(actions).groups[0]);
     let mut commands = Vec::new();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// A value that went over a wire, as it is in the record.
+/// A value of a wire, as the record has it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedValue {
     /// Path of the producer and its output: `main/force/Out`.

@@ -9,7 +9,7 @@ use node::logic::protocol::{Change, Ending, Report};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What a record has of the outputs of a process.
+/// The recorded values of the outputs of a process.
 #[derive(Debug)]
 pub(crate) struct Recorded {
     /// The steps, as the file of a stand-in has them.

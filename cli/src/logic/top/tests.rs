@@ -292,7 +292,7 @@ fn an_estop_is_given_only_after_a_yes() {
     assert_eq!(press(&mut top, &[Key::Char('R'), Key::Char('y')]), None, "nothing is stopped");
 }
 
-/// The end of a question decides: nobody answers what cannot be read.
+/// The end of a question may decide the answer, so a person has to see all of it.
 #[test]
 fn a_long_question_is_shown_whole_where_it_is_answered() {
     let text = "Is the door free, is nobody behind it, and is the floor dry? If you are not sure, look again, since a no costs \

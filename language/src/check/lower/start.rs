@@ -29,7 +29,7 @@ impl<'a> Starts<'a> {
         self.found.into_inner()
     }
 
-    /// The value that an expression is started with; none if it is no value for that, which is reported.
+    /// The value that an expression is started with; none if it is refused, which is reported.
     pub(super) fn given(&self, start: &StartValue, part: &Expr) -> Option<Given> {
         let StartValue::Known(value) = start else { return None };
         let takers = takers(self.spec, self.process, part);

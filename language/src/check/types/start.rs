@@ -193,7 +193,7 @@ fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
     }
 }
 
-/// The first type in a type whose values a spec cannot write, since no text says what is in them.
+/// The first type in a type whose values a spec cannot write: no text says which values they are.
 fn unwritten(spec: &Spec, kind: &Kind) -> Option<String> {
     match spec.shape(kind) {
         Shape::Record(fields) => fields.iter().find_map(|field| unwritten(spec, field.kind.as_ref()?)),
