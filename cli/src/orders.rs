@@ -36,15 +36,14 @@ pub(crate) async fn everywhere(clients: &Clients, connect: &ConnectArgs, action:
 /// the person.
 async fn anew(clients: &Clients, connect: &ConnectArgs, request: &Request) -> Option<BTreeMap<String, Outcome>> {
     let fresh = Clients::open(connect).await.ok()?;
+    let mut is_locked = false;
     for new in fresh.iter() {
         clients.iter().for_each(|old| new.take_keys(old));
-        if let Some(host) = new.local()
-            && new.asks_for_passphrase(host).await.unwrap_or(true)
-        {
-            return None;
+        if let Some(host) = new.local() {
+            is_locked |= new.asks_for_passphrase(host).await.unwrap_or(true);
         }
     }
-    let outcomes = estop::everywhere(&fresh, request).await.ok();
+    let outcomes = if is_locked { None } else { estop::everywhere(&fresh, request).await.ok() };
     fresh.close().await;
     outcomes
 }
