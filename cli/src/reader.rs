@@ -4,24 +4,36 @@ use crate::output;
 use node::console;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
+use std::future::poll_fn;
 use std::io;
+use std::task::Poll;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
-/// A person who may end the command: by Ctrl-C or SIGTERM.
+/// A person who may end the command, by a signal.
 #[derive(Debug)]
-pub(crate) struct Leave {
-    interrupt: Signal,
-    terminate: Signal,
-}
+pub(crate) struct Leave(Vec<Signal>);
 
 impl Leave {
-    /// Takes these signals over from now on.
+    /// Takes over Ctrl-C and SIGTERM from now on.
     ///
     /// # Errors
     /// The system gives no signals.
     pub(crate) fn new() -> io::Result<Self> {
-        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+        Self::by(&[SignalKind::interrupt(), SignalKind::terminate()])
+    }
+
+    /// Takes over all signals by which a terminal or a user ends a program. A program that draws gives the terminal back before it
+    /// ends. Other commands do not take over SIGHUP, because `nohup` ignores it.
+    ///
+    /// # Errors
+    /// The system gives no signals.
+    pub(crate) fn of_terminal() -> io::Result<Self> {
+        Self::by(&[SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit()])
+    }
+
+    fn by(kinds: &[SignalKind]) -> io::Result<Self> {
+        kinds.iter().map(|kind| signal(*kind)).collect::<io::Result<_>>().map(Self)
     }
 
     /// Waits until the command is asked to end.
@@ -29,10 +41,11 @@ impl Leave {
     /// # Cancellation
     /// Safe.
     pub(crate) async fn asked(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
-        }
+        poll_fn(|context| {
+            let is_asked = self.0.iter_mut().any(|signal| signal.poll_recv(context).is_ready());
+            if is_asked { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
     }
 }
 

@@ -46,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     block_on(async {
-        let mut leave = Leave::new()?;
+        let mut leave = Leave::of_terminal()?;
         let live = tokio::select! {
             live = Live::open(&arguments.connect) => live?,
             () = leave.asked() => return Ok(()),

@@ -82,7 +82,7 @@ fn the_terminal_is_given_back_after_a_signal_and_without_colours_none_are_sent()
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    for signal in [Signal::TERM, Signal::INT] {
+    for signal in [Signal::TERM, Signal::INT, Signal::HUP, Signal::QUIT] {
         let mut top = here.typed(80, &[("NO_COLOR", "1")], &["top", "--ascii"]);
         top.wait_for("nothing is deployed");
         top.signal(signal);
