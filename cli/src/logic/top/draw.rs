@@ -120,18 +120,31 @@ impl Canvas<'_> {
         }
     }
 
+    /// Draws the titles of the pages. On a narrow terminal, only the page that is shown and open questions have a title.
     fn pages(&mut self, model: &Model) {
-        let mut column = 1;
         let questions = model.questions().count();
-        for (place, tab) in Tab::ALL.into_iter().enumerate() {
+        let title = |(place, tab): (usize, Tab), is_short: bool| {
             let count = if tab == Tab::Questions && questions > 0 { format!(" ({questions})") } else { String::new() };
-            let text = format!("{} {}{count}", place + 1, tab.title());
+            let has_title = !is_short || tab == self.top.tab || !count.is_empty();
+            let text =
+                if has_title { format!("{} {}{count}", place + 1, tab.title()) } else { (place + 1).to_string() };
             let style = match (tab == self.top.tab, count.is_empty()) {
                 (true, _) => Style::new().add_modifier(Modifier::REVERSED),
                 (false, true) => Style::new(),
                 (false, false) => self.style(Tone::Changing).add_modifier(Modifier::BOLD),
             };
-            column = self.put(column, 1, &text, style) + 2;
+            (text, style)
+        };
+        let titles = |is_short: bool| -> Vec<(String, Style)> {
+            Tab::ALL.into_iter().enumerate().map(|numbered| title(numbered, is_short)).collect()
+        };
+        let (mut shown, mut gap) = (titles(false), 2);
+        if shown.iter().map(|(text, _)| text.len() + 2).sum::<usize>() > usize::from(self.area.width) {
+            (shown, gap) = (titles(true), 1);
+        }
+        let mut column = 1;
+        for (text, style) in shown {
+            column = self.put(column, 1, &text, style) + gap;
         }
     }
 

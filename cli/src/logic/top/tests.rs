@@ -262,6 +262,13 @@ fn help_fits_into_80_columns() {
     assert!(help[2].contains("1 to 6") && help == wide, "{help:#?}\n{wide:#?}");
 }
 
+#[test]
+fn a_narrow_terminal_shows_every_page_by_its_number() {
+    let shown = |width| lines(&picture_of(&[Key::Char('2')], width))[1].clone();
+    assert_eq!(shown(40), " 1 2 Processes 3 4 5 6 Questions (1)");
+    assert_eq!(shown(80), " 1 Robots  2 Processes  3 Wires  4 Events  5 Output  6 Questions (1)");
+}
+
 fn picture_of(keys: &[Key], width: u16) -> Buffer {
     let (mut top, model) = (Top::new(PLAIN), model());
     top.tick(at(2));
