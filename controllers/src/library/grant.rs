@@ -10,7 +10,7 @@ use comms::logic::time::Time;
 use std::time::Duration;
 
 /// How long a user waits for a device that another client holds: longer than the lease of a client that has died.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(5);
 /// How long a stop waits until the server knows that its lock is free again; after that the lease ends it.
 const RELEASE_WITHIN: Duration = Duration::from_millis(100);
 

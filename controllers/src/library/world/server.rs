@@ -14,8 +14,11 @@ use std::time::Duration;
 
 /// The lease of a grant without renewal, and the time that a client with a greater priority waits for the holder to
 /// come to rest.
-const LOCK: LockSettings =
-    LockSettings { lease: Duration::from_millis(500), preempt_after: Some(Duration::from_millis(300)), waiting_max: 8 };
+///
+/// The lease only decides when another client of the same priority has the device: the watchdog of the device stops it long before.
+/// With a lease of 500 ms, a machine at a load of 36 took the arm from a mission that was alive.
+pub(super) const LOCK: LockSettings =
+    LockSettings { lease: Duration::from_secs(2), preempt_after: Some(Duration::from_millis(300)), waiting_max: 8 };
 /// How many commands wait for the next calculation; the newest count.
 const COMMANDS_MAX: usize = 4;
 

@@ -1,6 +1,7 @@
 //! The hardware level on virtual time: whose commands are obeyed, which are refused, and when the wheels stop.
 
 use super::super::registry;
+use super::server::LOCK;
 use crate::message::{BaseCommand, BaseStatus, BaseVelocity};
 use crate::sdk::messaging::{Header, LockAnswer, LockRequest, MessageId, QueueMessage, Receipt, Refusal, Rejected};
 use crate::sdk::{Activity, CallOrder, Message, Module, ObjectError, Progress, RawReply, Stopping};
@@ -27,7 +28,7 @@ impl Bench {
         let now = Time::ZERO + Duration::from_secs(7);
         world.init(&[], now).unwrap();
         let mut bench = Self { world, now };
-        bench.pass(Duration::from_millis(600));
+        bench.pass(LOCK.lease + PERIOD);
         bench
     }
 
@@ -133,7 +134,7 @@ fn only_who_holds_the_base_is_obeyed() {
 fn the_wheels_stop_when_the_holder_is_gone_and_the_next_one_has_them() {
     let mut bench = Bench::new("holder");
     let fence = bench.granted(1);
-    // Half of the lease: it is not renewed.
+    // A part of the lease: it is not renewed.
     for _ in 0..60 {
         bench.drive(Some(fence));
     }
@@ -145,7 +146,7 @@ fn the_wheels_stop_when_the_holder_is_gone_and_the_next_one_has_them() {
     let after = stopped.stopped - driven.commanded;
     assert!(after > WATCHDOG && after <= WATCHDOG + PERIOD.as_secs_f64(), "{after}");
     assert!(matches!(bench.acquire(2, 0), LockAnswer::Waiting { .. }), "the lease goes on");
-    bench.pass(Duration::from_millis(200));
+    bench.pass(LOCK.lease);
     let LockAnswer::Granted { fence: next, .. } = bench.acquire(2, 0) else { panic!("it is free") };
     assert!(next > fence);
     // The first one wakes up.
@@ -257,7 +258,7 @@ fn a_second_mission_is_refused_with_the_name_of_the_first() {
     let base = bench.base();
     assert!(base.velocity[0] > 0.0 && base.holder == "door:main/xr4000" && is(base.refused, 0.0), "{base:?}");
     let mut second = Driver::new("other", 0, bench.now);
-    let end = (0..600).find_map(|_| {
+    let end = (0..1_500).find_map(|_| {
         assert_eq!(first.work(&mut bench, false), Ok(Progress::Continue));
         let end = second.work(&mut bench, false).ok().filter(|progress| *progress != Progress::Continue);
         bench.step();
@@ -320,7 +321,7 @@ fn a_controller_that_wakes_up_goes_on_only_if_nobody_else_has_driven() {
             assert_eq!(first.work(&mut bench, false), Ok(Progress::Continue));
             bench.step();
         }
-        bench.pass(Duration::from_millis(600));
+        bench.pass(LOCK.lease + PERIOD);
         assert!(bench.base().holder.is_empty());
         if has_driven {
             bench.granted(9);
