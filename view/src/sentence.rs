@@ -66,6 +66,7 @@ pub fn change_text(change: &Change) -> String {
         Change::Switched(how) => how.text(),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
         Change::Says { text } => text.clone(),
+        Change::Entered { states } => entered_text(states),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),
         Change::Renewing { with } => renewing_text(with),
@@ -75,6 +76,11 @@ pub fn change_text(change: &Change) -> String {
 /// Returns the words for a program that is put back, since its replacement was not healthy.
 pub fn reverting_text(cause: &FailureCause) -> String {
     format!("is put back, since the new program was not healthy: {cause}")
+}
+
+/// Returns the words for an activity that is in other states.
+pub fn entered_text(states: &[String]) -> String {
+    format!("is in {}", states.join(", "))
 }
 
 /// Returns the words for a process that is restarted with another one.

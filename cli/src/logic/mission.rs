@@ -24,7 +24,9 @@ use node::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use phases::Phases;
 use signals::Tracks;
 use std::time::Duration;
-use view::sentence::{ENDED_LATE, configured_text, renewing_text, report_text, restarting_text, reverting_text};
+use view::sentence::{
+    ENDED_LATE, configured_text, entered_text, renewing_text, report_text, restarting_text, reverting_text,
+};
 
 /// The most notes kept; the rest are counted.
 pub const NOTES_MAX: usize = 200;
@@ -271,6 +273,7 @@ impl Mission {
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Says { text } => (text.clone(), &[][..]),
+            Change::Entered { states } => (entered_text(states), &[][..]),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),
             Change::Renewing { with } => (renewing_text(with), &[][..]),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {

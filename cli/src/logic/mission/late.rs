@@ -61,6 +61,7 @@ impl Late {
             | Change::EndedLate
             | Change::Switched(_)
             | Change::Says { .. }
+            | Change::Entered { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

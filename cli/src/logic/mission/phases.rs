@@ -108,6 +108,7 @@ impl Phase {
             | Change::EndedLate
             | Change::Switched(_)
             | Change::Says { .. }
+            | Change::Entered { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }
@@ -228,6 +229,7 @@ impl Phases {
             | Change::EndedLate
             | Change::Switched(_)
             | Change::Says { .. }
+            | Change::Entered { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

@@ -128,7 +128,8 @@ impl TimeAxis {
     }
 }
 
-fn fits(text: &str, width: f64) -> bool {
+/// Returns whether a text has room in a width of the picture.
+pub(super) fn fits(text: &str, width: f64) -> bool {
     let letters = u32::try_from(text.chars().count()).unwrap_or(u32::MAX);
     f64::from(letters) * LETTER + 8.0 < width
 }

@@ -1,7 +1,7 @@
 //! The lanes of the page: when each process ran, and how that ended.
 
 use crate::logic::mission::{Mission, seconds, short};
-use crate::logic::page::axis::{LEFT, TimeAxis, svg};
+use crate::logic::page::axis::{LEFT, TimeAxis, fits, svg};
 use crate::logic::page::text::escape;
 use crate::logic::record::{Entry, Run};
 use language::plan::{MemberKind, Plan};
@@ -121,7 +121,57 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
         marks.push_str(&mark(lane, *at, change, top, axis));
     }
     text.push_str(&span(lane, state, since, now, top, axis));
+    text.push_str(&states(lane, now, top, axis));
     text + &marks
+}
+
+/// Returns the states of an activity as bands in its lane, each with its name where there is room. Of the bands that would begin
+/// within one point of the picture, only the last one is drawn: an activity may change its state a thousand times a second.
+fn states(lane: &Lane<'_>, now: Duration, top: f64, axis: &TimeAxis) -> String {
+    let mut bands: Vec<StateBand> = Vec::new();
+    for (at, change) in &lane.changes {
+        let entered = if let Change::Entered { states } = change { Some(states) } else { None };
+        if entered.is_none() && !matches!(change, Change::Ended(_) | Change::Died(_)) {
+            continue;
+        }
+        if let Some(last) = bands.last_mut() {
+            last.end.get_or_insert(*at);
+        }
+        if let Some(states) = entered {
+            bands.pop_if(|last| axis.x(*at) - axis.x(last.begin) < 1.0);
+            bands.push(StateBand { name: states.join(", "), begin: *at, end: None });
+        }
+    }
+    let picture = |band: &StateBand| band.picture(lane, band.end.unwrap_or(now), top, axis);
+    bands.iter().map(picture).collect()
+}
+
+/// The time that an activity spends in the same states.
+#[derive(Debug)]
+struct StateBand {
+    name: String,
+    begin: Duration,
+    end: Option<Duration>,
+}
+
+impl StateBand {
+    fn picture(&self, lane: &Lane<'_>, end: Duration, top: f64, axis: &TimeAxis) -> String {
+        let (x, y, name) = (axis.x(self.begin), top + 2.0, escape(&self.name));
+        let width = (axis.x(end) - x).max(1.0);
+        let shown = if fits(&self.name, width) {
+            format!("<text class=\"state\" x=\"{:.1}\" y=\"{:.1}\">{name}</text>", x + 4.0, top + 13.0)
+        } else {
+            String::new()
+        };
+        format!(
+            "<g><title>{} in {name}, {} to {}</title>\
+             <rect class=\"state\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{:.1}\"/>{shown}</g>\n",
+            escape(short(&lane.path)),
+            seconds(self.begin),
+            seconds(end),
+            LANE - 4.0
+        )
+    }
 }
 
 fn after(state: State, change: &Change, leaf: bool) -> State {
@@ -140,7 +190,8 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         | Change::EndedLate
         | Change::Switched(_)
         | Change::Configured { .. }
-        | Change::Says { .. } => state,
+        | Change::Says { .. }
+        | Change::Entered { .. } => state,
     }
 }
 
@@ -181,6 +232,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         | Change::Started { .. }
         | Change::EndedLate
         | Change::Switched(_)
+        | Change::Entered { .. }
         | Change::Resumed => return String::new(),
     };
     format!(

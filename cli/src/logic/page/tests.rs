@@ -4,7 +4,7 @@ use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
 use crate::logic::record::{Entry, Header};
 use expect_test::expect_file;
-use node::logic::protocol::{Deployment, Ending, Failure, FailureCause, Report};
+use node::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Report};
 
 fn run(end: Option<Ending>) -> Run {
     let text = "process main() {\n    // a < b\n}\n".to_owned();
@@ -17,7 +17,7 @@ fn run(end: Option<Ending>) -> Run {
     entries.extend(event_table(OPENING));
     let report = |ending| Entry::Report(Report::Finished { ending, at: seconds(22.1), unconfirmed: Vec::new() });
     entries.extend(end.map(report));
-    Run { header, entries, values: Vec::new(), damage: None }
+    Run { header, go: Some(seconds(1e9 + 0.8)), entries, values: Vec::new(), damage: None }
 }
 
 #[test]
@@ -29,6 +29,31 @@ fn the_same_run_gives_the_same_page_and_needs_nothing_else() {
         assert!(!page.contains(foreign), "{foreign}");
     }
     assert!(page.contains("// a &lt; b") && page.contains("test@3") && page.contains("2001-09-09 01:46:40 UTC"));
+}
+
+/// The lane of an activity has its states with their names. A round that is too short for its own point has no band.
+#[test]
+fn an_activity_shows_its_states_as_bands() {
+    let mut run = run(Some(Ending::Done(Vec::new())));
+    let path = run.header.plan.groups[1].path.clone();
+    let report =
+        |change: Change, at: f64| Entry::Report(Report::Process { path: path.clone(), change, at: seconds(at) });
+    let entered = |names: &[&str]| Change::Entered { states: names.iter().map(|name| (*name).to_owned()).collect() };
+    let of_activity = [
+        report(entered(&["search"]), 1.0),
+        report(entered(&["brief"]), 8.0),
+        report(entered(&["left", "<right>"]), 8.001),
+        report(Change::Ended(Ending::Stopped), 20.0),
+    ];
+    let end = run.entries.len() - 1;
+    run.entries.splice(end..end, of_activity);
+    let page = page(&run);
+    for shown in
+        [" in search, 1.0 s to 8.0 s</title>", " in left, &lt;right&gt;, 8.0 s to 20.0 s</title>", ">search</text>"]
+    {
+        assert!(page.contains(shown), "{shown}: {page}");
+    }
+    assert!(!page.contains("brief, "), "{page}");
 }
 
 #[test]

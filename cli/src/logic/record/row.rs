@@ -366,6 +366,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
             Change::Switched(_) => "switched",
             Change::Configured { .. } => "configured",
             Change::Says { .. } => "says",
+            Change::Entered { .. } => "entered",
             Change::Replacing => "replacing",
             Change::Reverting { .. } => "reverting",
             Change::Renewing { .. } => "renewing",

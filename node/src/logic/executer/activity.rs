@@ -165,7 +165,7 @@ impl Executer {
         if states != before
             && let Some(names) = states.filter(|names| !names.is_empty())
         {
-            self.tell_people(format!("is in {}", names.join(", ")), context, out);
+            self.announce(Change::Entered { states: names }, context, out);
         }
         let Some(chart) = chart(context.plan, self.group).filter(|chart| !chart.questions.is_empty()) else { return };
         let (closed, asked) = self.follow_questions(chart);
@@ -217,7 +217,10 @@ impl Executer {
     }
 
     fn tell_people(&self, text: String, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let change = Change::Says { text: printable(&text[..text.floor_char_boundary(TEXT_MAX)]) };
+        self.announce(Change::Says { text: printable(&text[..text.floor_char_boundary(TEXT_MAX)]) }, context, out);
+    }
+
+    fn announce(&self, change: Change, context: ExecContext<'_>, out: &mut Out<'_>) {
         let target = Target::Group(self.group);
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }

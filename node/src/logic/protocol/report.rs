@@ -188,10 +188,15 @@ pub enum Change {
     EndedLate,
     /// Connection sets of the group were switched, from one set of a consumer to another.
     Switched(SetsSwitched),
-    /// An activity is in other states, or it has said, sent or lost something.
+    /// An activity has said, sent or lost something, or asks a question.
     Says {
         /// The report, as a clause behind the name of the activity.
         text: String,
+    },
+    /// An activity is in other states.
+    Entered {
+        /// The names of the active states without active inner states.
+        states: Vec<String>,
     },
 }
 

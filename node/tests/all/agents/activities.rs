@@ -34,11 +34,13 @@ process main() {
 
 /// The reports of the activity to people, in order.
 fn said(world: &World, call: u64) -> Vec<String> {
-    let text = |answer: &Answer| match answer {
-        Answer::Report(Report::Process { path, change: Change::Says { text }, .. }) if path == "main/round" => {
-            Some(text.clone())
+    let text = |answer: &Answer| {
+        let Answer::Report(Report::Process { path, change, .. }) = answer else { return None };
+        match change {
+            Change::Says { text } if path == "main/round" => Some(text.clone()),
+            Change::Entered { states } if path == "main/round" => Some(format!("is in {}", states.join(", "))),
+            _ => None,
         }
-        _ => None,
     };
     world.answers.get(&call).into_iter().flatten().filter_map(text).collect()
 }
