@@ -304,7 +304,7 @@ mod tests {
     fn of_reports(reports: Vec<Report>) -> Recorded {
         let entries = reports.into_iter().map(Entry::Report).collect();
         let header = Header { file: "test.dca".to_owned(), text: SPEC.to_owned(), plan: plan(SPEC), started: None };
-        Recorded::of(&Run { header, entries, values: Vec::new(), damage: None })
+        Recorded::of(&Run { header, go: None, entries, values: Vec::new(), damage: None })
     }
 
     #[test]

@@ -10,7 +10,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
         "Look",
         &[
             "status", "top", "view", "nodes", "names", "events", "logs", "list", "echo", "hz", "get", "queue",
-            "router", "lock", "clock", "report",
+            "router", "lock", "clock", "report", "export",
         ],
     ),
     ("Change what runs", &["plan", "replace", "add", "remove", "switch", "ctl", "param", "call"]),
@@ -24,7 +24,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 47] = [
+const EXAMPLES: [(&str, [&str; 2]); 48] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     (
@@ -54,6 +54,7 @@ const EXAMPLES: [(&str, [&str; 2]); 47] = [
     ("lock", ["dca lock", "dca lock arm --watch"]),
     ("clock", ["dca clock", "dca clock --json"]),
     ("report", ["dca report runs/robot-1", "dca report runs/robot-1 -o robot.html"]),
+    ("export", ["dca export otlp runs/robot-1", "dca export otlp runs/robot-1 -o robot.jsonl"]),
     ("plan", ["dca plan robot.dca", "dca plan robot.dca --json"]),
     ("replace", ["dca replace robot hit/force", "dca replace robot hit/force arm --probation 20"]),
     (

@@ -5,10 +5,10 @@
 
 use clap::{Arg, ArgAction, Command};
 
-/// The verbs that get the option here. Of `ctl` and `team`, all verbs below them get it.
-const TEXTS: [&str; 16] = [
-    "add", "audit", "check", "conform", "ctl", "fix", "fmt", "graph", "new", "remove", "replace", "report", "sim",
-    "team", "test", "types",
+/// The verbs that get the option here. Of `ctl`, `export` and `team`, all verbs below them get it.
+const TEXTS: [&str; 17] = [
+    "add", "audit", "check", "conform", "ctl", "export", "fix", "fmt", "graph", "new", "remove", "replace", "report",
+    "sim", "team", "test", "types",
 ];
 
 /// Returns a command line in which every verb that answers has `--json`.

@@ -22,6 +22,7 @@ pub mod echo;
 pub mod estop;
 pub mod events;
 pub mod explain;
+mod export;
 pub mod fix;
 pub mod fmea;
 pub mod fmt;
@@ -190,6 +191,8 @@ enum Verb {
     Audit(audit::Arguments),
     /// Make an HTML page from the record of a run
     Report(report::Arguments),
+    /// Write a record in a form of other programs
+    Export(export::Arguments),
 }
 
 /// Where to find nodes.
@@ -362,6 +365,7 @@ fn run_verb() -> ExitCode {
         Verb::Team(arguments) => team::run(&arguments),
         Verb::Audit(arguments) => audit::run(&arguments),
         Verb::Report(arguments) => report::run(&arguments),
+        Verb::Export(arguments) => export::run(&arguments),
     })
 }
 

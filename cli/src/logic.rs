@@ -24,4 +24,5 @@ pub(crate) mod story_test;
 pub(crate) mod suggestion;
 pub(crate) mod tap;
 pub(crate) mod top;
+pub(crate) mod trace;
 pub mod tree;

@@ -114,6 +114,8 @@ pub enum Entry {
 pub struct Run {
     /// The header.
     pub header: Header,
+    /// When GO was, since 1970; without a GO, the start of a process tells about when it was.
+    pub go: Option<Duration>,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,
     /// The values of wires, if they were asked for.

@@ -63,7 +63,8 @@ fn a_record_is_read_back_as_it_was_written() {
     let (path, dropped) = record(&folder).finish().unwrap();
     assert_eq!(dropped, 0);
     let run = read(&path).unwrap();
-    assert_eq!(run, Run { header: header(), entries: entries(), values: Vec::new(), damage: None });
+    assert!(run.go.is_some_and(|go| go >= header().started.unwrap()), "{:?}", run.go);
+    assert_eq!(run, Run { header: header(), go: run.go, entries: entries(), values: Vec::new(), damage: None });
     let text = summary(&run.mission(), &Files::default(), None);
     assert!(text.starts_with("test: done after 22.1 s"), "{text}");
 }
@@ -469,7 +470,7 @@ fn messages_of_ros_are_cdr() {
 /// On a disk that was full a record ends well, and before the deployment did.
 #[test]
 fn a_record_without_the_end_of_its_deployment_says_so() {
-    let whole = Run { header: header(), entries: entries(), values: Vec::new(), damage: None };
+    let whole = Run { header: header(), go: None, entries: entries(), values: Vec::new(), damage: None };
     assert_eq!(whole.lacks(), None);
     let cut = Run { entries: entries()[..3].to_vec(), ..whole };
     assert!(cut.lacks().unwrap().starts_with("it stops before the deployment ended"), "{:?}", cut.lacks());

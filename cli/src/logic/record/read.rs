@@ -74,7 +74,7 @@ impl Run {
         let plan = reading.plan.take().ok_or_else(foreign)?;
         let text = reading.text.take().ok_or_else(foreign)?;
         let header = Header { file: about.file.clone(), text, plan, started: about.started };
-        Ok(Self { header, entries: reading.entries, values: reading.values, damage })
+        Ok(Self { header, go: reading.go.or(reading.go_min), entries: reading.entries, values: reading.values, damage })
     }
 }
 

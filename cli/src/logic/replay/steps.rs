@@ -193,7 +193,7 @@ mod tests {
 
     fn check(entries: Vec<Entry>, values: Vec<RecordedValue>, expected: &[Step]) -> Counts {
         let header = Header { file: "a.dca".to_owned(), text: String::new(), plan: door(), started: None };
-        let run = Run { header, entries, values, damage: None };
+        let run = Run { header, go: None, entries, values, damage: None };
         let stand_in = StandIn { leaf: 0, outputs: vec!["Out".to_owned()], recorded: 1 };
         let recorded = steps(&run, "main/a", &stand_in, |_| None).unwrap();
         let (mut rest, mut found) = (&recorded.steps[..], Vec::new());
@@ -261,7 +261,7 @@ mod tests {
         let entries = vec![process(10, Change::Activated)];
         // GO was at 7000 s; the second value took no time to the recorder.
         let values = vec![value(20, 7000.018), value(30, 7000.030), value(40, 7000.009)];
-        let run = Run { header, entries, values, damage: None };
+        let run = Run { header, go: None, entries, values, damage: None };
         let stand_in = StandIn { leaf: 0, outputs: vec!["Out".to_owned()], recorded: 1 };
         let recorded = steps(&run, "main/a", &stand_in, |_| Some(&message)).unwrap();
         let (mut rest, mut found) = (&recorded.steps[..], Vec::new());

@@ -1,0 +1,249 @@
+//! A record as a trace of OpenTelemetry: the mission and each activation of a process are spans.
+//!
+//! The form is that of the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON, as collectors read from a file,
+//! or take in a POST of `/v1/traces`. The same record gives the same bytes.
+//! Source: OpenTelemetry Protocol 1.5, JSON Protobuf Encoding; OTLP File Exporter.
+
+use crate::logic::record::{Entry, Run};
+use language::plan::Plan;
+use node::logic::protocol::{Change, Ending, Report};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use view::sentence::{change_text, ending_text};
+
+/// The most spans of one line. Collectors take 4 MiB at a time, and a span has about 1 KiB.
+const SPANS_MAX: usize = 1_000;
+/// The most events of one span; the record has all of them.
+const EVENTS_MAX: usize = 128;
+/// The kind of a span that is neither a request nor an answer.
+const INTERNAL: u8 = 1;
+const STATUS_OK: u8 = 1;
+const STATUS_ERROR: u8 = 2;
+
+/// One activation of a process, or the mission.
+#[derive(Debug)]
+struct Span {
+    path: String,
+    parent: Option<usize>,
+    begin: Duration,
+    end: Option<Duration>,
+    /// The end in words; for a failure also the process that it began with.
+    outcome: Option<SpanEnd>,
+    events: Vec<(Duration, String)>,
+    events_dropped: usize,
+}
+
+#[derive(Debug)]
+struct SpanEnd {
+    text: String,
+    is_failure: bool,
+    origin: Option<String>,
+}
+
+impl SpanEnd {
+    fn of(ending: &Ending) -> Self {
+        let (is_failure, origin) = match ending {
+            Ending::Aborted(failure) => (true, Some(failure.origin.clone())),
+            Ending::Unconfirmed => (true, None),
+            Ending::Done(_) | Ending::Stopped => (false, None),
+        };
+        Self { text: ending_text(ending), is_failure, origin }
+    }
+}
+
+/// The spans of a record, in the order of their beginnings.
+#[derive(Debug, Default)]
+struct Spans {
+    all: Vec<Span>,
+    /// The span of each process that is active.
+    active: BTreeMap<String, usize>,
+    /// The latest span of each process, which a failure names as its origin.
+    latest: BTreeMap<String, usize>,
+    now: Duration,
+}
+
+impl Spans {
+    fn of(run: &Run) -> Self {
+        let mut spans = Self::default();
+        spans.begin("", Duration::ZERO);
+        for entry in &run.entries {
+            match entry {
+                Entry::Report(Report::Process { path, change, at }) => spans.change(path, change, *at),
+                Entry::Report(Report::Finished { ending, at, .. }) => spans.end("", ending, *at),
+                Entry::Report(_) => {}
+                Entry::Signals { at, .. } | Entry::Output { at, .. } | Entry::Port { at, .. } => {
+                    spans.now = spans.now.max(*at);
+                }
+            }
+        }
+        spans
+    }
+
+    fn begin(&mut self, path: &str, at: Duration) {
+        // `main` is in the mission, and each other process in its group.
+        let around = path.rsplit_once('/').map_or("", |(around, _)| around);
+        let parent = (!path.is_empty()).then(|| self.active.get(around).copied().unwrap_or_default());
+        let place = self.all.len();
+        let span = Span {
+            path: path.to_owned(),
+            parent,
+            begin: at,
+            end: None,
+            outcome: None,
+            events: Vec::new(),
+            events_dropped: 0,
+        };
+        self.all.push(span);
+        self.active.insert(path.to_owned(), place);
+        self.latest.insert(path.to_owned(), place);
+        self.now = self.now.max(at);
+    }
+
+    fn end(&mut self, path: &str, ending: &Ending, at: Duration) {
+        self.now = self.now.max(at);
+        let Some(span) = self.active.remove(path).and_then(|place| self.all.get_mut(place)) else { return };
+        span.end = Some(at);
+        span.outcome = Some(SpanEnd::of(ending));
+    }
+
+    fn change(&mut self, path: &str, change: &Change, at: Duration) {
+        match change {
+            Change::Activated => self.begin(path, at),
+            Change::Ended(ending) => self.end(path, ending, at),
+            Change::Stopping
+            | Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed
+            | Change::Held { .. }
+            | Change::HeldBy { .. }
+            | Change::EndedLate
+            | Change::Switched(_)
+            | Change::Says { .. }
+            | Change::Entered { .. }
+            | Change::Configured { .. }
+            | Change::Replacing
+            | Change::Renewing { .. }
+            | Change::Reverting { .. } => self.event(path, change, at),
+        }
+    }
+
+    /// Notes an event in the span of the process, or in that of the mission if the process is not active.
+    fn event(&mut self, path: &str, change: &Change, at: Duration) {
+        self.now = self.now.max(at);
+        let place = self.active.get(path).copied();
+        let text = if place.is_some() { change_text(change) } else { format!("{path} {}", change_text(change)) };
+        let Some(span) = self.all.get_mut(place.unwrap_or_default()) else { return };
+        if span.events.len() < EVENTS_MAX {
+            span.events.push((at, text));
+        } else {
+            span.events_dropped += 1;
+        }
+    }
+}
+
+/// Returns the lines of the trace of a record. `deployment` names the service. Times count from `go`, since 1970.
+pub(crate) fn lines(run: &Run, deployment: &str, go: Duration) -> Vec<String> {
+    let spans = Spans::of(run);
+    let hosts = hosts(&run.header.plan);
+    let trace = trace_id(deployment, go);
+    let context = Context { spans: &spans, hosts: &hosts, deployment, trace: &trace, go };
+    let all: Vec<Value> = (0..spans.all.len()).map(|place| context.span(place)).collect();
+    let resource = json!({ "attributes": [text("service.name", deployment), text("dca.spec", &run.header.file)] });
+    let scope = json!({ "name": "dca", "version": env!("CARGO_PKG_VERSION") });
+    let line = |spans: &[Value]| {
+        let of_scope = json!([{ "scope": scope, "spans": spans }]);
+        json!({ "resourceSpans": [{ "resource": resource, "scopeSpans": of_scope }] }).to_string()
+    };
+    all.chunks(SPANS_MAX).map(line).collect()
+}
+
+struct Context<'a> {
+    spans: &'a Spans,
+    hosts: &'a BTreeMap<&'a str, &'a str>,
+    deployment: &'a str,
+    trace: &'a str,
+    go: Duration,
+}
+
+impl Context<'_> {
+    fn span(&self, place: usize) -> Value {
+        let span = &self.spans.all[place];
+        let name = if place == 0 { self.deployment } else { span.path.rsplit('/').next().unwrap_or(&span.path) };
+        let mut attributes = vec![text("dca.path", &span.path)];
+        attributes.extend(self.hosts.get(span.path.as_str()).map(|host| text("dca.host", host)));
+        attributes.extend(span.outcome.as_ref().map(|outcome| text("dca.outcome", &outcome.text)));
+        if span.end.is_none() {
+            attributes.push(json!({ "key": "dca.unfinished", "value": { "boolValue": true } }));
+        }
+        let event = |(at, text): &(Duration, String)| json!({ "timeUnixNano": self.time(*at), "name": text });
+        let mut shown = json!({
+            "traceId": self.trace,
+            "spanId": span_id(place),
+            "name": name,
+            "kind": INTERNAL,
+            "startTimeUnixNano": self.time(span.begin),
+            "endTimeUnixNano": self.time(span.end.unwrap_or(self.spans.now)),
+            "attributes": attributes,
+            "events": span.events.iter().map(event).collect::<Vec<_>>(),
+            "droppedEventsCount": span.events_dropped,
+            "links": self.links(place),
+            "status": status(span.outcome.as_ref()),
+        });
+        if let Some(parent) = span.parent {
+            shown["parentSpanId"] = span_id(parent).into();
+        }
+        shown
+    }
+
+    /// Links a failure with the activation that it began with.
+    fn links(&self, place: usize) -> Vec<Value> {
+        let origin = self.spans.all[place].outcome.as_ref().and_then(|outcome| outcome.origin.as_deref());
+        let origin = origin.and_then(|path| self.spans.latest.get(path)).filter(|origin| **origin != place);
+        let link = |origin: &usize| {
+            let attributes = [text("dca.link", "origin of the failure")];
+            json!({ "traceId": self.trace, "spanId": span_id(*origin), "attributes": attributes })
+        };
+        origin.map(link).into_iter().collect()
+    }
+
+    /// Returns a time since GO in nanoseconds since 1970. JSON has 64-bit numbers as texts.
+    fn time(&self, at: Duration) -> String {
+        self.go.saturating_add(at).as_nanos().to_string()
+    }
+}
+
+fn status(outcome: Option<&SpanEnd>) -> Value {
+    match outcome {
+        None => json!({}),
+        Some(SpanEnd { is_failure: false, .. }) => json!({ "code": STATUS_OK }),
+        Some(outcome) => json!({ "code": STATUS_ERROR, "message": outcome.text }),
+    }
+}
+
+fn text(key: &str, value: &str) -> Value {
+    json!({ "key": key, "value": { "stringValue": value } })
+}
+
+/// Returns the host of each process.
+fn hosts(plan: &Plan) -> BTreeMap<&str, &str> {
+    let leaves = plan.leaves.iter().map(|leaf| (leaf.path.as_str(), leaf.host));
+    let all = leaves.chain(plan.groups.iter().map(|group| (group.path.as_str(), group.host)));
+    all.filter_map(|(path, host)| Some((path, plan.hosts.get(host as usize)?.as_str()))).collect()
+}
+
+/// Returns the number of a trace: two runs differ in the moment of GO, or in their names.
+fn trace_id(deployment: &str, go: Duration) -> String {
+    let mut hasher = blake3::Hasher::new_derive_key("dca trace id 1");
+    hasher.update(&go.as_nanos().to_le_bytes()).update(deployment.as_bytes());
+    hasher.finalize().to_hex()[..32].to_owned()
+}
+
+/// Returns the number of a span: 0 is not allowed.
+fn span_id(place: usize) -> String {
+    format!("{:016x}", place + 1)
+}
+
+#[cfg(test)]
+mod tests;
