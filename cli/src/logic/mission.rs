@@ -273,6 +273,8 @@ impl Mission {
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Says { text } => (text.clone(), &[][..]),
+            // Its states are the phases.
+            Change::Entered { .. } if self.phases.is_of_states(path) => return,
             Change::Entered { states } => (entered_text(states), &[][..]),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),
             Change::Renewing { with } => (renewing_text(with), &[][..]),

@@ -3,10 +3,13 @@
 //! The steps come from the expression of the first group, breadth first from `main`, that has anything in sequence: its
 //! chain of `;`, `:`, `;;` and `else`, flattened. Members that run beside the chain (`motion # (a ; b)`) are background
 //! and belong to no phase. Without any sequence the whole expression is the one step.
+//!
+//! If that group is an activity, each phase is the time that it spends in the same states.
 
 mod steps;
 
-use language::plan::Plan;
+use language::automaton::StateKind;
+use language::plan::{Expression, Group, Plan};
 use node::logic::protocol::{Change, Ending};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -24,7 +27,7 @@ const LATE_MAX: usize = 8;
 /// A stretch of time in which one step of the main sequence ran.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
-    /// The step as written in the spec: `(opengrip, approach) # hit`.
+    /// The step as written in the spec: `(opengrip, approach) # hit`. Of an activity, the states.
     pub name: String,
     /// Since GO.
     pub begin: Duration,
@@ -34,6 +37,7 @@ pub struct Phase {
     pub decided: Option<DecidingMember>,
     step: usize,
     members: usize,
+    is_state: bool,
     seen: BTreeSet<u32>,
     active: BTreeSet<u32>,
     stopping: BTreeSet<u32>,
@@ -58,7 +62,8 @@ impl Phase {
     /// Returns how it ended in a few words: `distdetect done`, `aborted: blocked`, `stopped`, `running`.
     pub fn ended(&self) -> String {
         let Some(DecidingMember { member, ending }) = &self.decided else {
-            return if self.end.is_some() { "stopped" } else { "running" }.to_owned();
+            let ended = if self.is_state { "left" } else { "stopped" };
+            return if self.end.is_some() { ended } else { "running" }.to_owned();
         };
         let how = match ending {
             Ending::Done(_) => "done".to_owned(),
@@ -84,7 +89,10 @@ impl Phase {
             Change::Activated => {
                 self.seen.insert(member);
                 self.active.insert(member);
-                (self.end, self.decided) = (None, None);
+                // A program of an activity belongs to the state that is reported next.
+                if !self.is_state {
+                    (self.end, self.decided) = (None, None);
+                }
             }
             Change::Stopping => {
                 self.stopping.insert(member);
@@ -95,7 +103,7 @@ impl Phase {
                 if !self.stopping.contains(&member) && *ending != Ending::Stopped {
                     self.decided = Some(DecidingMember { member: name.to_owned(), ending: ending.clone() });
                 }
-                if self.active.is_empty() {
+                if self.active.is_empty() && !self.is_state {
                     self.end.get_or_insert(at);
                 }
             }
@@ -117,10 +125,31 @@ impl Phase {
     }
 }
 
+/// The activity whose states are the phases.
+#[derive(Debug, Clone)]
+struct ActivityNames {
+    path: String,
+    /// The room for the names of the states: the longest one, or two of them if the activity has parallel states.
+    width: usize,
+}
+
+impl ActivityNames {
+    fn of(group: &Group) -> Option<Self> {
+        let Expression::Chart(chart) = &group.expression else { return None };
+        let states = &chart.chart.states;
+        let longest = states.iter().map(|state| state.name.chars().count()).max().unwrap_or(0);
+        let is_parallel = states.iter().any(|state| state.kind == StateKind::Parallel);
+        let width = if is_parallel { 2 * longest + ", ".len() } else { longest };
+        Some(Self { path: group.path.clone(), width })
+    }
+}
+
 /// The phases so far.
 #[derive(Debug, Clone)]
 pub(super) struct Phases {
     steps: Vec<Step>,
+    /// The activity whose states are the phases.
+    activity: Option<ActivityNames>,
     /// Slot of each member of the group that has the steps, by absolute path.
     slots: BTreeMap<String, (u32, String)>,
     /// The programs below members that are groups, by absolute path: those that run now.
@@ -132,6 +161,7 @@ pub(super) struct Phases {
 impl Phases {
     pub(super) fn new(plan: &Plan) -> Self {
         let (group, steps) = steps(plan);
+        let activity = group.and_then(ActivityNames::of);
         let mut slots = BTreeMap::new();
         if let Some(group) = group {
             for (slot, member) in (0..).zip(&group.members) {
@@ -141,7 +171,7 @@ impl Phases {
         let of_member = |path: &&String| slots.keys().any(|member| is_below(path, member));
         let inner = plan.leaves.iter().map(|leaf| &leaf.path).filter(of_member).map(|path| (path.clone(), false));
         let inner = inner.collect();
-        Self { steps, slots, inner, phases: Vec::new(), dropped: 0 }
+        Self { steps, activity, slots, inner, phases: Vec::new(), dropped: 0 }
     }
 
     /// Returns the programs that run below the members of the current phase: their paths below these, `hit/force`. Services are
@@ -171,7 +201,7 @@ impl Phases {
         let moved: BTreeMap<u32, u32> = moved.collect();
         let taken_over =
             |slots: &BTreeSet<u32>| slots.iter().filter_map(|slot| moved.get(slot).copied()).collect::<BTreeSet<u32>>();
-        self.steps = next.steps;
+        (self.steps, self.activity) = (next.steps, next.activity);
         for (back, phase) in self.phases.iter_mut().rev().enumerate() {
             if back >= LATE_MAX {
                 phase.active.clear();
@@ -184,6 +214,9 @@ impl Phases {
             let best = (0..self.steps.len()).rev().max_by_key(|step| shared(&self.steps[*step]));
             let best = best.filter(|step| shared(&self.steps[*step]) > 0);
             phase.step = best.unwrap_or(GONE);
+            if phase.is_state {
+                continue;
+            }
             if let (None, Some(step)) = (phase.end, best.and_then(|step| self.steps.get(step))) {
                 (phase.name, phase.members) = (step.name.clone(), step.members.len());
             }
@@ -200,17 +233,24 @@ impl Phases {
 
     /// Returns the length of the longest name, so that lines can be aligned from the first phase on.
     pub(super) fn name_width(&self) -> usize {
-        self.steps.iter().map(|step| step.name.chars().count()).max().unwrap_or(0)
+        let states = self.activity.as_ref().map(|activity| activity.width);
+        states.or_else(|| self.steps.iter().map(|step| step.name.chars().count()).max()).unwrap_or(0)
     }
 
     pub(super) fn change(&mut self, path: &str, change: &Change, at: Duration) {
         if let Some(runs) = self.inner.get_mut(path) {
             *runs = *change == Change::Activated || *runs && !matches!(change, Change::Ended(_));
         }
+        if self.is_of_states(path)
+            && let Change::Entered { states } = change
+        {
+            return self.enter(states.join(", "), at);
+        }
         let Some((member, name)) = self.slots.get(path).cloned() else { return };
         if *change == Change::Activated {
             let Some(step) = self.step_of(member) else { return };
-            if self.phases.last().is_none_or(|phase| phase.step != step || phase.seen.contains(&member)) {
+            let is_next = |phase: &Phase| !phase.is_state && (phase.step != step || phase.seen.contains(&member));
+            if self.phases.last().is_none_or(is_next) {
                 self.begin(step, at);
             }
         }
@@ -274,6 +314,22 @@ impl Phases {
         (from..self.steps.len()).chain(0..from).find(|step| self.steps[*step].members.contains(&member))
     }
 
+    /// Returns whether the states of a process are the phases.
+    pub(super) fn is_of_states(&self, path: &str) -> bool {
+        self.activity.as_ref().is_some_and(|activity| activity.path == path)
+    }
+
+    /// The activity is in other states. Its first program may have been reported before.
+    fn enter(&mut self, states: String, at: Duration) {
+        let is_unnamed = |phase: &Phase| self.steps.get(phase.step).is_some_and(|step| step.name == phase.name);
+        if !self.phases.last().is_some_and(is_unnamed) {
+            self.begin(0, at);
+        }
+        if let Some(phase) = self.phases.last_mut() {
+            phase.name = states;
+        }
+    }
+
     fn begin(&mut self, step: usize, at: Duration) {
         if let Some(phase) = self.phases.last_mut() {
             phase.end.get_or_insert(at);
@@ -293,6 +349,7 @@ impl Phases {
             decided: None,
             step,
             members: members.len(),
+            is_state: self.activity.is_some(),
             seen: BTreeSet::new(),
             active,
             stopping: BTreeSet::new(),

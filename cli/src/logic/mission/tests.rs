@@ -6,6 +6,7 @@ use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use expect_test::{Expect, expect};
 use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind, Policy, Supervision};
+use language::{Options, Source, compile};
 use node::logic::protocol::FailureCause;
 use std::fmt::Write as _;
 
@@ -359,4 +360,43 @@ fn a_changed_plan_has_phases_of_its_own() {
     assert_eq!(told(&mission)[2], "close running");
     feed_more(&mut mission, "5 servo activated");
     assert_eq!(told(&mission)[2..], ["close stopped", "servo running"]);
+}
+
+/// The states of an activity are its phases. Its programs may be reported before the state that starts them, and a state may be
+/// left without an end of a program.
+#[test]
+fn the_states_of_an_activity_are_phases() {
+    let text = "module Step { done; }
+        activity Fetch(here: Host) {
+            host{here}
+            look instof Step(here);
+            take instof Step(here);
+            initial state search { run look; on done -> rest; }
+            state rest { on after 2 s -> take_it; }
+            state take_it { run take; on done -> done; }
+        }
+        process main(){
+            host{c1}
+            instantiated_processes{ fetch instof Fetch(c1); }
+            internal_event_actions{ fetch }
+        }";
+    let compiled = compile(&Source::new("fetch.dca", text), &[], &Options::named("fetch"));
+    let mut mission = Mission::new(&compiled.plan.expect("it has a plan"));
+    let mut report = |member: &str, change: Change, at: f64| {
+        let path = format!("main/fetch{member}");
+        mission.report(&Report::Process { path, change, at: seconds(at) });
+        mission.phases().iter().map(|phase| format!("{} {}", phase.name, phase.ended())).collect::<Vec<_>>()
+    };
+    let entered = |state: &str| Change::Entered { states: vec![state.to_owned()] };
+    let done = || Change::Ended(Ending::Done(Vec::new()));
+    report("", Change::Activated, 0.0);
+    report("/look", Change::Activated, 0.0);
+    assert_eq!(report("", entered("search"), 0.1), ["search running"]);
+    report("/look", done(), 1.0);
+    assert_eq!(report("", entered("rest"), 1.0), ["search look done", "rest running"]);
+    report("/take", Change::Activated, 3.0);
+    assert_eq!(report("", entered("take_it"), 3.0), ["search look done", "rest left", "take_it running"]);
+    assert_eq!(report("/take", done(), 4.0)[2], "take_it take done");
+    assert_eq!(mission.phases()[1].took(seconds(9.0)), seconds(2.0));
+    assert!(mission.notes().is_empty(), "{:?}", mission.notes());
 }

@@ -16,14 +16,23 @@ pub(super) struct Step {
 /// Returns the group that has the main sequence, and the sequence.
 pub(super) fn steps(plan: &Plan) -> (Option<&Group>, Vec<Step>) {
     let groups = breadth_first(plan);
-    let chained = groups.iter().find(|group| has_sequence(&group.expression));
+    let is_chained = |group: &&&Group| has_sequence(&group.expression) || is_activity(group);
+    let chained = groups.iter().find(is_chained);
     let group = chained.or_else(|| groups.iter().find(|group| group.members.len() > 1)).or_else(|| groups.first());
     let mut steps = Vec::new();
-    if let Some(group) = group {
+    if let Some(group) = group.filter(|group| is_activity(group)) {
+        let members = (0..).zip(&group.members).map(|(slot, _)| slot).collect();
+        steps.push(Step { name: text(&group.expression, &group.members).1, members });
+    } else if let Some(group) = group {
         flatten(sequence(&group.expression), &group.members, &mut steps);
     }
     steps.retain(|step| !step.members.is_empty());
     (group.copied(), steps)
+}
+
+/// Returns whether a group is an activity: its states are its phases.
+fn is_activity(group: &Group) -> bool {
+    matches!(group.expression, Expression::Chart(_))
 }
 
 /// Returns every group that can end by itself, `main` first.
