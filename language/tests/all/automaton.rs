@@ -8,6 +8,4 @@ mod notices;
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod reference;
 mod rules;
-mod scion;
-mod scxml;
 mod survey;

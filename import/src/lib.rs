@@ -1,0 +1,94 @@
+//! Makes a spec of a state chart in SCXML or of a behavior tree of BehaviorTree.CPP. Pure: no clock, no file, no network.
+//!
+//! [`import`] returns the text of the spec, formatted, and a [`Remark`] for each part that means something else in DCA or
+//! has no counterpart. The text has the same remarks as comments, `// import: …`. The text is accepted by `dca check`.
+//!
+//! ```
+//! use import::import;
+//! use language::Source;
+//!
+//! let tree = Source::new("take.xml", r#"<root BTCPP_format="4"><BehaviorTree ID="Take">
+//!   <Sequence><Action ID="OpenGrip"/><Timeout msec="5000"><Action ID="Approach"/></Timeout></Sequence>
+//! </BehaviorTree></root>"#);
+//! let imported = import(&tree, &[]).unwrap();
+//! assert!(imported.text.contains("open_grip ; approach within 5 s"));
+//! assert!(imported.remarks.is_empty());
+//! ```
+//!
+//! Way of a text: `xml` reads it within limits. `scxml` makes an activity of a chart; `tree` makes a group of each tree
+//! and a module of each action. `name` turns foreign names into names of the language.
+
+mod name;
+mod remark;
+mod scxml;
+mod tree;
+mod xml;
+
+use language::{Options, Severity, Source};
+use std::collections::BTreeMap;
+
+pub use remark::{Remark, RemarkKind};
+pub use xml::ImportError;
+
+/// A spec that was made of something else.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Imported {
+    /// The spec.
+    pub text: String,
+    /// The parts that mean something else, or that have no counterpart, in the order of the text that was read.
+    pub remarks: Vec<Remark>,
+    /// The new name of each state of a chart, by its id; empty for a tree.
+    pub states: BTreeMap<String, String>,
+    /// The port for each event that comes from outside to a chart, by its name. `*` is the port for all other events.
+    pub ports: BTreeMap<String, String>,
+}
+
+/// Returns the spec that a file means. `others` are files with further trees, or with the ports of actions.
+///
+/// # Errors
+/// The file is not XML, has too many or too deep elements, or is neither a chart nor a tree. Or it contradicts itself, such as
+/// a transition to a state that the chart does not have.
+pub fn import(file: &Source, others: &[Source]) -> Result<Imported, ImportError> {
+    let document = xml::parse(file)?;
+    let root = document.root_element();
+    let mut imported = match root.tag_name().name() {
+        "scxml" => scxml::import(file, root)?,
+        "root" => {
+            let parsed = others.iter().map(xml::parse).collect::<Result<Vec<_>, _>>()?;
+            let roots = parsed.iter().map(|document| document.root_element());
+            let files: Vec<xml::File<'_>> = std::iter::once(xml::File { name: &file.name, root })
+                .chain(others.iter().zip(roots).map(|(source, root)| xml::File { name: &source.name, root }))
+                .collect();
+            tree::import(&files)?
+        }
+        other => {
+            let why = format!("<{other}> is neither a chart (<scxml>) nor a behavior tree (<root>)");
+            return Err(ImportError::at(&file.name, root, why));
+        }
+    };
+    imported.text = checked(file, root, &imported.text)?;
+    imported.remarks.sort();
+    imported.remarks.dedup();
+    Ok(imported)
+}
+
+/// The formatted text, if `dca check` accepts it: a file can ask for more than the limits of a spec.
+fn checked(file: &Source, root: xml::Node<'_>, text: &str) -> Result<String, ImportError> {
+    let source = Source::new("imported.dca", text);
+    let refused = |message: &str| {
+        let why =
+            format!("the spec that it means is refused: {message}; make the file smaller, or import a part of it");
+        ImportError::at(&file.name, root, why)
+    };
+    let first = |found: &[language::Diagnostic]| {
+        let error = found.iter().find(|found| found.severity == Severity::Error);
+        error.map_or_else(String::new, |error| error.message.clone())
+    };
+    let formatted = language::format(&source).map_err(|found| refused(&first(&found)))?;
+    let compiled =
+        language::compile(&Source::new("imported.dca", formatted.as_str()), &[], &Options::named("imported"));
+    match compiled.plan {
+        Some(_) => Ok(formatted),
+        None => Err(refused(&first(&compiled.diagnostics))),
+    }
+}

@@ -1,0 +1,213 @@
+//! The parts of a chart: states, events and data.
+
+use super::event::{self, Awaited, EventUse};
+use super::expression;
+use super::timer::{self, Clock, ClockKey, Timer};
+use crate::name::{Names, identifier};
+use crate::xml::{ImportError, Node, number, tag};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A state, or a history.
+#[derive(Clone, Debug)]
+pub(super) struct State<'a> {
+    /// The name in the spec.
+    pub(super) name: String,
+    pub(super) node: Node<'a>,
+}
+
+/// The values of a variable.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Number(i32),
+    Truth(bool),
+    /// The values, each with its name in the spec.
+    Named {
+        values: Vec<(String, String)>,
+        first: String,
+    },
+    /// Something that an activity cannot look into.
+    Unknown,
+}
+
+/// A variable.
+#[derive(Clone, Debug)]
+pub(super) struct Variable<'a> {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    pub(super) node: Node<'a>,
+}
+
+/// A chart.
+#[derive(Debug)]
+pub(super) struct Model<'a> {
+    pub(super) file: &'a str,
+    pub(super) states: BTreeMap<&'a str, State<'a>>,
+    /// The name of each state, also of states without an id, by node.
+    names: BTreeMap<u32, String>,
+    pub(super) state_names: Names,
+    pub(super) events: BTreeMap<String, EventUse>,
+    /// The events that are timers of one state.
+    pub(super) timers: BTreeMap<String, Timer>,
+    pub(super) variables: BTreeMap<&'a str, Variable<'a>>,
+    /// The delayed events that need a region of their own.
+    pub(super) clocks: BTreeMap<ClockKey, Clock>,
+    /// The names that transitions wait for, with the states of these transitions.
+    awaited: Awaited,
+    /// Whether a transition takes any event.
+    pub(super) has_any: bool,
+}
+
+/// Returns whether an element is a state or a history.
+pub(super) fn is_state(node: Node<'_>) -> bool {
+    matches!(tag(node), "state" | "parallel" | "final" | "history")
+}
+
+/// Returns the states directly inside an element, without histories.
+pub(super) fn inner_states(node: Node<'_>) -> impl Iterator<Item = Node<'_>> {
+    crate::xml::elements(node).filter(|child| is_state(*child) && tag(*child) != "history")
+}
+
+impl<'a> Model<'a> {
+    /// Reads a chart.
+    ///
+    /// # Errors
+    /// Two states have the same id.
+    pub(super) fn read(file: &'a str, root: Node<'a>) -> Result<Self, ImportError> {
+        // The content of an <invoke> is a chart of its own.
+        let own: Vec<Node<'a>> = own_elements(root);
+        let mut model = Self {
+            file,
+            states: BTreeMap::new(),
+            names: BTreeMap::new(),
+            state_names: Names::default(),
+            events: BTreeMap::new(),
+            clocks: BTreeMap::new(),
+            timers: timer::timers(&own, &event::awaited(&own)),
+            variables: BTreeMap::new(),
+            awaited: event::awaited(&own),
+            has_any: false,
+        };
+        for &node in own.iter().filter(|node| is_state(**node)) {
+            let id = node.attribute("id");
+            let name = model.state_names.take(&identifier(id.unwrap_or("unnamed")));
+            model.names.insert(number(node), name.clone());
+            let Some(id) = id else { continue };
+            if let Some(first) = model.states.insert(id, State { name, node }) {
+                let (line, _) = crate::xml::place(first.node);
+                let why = format!("a second state has the id `{id}`; the first one is in line {line}");
+                return Err(ImportError::at(file, node, why));
+            }
+        }
+        model.has_any = model.awaited.contains_key("*");
+        model.events = event::events(&own, &model.timers);
+        let mut names = Names::default();
+        model.variables = variables(&own, &mut names);
+        model.clocks = timer::clocks(&own, &model.timers, &model.awaited, &mut names);
+        Ok(model)
+    }
+
+    /// Whether a transition waits for an event, other than those of one state.
+    pub(super) fn is_awaited(&self, event: &str, besides: Option<Node<'_>>) -> bool {
+        let besides = besides.map(number);
+        event::stems_of(event)
+            .filter_map(|stem| self.awaited.get(stem))
+            .any(|states| states.iter().any(|state| Some(*state) != besides))
+    }
+
+    /// Returns the name of a state.
+    pub(super) fn name(&self, node: Node<'_>) -> &str {
+        self.names.get(&number(node)).map_or("", String::as_str)
+    }
+
+    /// Returns the states that a list of ids means.
+    ///
+    /// # Errors
+    /// The chart has no state with one of the ids.
+    pub(super) fn named(&self, node: Node<'_>, ids: &str) -> Result<Vec<&State<'a>>, ImportError> {
+        let state = |id: &str| {
+            let why = || format!("no state has the id `{id}`");
+            self.states.get(id).ok_or_else(|| ImportError::at(self.file, node, why()))
+        };
+        ids.split_whitespace().map(state).collect()
+    }
+}
+
+/// The elements of a chart, without those of the charts that it invokes.
+fn own_elements(root: Node<'_>) -> Vec<Node<'_>> {
+    let mut found = Vec::new();
+    let mut waiting = vec![root];
+    while let Some(node) = waiting.pop() {
+        found.push(node);
+        if tag(node) != "invoke" && tag(node) != "content" && tag(node) != "data" {
+            let inner: Vec<Node<'_>> = crate::xml::elements(node).collect();
+            waiting.extend(inner.into_iter().rev());
+        }
+    }
+    found
+}
+
+/// The variables, each with the values that it may have.
+fn variables<'a>(own: &[Node<'a>], names: &mut Names) -> BTreeMap<&'a str, Variable<'a>> {
+    let mut variables: BTreeMap<&'a str, Variable<'a>> = BTreeMap::new();
+    for &node in own.iter().filter(|node| tag(**node) == "data") {
+        let Some(id) = node.attribute("id") else { continue };
+        let is_simple = node.attribute("src").is_none() && node.first_child().is_none();
+        let first = node.attribute("expr").map(str::trim);
+        let kind = match first.filter(|_| is_simple) {
+            None if is_simple => Kind::Number(0),
+            None => Kind::Unknown,
+            Some("true") => Kind::Truth(true),
+            Some("false") => Kind::Truth(false),
+            Some(first) => match (first.parse(), expression::text_of(first)) {
+                (Ok(number), _) => Kind::Number(number),
+                (Err(_), Some(first)) => Kind::Named { values: Vec::new(), first: first.into() },
+                (Err(_), None) => Kind::Unknown,
+            },
+        };
+        variables.entry(id).or_insert_with(|| Variable { name: names.take(&identifier(id)), kind, node });
+    }
+    let mut assigned_to: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for node in own.iter().filter(|node| tag(**node) == "assign") {
+        let (id, expression) = (node.attribute("location"), node.attribute("expr"));
+        assigned_to.entry(id.unwrap_or_default()).or_default().push(expression.unwrap_or_default().trim());
+    }
+    let mut compared_with: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for code in own.iter().filter_map(|node| node.attribute("cond")) {
+        for (id, text) in expression::compared(code) {
+            compared_with.entry(id).or_default().insert(text);
+        }
+    }
+    for (id, variable) in &mut variables {
+        let assigned = assigned_to.get(id).map(Vec::as_slice).unwrap_or_default();
+        match &mut variable.kind {
+            Kind::Number(first) => {
+                let is_truth = !assigned.is_empty() && assigned.iter().all(|expr| ["true", "false"].contains(expr));
+                if is_truth && variable.node.attribute("expr").is_none() {
+                    variable.kind = Kind::Truth(false);
+                } else if !(-1_000_000..=1_000_000).contains(first) {
+                    variable.kind = Kind::Unknown;
+                }
+            }
+            Kind::Named { values, first } => {
+                let all = std::iter::once(Some(first.clone()))
+                    .chain(assigned.iter().map(|expr| expression::text_of(expr).map(str::to_owned)))
+                    .collect::<Option<Vec<String>>>();
+                match all {
+                    None => variable.kind = Kind::Unknown,
+                    Some(mut all) => {
+                        all.extend(compared_with.get(*id).into_iter().flatten().cloned());
+                        all.push("other".into());
+                        for value in all {
+                            if values.len() < 900 && !values.iter().any(|(known, _)| *known == value) {
+                                let name = names.take(&identifier(&value));
+                                values.push((value, name));
+                            }
+                        }
+                    }
+                }
+            }
+            Kind::Truth(_) | Kind::Unknown => {}
+        }
+    }
+    variables
+}

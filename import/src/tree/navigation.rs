@@ -1,0 +1,112 @@
+//! Nodes of Nav2 for behavior trees.
+
+use super::context::{Around, Context, children, node as child_node, node_of_its_own};
+use super::control::fallback;
+use super::decorator::{number, only_child};
+use super::leaf::key_of;
+use super::piece::Piece;
+use crate::remark::RemarkKind;
+use crate::xml::{ImportError, Node, elements, tag};
+
+/// Translates a node of Nav2; none if it is not one.
+pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, name: &str) -> Result<Option<Piece>, ImportError> {
+    let differs = |context: &mut Context<'a>, text: &str| context.remark(node, RemarkKind::Differs, text);
+    Ok(Some(match name {
+        "RecoveryNode" => recovery(context, node)?,
+        "PipelineSequence" => pipeline(context, node)?,
+        "RoundRobin" => {
+            differs(
+                context,
+                "it begins with its first child each time; in the tree with the child behind the last one",
+            );
+            fallback(children(context, node, Around::Fallback)?)
+        }
+        "PersistentSequence" | "NonblockingSequence" => {
+            differs(context, "its children run one after the other, and from the first one each time");
+            Piece::joined(";", children(context, node, Around::Sequence)?)
+        }
+        "RateController" => {
+            differs(context, "its child runs once here; in the tree it is ticked again at this rate");
+            let child = only_child(context, node)?;
+            child_node(context, child, Around::Other)?
+        }
+        "DistanceController"
+        | "SpeedController"
+        | "GoalUpdatedController"
+        | "GoalUpdater"
+        | "SingleTrigger"
+        | "PathLongerOnApproach"
+            if elements(node).count() == 1 =>
+        {
+            context.remark(
+                node,
+                RemarkKind::Missing,
+                format!("`{name}` has no counterpart: its child alone stands here"),
+            );
+            let child = only_child(context, node)?;
+            child_node(context, child, Around::Other)?
+        }
+        _ => return Ok(None),
+    }))
+}
+
+/// `RecoveryNode`: the first child, and after each failure the second one and the first one again.
+fn recovery<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
+    let nodes: Vec<Node<'a>> = elements(node).collect();
+    let [task, help] = nodes.as_slice() else {
+        return Err(context.error(node, format!("<RecoveryNode> has {} children; it needs two", nodes.len())));
+    };
+    let retries = number(context, node, "number_of_retries")?.unwrap_or(1);
+    if retries < 1 {
+        return child_node(context, *task, Around::Other);
+    }
+    let task = node_of_its_own(context, *task, Around::Other)?;
+    let help = child_node(context, *help, Around::Other)?;
+    let again = help.then(task.clone());
+    if retries == 1 {
+        return Ok(task.or_else(again));
+    }
+    let text = "after a failure of the recovery itself it tries again; in the tree it fails at once";
+    context.remark(node, RemarkKind::Differs, text);
+    let tries = retries.min(101) - 1;
+    Ok(task.or_else(again.prefixed(&format!("retry({tries})"))))
+}
+
+/// `PipelineSequence`: earlier children are ticked again while a later one runs. A child under a `RateController` is written
+/// as a loop beside the last child.
+fn pipeline<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
+    let nodes: Vec<Node<'a>> = elements(node).collect();
+    let (mut pieces, mut loops) = (Vec::new(), Vec::new());
+    for (index, &child) in nodes.iter().enumerate() {
+        let is_last = index + 1 == nodes.len();
+        match period(child).filter(|_| !is_last && tag(child) == "RateController") {
+            Some(period) => {
+                let inner = only_child(context, child)?;
+                let piece = node_of_its_own(context, inner, Around::Sequence)?;
+                pieces.push(piece.clone());
+                loops.push(Piece::joined(";;", vec![Piece::wait(period), piece]));
+            }
+            None => {
+                if !is_last {
+                    let text = format!(
+                        "<{}> runs once here; in the tree it is ticked again while later nodes run",
+                        tag(child)
+                    );
+                    context.remark(child, RemarkKind::Differs, text);
+                }
+                pieces.push(child_node(context, child, Around::Sequence)?);
+            }
+        }
+    }
+    let last = pieces.pop().unwrap_or_else(Piece::skip);
+    pieces.push(last.until(loops));
+    Ok(Piece::joined(";", pieces))
+}
+
+/// The time between two runs of the child of a `RateController`, in milliseconds.
+fn period(node: Node<'_>) -> Option<u64> {
+    let value = node.attribute("hz").filter(|value| key_of("hz", value).is_none())?;
+    let rate: f64 = value.trim().parse().ok()?;
+    let period = std::time::Duration::try_from_secs_f64(1.0 / rate).ok()?;
+    u64::try_from(period.as_millis()).ok().filter(|period| (10..1_000_000_000).contains(period))
+}

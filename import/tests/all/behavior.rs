@@ -1,0 +1,389 @@
+//! An imported tree behaves as an interpreter of BehaviorTree.CPP's rules says, which knows nothing of the import.
+//!
+//! Each action takes a random time and succeeds or fails, by its name and the time of its start. Each condition changes with time.
+//! The interpreter has no ticks: it says when each action starts, and how and when the tree ends. The imported spec is simulated
+//! with the same actions.
+
+use crate::random::Random;
+use import::import;
+use language::{Ending, Options, Simulation, Source, Transition, compile};
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// A tree.
+#[derive(Clone, Debug)]
+enum Node {
+    Action(usize),
+    Condition(usize),
+    Sequence(Vec<Self>),
+    Fallback(Vec<Self>),
+    Parallel { successes: usize, failures: usize, children: Vec<Self> },
+    ParallelAll(Vec<Self>),
+    Reactive { is_sequence: bool, conditions: Vec<usize>, action: Box<Self> },
+    Inverter(Box<Self>),
+    Force { success: bool, child: Box<Self> },
+    Retry(u64, Box<Self>),
+    Repeat(u64, Box<Self>),
+    Timeout(u64, Box<Self>),
+    Delay(u64, Box<Self>),
+    IfThenElse(Vec<Self>),
+    TryCatch(Vec<Self>),
+}
+
+/// The result of a run of a node, with times in nanoseconds.
+#[derive(Clone, Debug)]
+struct Run {
+    end: u64,
+    is_success: bool,
+    /// The actions, with the times of their starts.
+    starts: Vec<(u64, usize)>,
+}
+
+/// Random numbers of one event.
+fn mixed(seed: u64, number: usize, time: u64) -> Random {
+    Random(seed ^ (number as u64).wrapping_mul(0x9E37_79B9) ^ time.wrapping_mul(0x85EB_CA6B))
+}
+
+/// How long an action takes that starts at a time, and whether it succeeds.
+fn action(seed: u64, number: usize, start: u64) -> (u64, bool) {
+    let mut random = mixed(seed, number, start);
+    (1_000 + random.next() % 3_000_000_000, random.below(3) > 0)
+}
+
+/// Whether a condition holds at a time, and when it changes next.
+fn condition(seed: u64, number: usize, time: u64) -> (bool, u64) {
+    let mut random = mixed(seed, number, 0);
+    let (high, low) = (1_000_000_007 + random.next() % 5_000_000_000, 1_000_000_007 + random.next() % 2_000_000_000);
+    let phase = random.next() % (high + low);
+    let inside = (time + phase) % (high + low);
+    if inside < high { (true, time + high - inside) } else { (false, time + high + low - inside) }
+}
+
+/// Makes random trees.
+struct Maker {
+    random: Random,
+    actions: usize,
+    conditions: usize,
+    /// The last time that was given, so that no two times are the same.
+    time: u64,
+}
+
+impl Maker {
+    fn nodes(&mut self, least: usize, depth: usize) -> Vec<Node> {
+        let count = least + self.random.below(3);
+        (0..count).map(|_| self.node(depth)).collect()
+    }
+
+    fn inner(&mut self, depth: usize) -> Box<Node> {
+        Box::new(self.node(depth))
+    }
+
+    fn time(&mut self) -> u64 {
+        self.time += 37;
+        1 + (self.time * 7919) % 4001
+    }
+
+    fn condition(&mut self) -> usize {
+        self.conditions += 1;
+        self.conditions
+    }
+
+    fn node(&mut self, depth: usize) -> Node {
+        let kind = if depth == 0 { 0 } else { self.random.below(16) };
+        let depth = depth.saturating_sub(1);
+        match kind {
+            1 => Node::Condition(self.condition()),
+            2 | 3 => Node::Sequence(self.nodes(1, depth)),
+            4 | 5 => Node::Fallback(self.nodes(1, depth)),
+            6 => {
+                let children = self.nodes(2, depth);
+                let successes = 1 + self.random.below(children.len());
+                // The thresholds that have an exact counterpart.
+                let failures = if successes == 1 && self.random.one_in(2) { 1 } else { children.len() - successes + 1 };
+                Node::Parallel { successes, failures, children }
+            }
+            7 => Node::ParallelAll(self.nodes(2, depth)),
+            8 | 9 => {
+                let conditions = (0..=self.random.below(2)).map(|_| self.condition()).collect();
+                let (is_sequence, action) = (self.random.one_in(2), self.inner(depth));
+                Node::Reactive { is_sequence, conditions, action }
+            }
+            10 => Node::Inverter(self.inner(depth)),
+            11 => Node::Force { success: self.random.one_in(2), child: self.inner(depth) },
+            12 => Node::Retry(1 + self.random.next() % 3, self.inner(depth)),
+            13 => Node::Repeat(1 + self.random.next() % 3, self.inner(depth)),
+            14 => match self.random.one_in(2) {
+                true => Node::Timeout(self.time(), self.inner(depth)),
+                false => Node::Delay(self.time(), self.inner(depth)),
+            },
+            15 => match self.random.one_in(2) {
+                true => Node::TryCatch(self.nodes(2, depth)),
+                false => Node::IfThenElse((0..2 + self.random.below(2)).map(|_| self.node(depth)).collect()),
+            },
+            _ => {
+                self.actions += 1;
+                Node::Action(self.actions)
+            }
+        }
+    }
+}
+
+fn xml(node: &Node) -> String {
+    let all = |nodes: &[Node]| nodes.iter().map(xml).collect::<String>();
+    match node {
+        Node::Action(number) => format!("<Action ID=\"A{number}\"/>"),
+        Node::Condition(number) => format!("<Condition ID=\"C{number}\"/>"),
+        Node::Sequence(nodes) => format!("<Sequence>{}</Sequence>", all(nodes)),
+        Node::Fallback(nodes) => format!("<Fallback>{}</Fallback>", all(nodes)),
+        Node::Parallel { successes, failures, children } => {
+            format!("<Parallel success_count=\"{successes}\" failure_count=\"{failures}\">{}</Parallel>", all(children))
+        }
+        Node::ParallelAll(nodes) => format!("<ParallelAll>{}</ParallelAll>", all(nodes)),
+        Node::Reactive { is_sequence, conditions, action } => {
+            let name = if *is_sequence { "ReactiveSequence" } else { "ReactiveFallback" };
+            let conditions: String = conditions.iter().map(|number| xml(&Node::Condition(*number))).collect();
+            format!("<{name}>{conditions}{}</{name}>", xml(action))
+        }
+        Node::Inverter(child) => format!("<Inverter>{}</Inverter>", xml(child)),
+        Node::Force { success: true, child } => format!("<ForceSuccess>{}</ForceSuccess>", xml(child)),
+        Node::Force { success: false, child } => format!("<ForceFailure>{}</ForceFailure>", xml(child)),
+        Node::Retry(count, child) => {
+            format!("<RetryUntilSuccessful num_attempts=\"{count}\">{}</RetryUntilSuccessful>", xml(child))
+        }
+        Node::Repeat(count, child) => format!("<Repeat num_cycles=\"{count}\">{}</Repeat>", xml(child)),
+        Node::Timeout(time, child) => format!("<Timeout msec=\"{time}\">{}</Timeout>", xml(child)),
+        Node::Delay(time, child) => format!("<Delay delay_msec=\"{time}\">{}</Delay>", xml(child)),
+        Node::IfThenElse(nodes) => format!("<IfThenElse>{}</IfThenElse>", all(nodes)),
+        Node::TryCatch(nodes) => format!("<TryCatch>{}</TryCatch>", all(nodes)),
+    }
+}
+
+/// The interpreter.
+struct Interpreter {
+    seed: u64,
+    /// Whether two things happen at one instant, so that their order matters.
+    has_tie: Cell<bool>,
+}
+
+impl Interpreter {
+    fn run(&self, node: &Node, start: u64) -> Run {
+        match node {
+            Node::Action(number) => {
+                let (time, is_success) = action(self.seed, *number, start);
+                Run { end: start + time, is_success, starts: vec![(start, *number)] }
+            }
+            Node::Condition(number) => {
+                Run { end: start, is_success: condition(self.seed, *number, start).0, starts: vec![] }
+            }
+            Node::Sequence(nodes) => self.row(nodes, start, false),
+            Node::Fallback(nodes) => self.row(nodes, start, true),
+            Node::Parallel { successes, failures, children } => self.parallel(*successes, *failures, children, start),
+            Node::ParallelAll(nodes) => {
+                let runs: Vec<Run> = nodes.iter().map(|node| self.run(node, start)).collect();
+                let end = runs.iter().map(|run| run.end).max().unwrap_or(start);
+                let is_success = runs.iter().all(|run| run.is_success);
+                Run { end, is_success, starts: runs.into_iter().flat_map(|run| run.starts).collect() }
+            }
+            Node::Reactive { is_sequence, conditions, action } => {
+                let states = conditions.iter().map(|number| condition(self.seed, *number, start));
+                if states.clone().any(|(holds, _)| holds != *is_sequence) {
+                    return Run { end: start, is_success: !is_sequence, starts: vec![] };
+                }
+                let change = states.map(|(_, change)| change).min().unwrap_or(u64::MAX);
+                self.cut(self.run(action, start), change, !is_sequence)
+            }
+            Node::Inverter(child) => {
+                let run = self.run(child, start);
+                Run { is_success: !run.is_success, ..run }
+            }
+            Node::Force { success, child } => Run { is_success: *success, ..self.run(child, start) },
+            Node::Retry(count, child) => self.rounds(*count, child, start, true),
+            Node::Repeat(count, child) => self.rounds(*count, child, start, false),
+            Node::Timeout(time, child) => self.cut(self.run(child, start), start + time * 1_000_000, false),
+            Node::Delay(time, child) => self.run(child, start + time * 1_000_000),
+            Node::IfThenElse(nodes) => {
+                let first = self.run(&nodes[0], start);
+                match (first.is_success, nodes.get(2)) {
+                    (true, _) => after(first, |end| self.run(&nodes[1], end)),
+                    (false, Some(other)) => after(first, |end| self.run(other, end)),
+                    (false, None) => first,
+                }
+            }
+            Node::TryCatch(nodes) => {
+                let (last, tried) = nodes.split_last().expect("it has two children");
+                let run = self.row(tried, start, false);
+                if run.is_success {
+                    return run;
+                }
+                Run { is_success: false, ..after(run, |end| self.run(last, end)) }
+            }
+        }
+    }
+
+    /// Children one after the other, until one ends in this way.
+    fn row(&self, nodes: &[Node], start: u64, until: bool) -> Run {
+        let mut whole = Run { end: start, is_success: !until, starts: vec![] };
+        for node in nodes {
+            whole = after(whole, |end| self.run(node, end));
+            if whole.is_success == until {
+                break;
+            }
+        }
+        whole
+    }
+
+    fn rounds(&self, count: u64, child: &Node, start: u64, until: bool) -> Run {
+        let rounds = vec![child.clone(); usize::try_from(count).expect("it is small")];
+        self.row(&rounds, start, until)
+    }
+
+    fn parallel(&self, successes: usize, failures: usize, children: &[Node], start: u64) -> Run {
+        let runs: Vec<Run> = children.iter().map(|child| self.run(child, start)).collect();
+        let mut ends: Vec<(u64, bool)> = runs.iter().map(|run| (run.end, run.is_success)).collect();
+        ends.sort_by_key(|(end, _)| *end);
+        self.note_tie(ends.windows(2).any(|two| two[0].0 == two[1].0));
+        let (mut succeeded, mut failed) = (0, 0);
+        for (end, is_success) in ends {
+            *if is_success { &mut succeeded } else { &mut failed } += 1;
+            let has_failed = failed == failures || children.len() - failed < successes;
+            if succeeded == successes || has_failed {
+                let starts = runs.into_iter().flat_map(|run| run.starts).filter(|(at, _)| *at < end).collect();
+                return Run { end, is_success: succeeded == successes, starts };
+            }
+        }
+        unreachable!("all children have ended")
+    }
+
+    /// A run that ends at a time at the latest, in a given way.
+    fn cut(&self, run: Run, latest: u64, is_success: bool) -> Run {
+        self.note_tie(run.end == latest);
+        if run.end <= latest {
+            return run;
+        }
+        let starts = run.starts.into_iter().filter(|(at, _)| *at < latest).collect();
+        Run { end: latest, is_success, starts }
+    }
+
+    fn note_tie(&self, is_tie: bool) {
+        self.has_tie.set(self.has_tie.get() || is_tie);
+    }
+}
+
+/// The next run behind a run.
+fn after(run: Run, next: impl FnOnce(u64) -> Run) -> Run {
+    let next = next(run.end);
+    Run { starts: [run.starts, next.starts].concat(), ..next }
+}
+
+/// Simulates a spec with the same actions and conditions.
+fn simulate(text: &str, seed: u64) -> Run {
+    let compiled = compile(&Source::new("tree.dca", text), &[], &Options::named("tree"));
+    let plan = compiled.plan.unwrap_or_else(|| panic!("{text}\n{:?}", compiled.diagnostics));
+    let mut simulation = Simulation::start(&plan);
+    let mut starts = Vec::new();
+    let mut ends: BTreeMap<String, (u64, Ending)> = BTreeMap::new();
+    let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).expect("it is not long");
+    loop {
+        for event in simulation.take_happenings() {
+            let (now, path) = (nanoseconds(event.at), event.path.clone());
+            let name = path.rsplit('/').next().unwrap_or_default().to_owned();
+            match event.transition {
+                Transition::Started if path.contains('/') => {
+                    let (end, is_success) = end_of(&name, seed, now, &mut starts);
+                    let ending = if is_success { Ending::Done } else { Ending::Aborted("it failed".into()) };
+                    ends.insert(path, (end, ending));
+                }
+                Transition::Stopped => {
+                    // An action that was stopped as it started has done nothing.
+                    if starts.last().is_some_and(|(at, _)| *at == now) && name.starts_with('a') {
+                        starts.retain(|start| *start != (now, number_of(&name)));
+                    }
+                    ends.remove(&path);
+                }
+                Transition::Done | Transition::Aborted(_) => {
+                    ends.remove(&path);
+                }
+                Transition::Started
+                | Transition::Stopping
+                | Transition::Waits(_)
+                | Transition::Limited(_)
+                | Transition::Says(_) => {}
+            }
+        }
+        let now = nanoseconds(simulation.now());
+        if let Some(outcome) = simulation.outcome() {
+            return Run { end: now, is_success: *outcome == Transition::Done, starts };
+        }
+        let next = ends
+            .iter()
+            .min_by_key(|(_, (end, _))| *end)
+            .map(|(path, (end, ending))| (path.clone(), *end, ending.clone()));
+        let timer = simulation.next_timer().map(nanoseconds);
+        match (next, timer) {
+            (Some((path, end, ending)), timer) if timer.is_none_or(|timer| end < timer) => {
+                simulation.pass(Duration::from_nanos(end - now));
+                simulation.end(&path, ending).expect("it runs");
+            }
+            (_, Some(timer)) => simulation.pass(Duration::from_nanos(timer - now)),
+            (_, None) => panic!("nothing happens any more:\n{text}"),
+        }
+    }
+}
+
+/// The number in a name such as `a7`.
+fn number_of(name: &str) -> usize {
+    name[1..].split('_').next().and_then(|digits| digits.parse().ok()).expect("a number")
+}
+
+/// When a process ends that starts now, and whether it is done then.
+fn end_of(name: &str, seed: u64, now: u64, starts: &mut Vec<(u64, usize)>) -> (u64, bool) {
+    if let Some(name) = name.strip_prefix("while_") {
+        let (holds, change) = condition(seed, number_of(name), now);
+        return (if holds { change } else { now }, false);
+    }
+    if let Some(name) = name.strip_prefix("until_") {
+        let (holds, change) = condition(seed, number_of(name), now);
+        return (if holds { now } else { change }, true);
+    }
+    if name.starts_with('c') {
+        return (now, condition(seed, number_of(name), now).0);
+    }
+    starts.push((now, number_of(name)));
+    let (time, is_success) = action(seed, number_of(name), now);
+    (now + time, is_success)
+}
+
+/// Compares a tree, unless two things happen at one instant.
+fn check(seed: u64) -> bool {
+    let mut maker = Maker { random: Random(seed), actions: 0, conditions: 0, time: seed % 1000 };
+    let node = maker.node(4);
+    let tree = format!("<root BTCPP_format=\"4\"><BehaviorTree ID=\"T\">{}</BehaviorTree></root>", xml(&node));
+    let imported =
+        import(&Source::new("tree.xml", tree.as_str()), &[]).unwrap_or_else(|why| panic!("{seed}: {why}\n{tree}"));
+    assert!(imported.remarks.is_empty(), "{seed}: {:?}\n{tree}", imported.remarks);
+    let interpreter = Interpreter { seed, has_tie: Cell::new(false) };
+    let mut expected = interpreter.run(&node, 0);
+    if interpreter.has_tie.get() {
+        return false;
+    }
+    let mut found = simulate(&imported.text, seed);
+    expected.starts.sort_unstable();
+    found.starts.sort_unstable();
+    let show = |run: &Run| format!("{} at {} with {:?}", run.is_success, run.end, run.starts);
+    assert_eq!(show(&found), show(&expected), "seed {seed}\n{tree}\n{}", imported.text);
+    true
+}
+
+#[test]
+fn imported_trees_behave_as_an_interpreter_says() {
+    let compared = (0..200).filter(|seed| check(*seed)).count();
+    assert!(compared > 120, "{compared} of 200 trees were compared");
+}
+
+#[test]
+#[ignore = "long: 20,000 trees"]
+fn many_imported_trees_behave_as_an_interpreter_says() {
+    let compared = (0..20_000).filter(|seed| check(*seed)).count();
+    println!("{compared} of 20000 trees were compared");
+}

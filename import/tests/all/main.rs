@@ -1,0 +1,7 @@
+//! All tests of `import`, as one program.
+
+mod behavior;
+mod cases;
+mod hostile;
+mod random;
+mod scion;
