@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 /// The verbs, grouped by purpose.
 const GROUPS: [(&str, &[&str]); 7] = [
-    ("Run", &["new", "run", "replay", "deploy", "attach", "stop", "estop"]),
+    ("Run", &["new", "import", "run", "replay", "deploy", "attach", "stop", "estop"]),
     (
         "Look",
         &[
@@ -24,8 +24,9 @@ const GROUPS: [(&str, &[&str]); 7] = [
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 48] = [
+const EXAMPLES: [(&str, [&str; 2]); 49] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
+    ("import", ["dca import fetch.scxml -o fetch.dca", "dca import tree.xml --with nodes.xml -o tree.dca"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     (
         "replay",

@@ -30,6 +30,7 @@ pub mod follow;
 pub mod graph;
 mod help;
 pub mod hz;
+pub mod import;
 pub mod io;
 mod json;
 pub mod list;
@@ -123,6 +124,11 @@ enum Verb {
     Conform(conform::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
+    /// Make a spec of a state chart in SCXML, or of a behavior tree of BehaviorTree.CPP
+    ///
+    /// Each part that differs or is missing is a line on standard error, and a comment in the spec. The exit code is 0 if nothing is
+    /// missing. It is 1 if a part is missing, or if the file is refused.
+    Import(import::Arguments),
     /// Apply the fixes of a spec that need no decision
     Fix(fix::Arguments),
     /// Format specs
@@ -332,6 +338,7 @@ fn run_verb() -> ExitCode {
         Verb::Fmea(arguments) => fmea::run(&arguments),
         Verb::Conform(arguments) => conform::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),
+        Verb::Import(arguments) => import::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),
         Verb::Graph(arguments) => graph::run(&arguments),

@@ -193,6 +193,27 @@ fn every_program_has_a_version_and_a_help() {
     }
 }
 
+/// An import is done, has missing parts or is refused, and it never writes over a file.
+#[test]
+fn imports_have_their_exit_codes_and_write_over_nothing() {
+    let cluster = Cluster::new();
+    let tree = |inside: &str| format!("<root BTCPP_format=\"4\"><BehaviorTree ID=\"T\">{inside}</BehaviorTree></root>");
+    let whole = cluster.file("whole.xml", &tree("<Sequence><Action ID=\"Open\"/><Action ID=\"Drive\"/></Sequence>"));
+    let spec = Path::new(&whole).with_file_name("whole.dca").display().to_string();
+    let ended = cluster.here().ask(&["import", &whole, "-o", &spec]);
+    assert!(ended.code == Some(0) && ended.err.is_empty(), "{ended}");
+    assert_eq!(cluster.here().ask(&["check", &spec]).code, Some(0));
+    let again = cluster.here().ask(&["import", &whole, "-o", &spec]);
+    assert!(again.code == Some(2) && again.err.contains("give the spec another name"), "{again}");
+    let part = cluster.file("part.xml", &tree("<Script code=\"a := 1\"/>"));
+    let ended = cluster.here().ask(&["import", &part]);
+    assert!(ended.code == Some(1) && ended.out.contains("// import: line 1"), "{ended}");
+    assert!(ended.err.contains("part.xml:1:45: `Script` is a program to write"), "{ended}");
+    let wrong = cluster.file("wrong.xml", "<root><a></root>");
+    let ended = cluster.here().ask(&["import", &wrong]);
+    assert!(ended.code == Some(1) && ended.out.is_empty() && ended.err.contains("line 1, column 10"), "{ended}");
+}
+
 /// Programs that were copied without their companions name the missing one.
 #[test]
 fn a_missing_companion_is_named() {
