@@ -3,5 +3,6 @@
 mod behavior;
 mod cases;
 mod hostile;
+mod manual;
 mod random;
 mod scion;

@@ -43,7 +43,9 @@ fn docs() -> PathBuf {
 }
 
 fn pages() -> Vec<PathBuf> {
-    files(&docs(), "md")
+    let mut pages = files(&docs(), "md");
+    pages.extend(files(&docs().join("from"), "md"));
+    pages
 }
 
 fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
