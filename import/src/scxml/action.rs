@@ -106,6 +106,10 @@ fn send(writer: &mut Writer<'_>, node: Node<'_>) -> String {
         let why = format!("`{port}` gives the event to people; `{}` does not receive it", plain(target));
         return text + &writer.remark(node, RemarkKind::Missing, why) + &format!("{port}.send({});\n", quoted(event));
     };
+    if let Some(time) = timer::delay(node).filter(|time| (1..timer::LEAST).contains(time)) {
+        let why = format!("`{}` comes after {} ms here, in the chart after {time} ms", plain(own), timer::LEAST);
+        text += &writer.remark(node, RemarkKind::Differs, why);
+    }
     if writer.model.timers.contains_key(own) {
         let why = format!("`{}` is the timer of the state that waits for it, and ends with that state", plain(own));
         return text + &writer.remark(node, RemarkKind::Differs, why);

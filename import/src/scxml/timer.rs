@@ -7,7 +7,7 @@ use crate::xml::{Node, number, tag};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The least time of a timer, in milliseconds.
-const LEAST: u64 = 10;
+pub(super) const LEAST: u64 = 10;
 
 /// A delayed event that is a timer of the state that waits for it.
 #[derive(Clone, Debug, PartialEq, Eq)]

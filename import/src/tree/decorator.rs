@@ -9,7 +9,7 @@ use crate::remark::RemarkKind;
 use crate::xml::{ImportError, Node, elements, tag};
 
 /// The most further tries of a `retry`.
-const RETRIES_MAX: i64 = 100;
+pub(super) const RETRIES_MAX: i64 = 100;
 /// The most rounds of a repetition that is written out.
 const ROUNDS_MAX: i64 = 1_000;
 

@@ -2,7 +2,7 @@
 
 use super::context::{Around, Context, children, node as child_node, node_of_its_own};
 use super::control::fallback;
-use super::decorator::{number, only_child};
+use super::decorator::{RETRIES_MAX, number, only_child};
 use super::leaf::key_of;
 use super::piece::Piece;
 use crate::remark::RemarkKind;
@@ -68,7 +68,11 @@ fn recovery<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     }
     let text = "after a failure of the recovery itself it tries again; in the tree it fails at once";
     context.remark(node, RemarkKind::Differs, text);
-    let tries = retries.min(101) - 1;
+    let tries = (retries - 1).min(RETRIES_MAX);
+    if tries < retries - 1 {
+        let text = format!("it recovers {retries} times; a spec does so {} times at most", RETRIES_MAX + 1);
+        context.remark(node, RemarkKind::Differs, text);
+    }
     Ok(task.or_else(again.prefixed(&format!("retry({tries})"))))
 }
 

@@ -242,3 +242,19 @@ fn the_spec_is_never_refused_for_its_own_text() {
     }
     assert!(refusals.is_empty(), "{refusals:#?}");
 }
+
+/// A number that a spec cannot have is changed, and a remark says so.
+#[test]
+fn changed_numbers_have_remarks() {
+    let remarks = |text: &str| {
+        let imported = imported(text).expect("it has a counterpart");
+        imported.remarks.into_iter().map(|remark| remark.text).collect::<Vec<_>>()
+    };
+    let recovery = tree("<RecoveryNode number_of_retries=\"500\"><A/><B/></RecoveryNode>");
+    let told = remarks(&recovery);
+    assert!(told.iter().any(|text| text.contains("recovers 500 times")), "{told:?}");
+    let chart = "<scxml initial=\"a\"><state id=\"a\"><onentry><send event=\"t\" delay=\"3ms\"/></onentry>\
+                 <transition event=\"t\" target=\"b\"/></state><state id=\"b\"/></scxml>";
+    let told = remarks(chart);
+    assert!(told.iter().any(|text| text.contains("after 10 ms here, in the chart after 3 ms")), "{told:?}");
+}
