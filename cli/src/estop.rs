@@ -58,6 +58,15 @@ struct Reached {
 }
 
 impl Outcome {
+    /// Returns whether the host has confirmed all that was asked.
+    pub(crate) fn is_confirmed(&self) -> bool {
+        match self {
+            Self::Stopped(there) => there.unended.is_empty() && there.unwritten.is_none(),
+            Self::Released(_, unwritten) => unwritten.is_none(),
+            Self::Refused(_) | Self::Unknown(_) | Self::Revoked => false,
+        }
+    }
+
     /// Returns why the disk of the host does not have the stop, if so.
     fn unwritten(&self) -> Option<&str> {
         match self {
@@ -238,7 +247,8 @@ pub(crate) fn in_words(outcome: &Outcome) -> String {
     }
 }
 
-fn in_json(host: &str, outcome: &Outcome) -> serde_json::Value {
+/// Returns the result of a host as JSON.
+pub(crate) fn in_json(host: &str, outcome: &Outcome) -> serde_json::Value {
     match outcome {
         Outcome::Stopped(Estopped { unended, unwritten }) => {
             json!({ "host": host, "stopped": true, "unended": unended, "unwritten": unwritten })

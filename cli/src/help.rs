@@ -41,7 +41,7 @@ const EXAMPLES: [(&str, [&str; 2]); 49] = [
     ("estop", ["dca estop 'a person is in the cell'", "dca estop --release"]),
     ("status", ["dca status", "dca status robot --watch"]),
     ("top", ["dca top", "dca top --ascii"]),
-    ("view", ["dca view --page", "dca view --page 127.0.0.1:8000"]),
+    ("view", ["dca view --page", "dca view --foxglove --origin https://viewer.example"]),
     ("nodes", ["dca nodes", "dca nodes --json"]),
     ("names", ["dca names", "dca names --json"]),
     ("events", ["dca events robot", "dca events --follow --json"]),

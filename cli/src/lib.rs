@@ -159,7 +159,7 @@ enum Verb {
     Status(status::Arguments),
     /// Watch robots, processes, wires, events and questions on the whole terminal, as they change
     Top(top::Arguments),
-    /// Serve a page for a browser that shows all robots as they change
+    /// Show all robots as they change, on a page for a browser and in Foxglove
     View(viewer::Arguments),
     /// Print the events of all deployments on all hosts
     Events(events::Arguments),

@@ -5,6 +5,7 @@ pub(crate) mod clock;
 pub(crate) mod completion;
 pub(crate) mod estimate;
 pub(crate) mod externals;
+pub(crate) mod foxglove;
 pub(crate) mod http;
 pub(crate) mod keys;
 pub(crate) mod live_page;

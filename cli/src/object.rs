@@ -97,7 +97,9 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
         let bytes = argument(&found.exports, &exported.signature, &arguments.argument);
         let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called so: {why}", name.name))?;
         let prepared = taps.prepare(exported, bytes, arguments.object.within());
-        let signed = found.program.signed(exported.access, prepared).await?;
+        let Program { client, at } = found.program;
+        let callee = Callee { deployment: at.deployment, host: at.host, path: found.program.path() };
+        let signed = signed(client, callee, exported.access, prepared).await?;
         let (value, took) = ask(taps, &found, exported, signed).await?;
         show(&arguments.object, &found, exported, &value, took);
         Ok(())
@@ -224,22 +226,6 @@ impl Program<'_> {
         &self.at.process.path
     }
 
-    /// Returns a call with the signature of its user, if the node is in a team and the procedure needs one.
-    async fn signed(&self, access: Access, call: ObjectCall) -> Result<ObjectCall, Failure> {
-        let (deployment, host) = (self.at.deployment, self.at.host);
-        let key = key::object(&deployment.name, self.path()).call;
-        let asked = CallRequest {
-            deployment: deployment.clone(),
-            path: self.path().to_owned(),
-            procedure: call.name.clone(),
-            access,
-            digest: call_digest(&key, &call).map_err(|error| anyhow!("the call cannot be sent: {error}"))?,
-        };
-        let asked = self.client.signed(host, Request::Call(Box::new(asked)), deployment.epoch).await?;
-        let Request::Signed(signed) = asked else { return Ok(call) };
-        Ok(ObjectCall { warrant: Some(Warrant { head: signed.head.into(), body: signed.body.into() }), ..call })
-    }
-
     /// Asks its node where it is.
     async fn place(&self) -> Result<Place, Failure> {
         let located = match locations(self.client, self.at.host, self.at.deployment).await {
@@ -302,6 +288,34 @@ impl Program<'_> {
     }
 }
 
+/// The program that a call goes to.
+pub(crate) struct Callee<'a> {
+    pub(crate) deployment: &'a Deployment,
+    pub(crate) host: &'a str,
+    pub(crate) path: &'a str,
+}
+
+/// Returns a call with the signature of its user, if the node is in a team and the procedure needs one.
+pub(crate) async fn signed(
+    client: &Client,
+    callee: Callee<'_>,
+    access: Access,
+    call: ObjectCall,
+) -> Result<ObjectCall, Failure> {
+    let Callee { deployment, host, path } = callee;
+    let key = key::object(&deployment.name, path).call;
+    let asked = CallRequest {
+        deployment: deployment.clone(),
+        path: path.to_owned(),
+        procedure: call.name.clone(),
+        access,
+        digest: call_digest(&key, &call).map_err(|error| anyhow!("the call cannot be sent: {error}"))?,
+    };
+    let asked = client.signed(host, Request::Call(Box::new(asked)), deployment.epoch).await?;
+    let Request::Signed(signed) = asked else { return Ok(call) };
+    Ok(ObjectCall { warrant: Some(Warrant { head: signed.head.into(), body: signed.body.into() }), ..call })
+}
+
 pub(crate) async fn exports_of(
     taps: &Taps,
     deployment: &Deployment,
@@ -347,7 +361,12 @@ fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, value: &
 
 /// Returns the failure in one sentence. An unknown outcome counts as unreachable.
 fn failure(found: &Found<'_>, name: &str, error: &ObjectError) -> Failure {
-    let hint = if error.hint().is_empty() { String::new() } else { format!("; {}", error.hint()) };
-    let why = anyhow!("`{name}` of `{}`: {error}{hint}", found.program.path());
+    let why = anyhow!(sentence(found.program.path(), name, error));
     if error.may_have_happened() { Failure::Unreachable(why) } else { Failure::Refused(why) }
+}
+
+/// Returns the sentence about a call that has no result.
+pub(crate) fn sentence(path: &str, name: &str, error: &ObjectError) -> String {
+    let hint = if error.hint().is_empty() { String::new() } else { format!("; {}", error.hint()) };
+    format!("`{name}` of `{path}`: {error}{hint}")
 }

@@ -5,6 +5,7 @@ use crate::estop::{self, Outcome};
 use crate::io::user;
 use crate::logic::top::{Action, GivenAnswer};
 use crate::{ConnectArgs, ctl};
+use node::console::Failure;
 use node::logic::protocol::{ActivityInput, Delivery, Estop, Request, TellRequest};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,16 +18,30 @@ pub(crate) async fn everywhere(clients: &Clients, connect: &ConnectArgs, action:
     } else {
         Request::Estop(Estop { by: user::name_and_host(), reason: String::new() })
     };
-    let outcomes = match estop::everywhere(clients, &request).await {
-        Ok(outcomes) => outcomes,
-        Err(failure) => match anew(clients, connect, &request).await {
-            Some(outcomes) => outcomes,
-            None => return words(&failure),
-        },
-    };
-    let mut by_words: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    match outcomes(clients, connect, &request).await {
+        Ok(outcomes) => in_one_line(&outcomes),
+        Err(failure) => words(&failure),
+    }
+}
+
+/// Has every node stop everything, or release it; returns the result of each host. If no node answers over the present connections, it
+/// is tried over new ones.
+pub(crate) async fn outcomes(
+    clients: &Clients,
+    connect: &ConnectArgs,
+    request: &Request,
+) -> Result<BTreeMap<String, Outcome>, Failure> {
+    match estop::everywhere(clients, request).await {
+        Ok(outcomes) => Ok(outcomes),
+        Err(failure) => anew(clients, connect, request).await.ok_or(failure),
+    }
+}
+
+/// Returns the results of all hosts in one line.
+pub(crate) fn in_one_line(outcomes: &BTreeMap<String, Outcome>) -> String {
+    let mut by_words: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (host, outcome) in outcomes {
-        by_words.entry(estop::in_words(&outcome)).or_default().push(host);
+        by_words.entry(estop::in_words(outcome)).or_default().push(host);
     }
     let lines = by_words.into_iter().map(|(words, hosts)| format!("{}: {words}", hosts.join(", ")));
     lines.collect::<Vec<_>>().join(" | ")

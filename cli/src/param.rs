@@ -1,7 +1,9 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
+pub(crate) mod live;
+
 use super::absent::Absences;
-use super::db::databases::DatabaseArgs;
+use super::db::databases::{DatabaseArgs, Databases};
 use super::db::write::CommitArgs;
 use super::logic::process_name::ProcessName;
 use super::logic::suggestion;
@@ -369,25 +371,31 @@ fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
 /// Asks every node that can be reached for its programs, and its database for the values that replace their arguments.
 fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
-        let mut programs = Vec::new();
-        for host in databases.robots().await? {
-            // The other robots are still listed if one does not answer; the warnings name it.
-            let told = match databases.parameters(&host).await {
-                Ok(told) if told.is_empty() => continue,
-                Ok(told) => told,
-                Err(Failure::Unreachable(_)) => continue,
-                Err(failure) => return Err(failure),
-            };
-            let keys = databases.parameters_of(&host, "").await?;
-            let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
-            programs.extend(told.into_iter().map(program));
-        }
-        programs.sort_by_key(Program::name);
+        let programs = programs_of(databases).await?;
         let (nodes, away) = databases.statuses().await?;
         let active = leaves(&nodes).into_iter().filter(|leaf| leaf.process.state == "running");
         let active = active.map(|leaf| (leaf.deployment.clone(), leaf.process.path.clone())).collect();
         Ok(Found { programs, away, active })
     })
+}
+
+/// Returns the programs of the nodes that answer, with the values of their databases.
+async fn programs_of(databases: &Databases<'_>) -> Result<Vec<Program>, Failure> {
+    let mut programs = Vec::new();
+    for host in databases.robots().await? {
+        // The other robots are still listed if one does not answer; the warnings name it.
+        let told = match databases.parameters(&host).await {
+            Ok(told) if told.is_empty() => continue,
+            Ok(told) => told,
+            Err(Failure::Unreachable(_)) => continue,
+            Err(failure) => return Err(failure),
+        };
+        let keys = databases.parameters_of(&host, "").await?;
+        let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
+        programs.extend(told.into_iter().map(program));
+    }
+    programs.sort_by_key(Program::name);
+    Ok(programs)
 }
 
 /// The keys that set the parameters of a program, by parameter; the one that names most of its path last.

@@ -49,15 +49,15 @@ pub struct Arguments {
 }
 
 /// How a stop went.
-struct Ended {
+pub(crate) struct Ended {
     /// The deployment has ended, as far as its home and the hosts that answer know.
-    is_stopped: bool,
+    pub(crate) is_stopped: bool,
     /// The hosts that have not confirmed that nothing of it is left.
-    unconfirmed: Vec<String>,
+    pub(crate) unconfirmed: Vec<String>,
     /// The work outside of its programs that may go on.
-    may_go_on: Vec<String>,
+    pub(crate) may_go_on: Vec<String>,
     /// Why this is not a success; nothing if it is one.
-    failure: Option<Failure>,
+    pub(crate) failure: Option<Failure>,
 }
 
 /// The end of a deployment, as its home has reported it.
@@ -220,7 +220,7 @@ pub(crate) async fn locate<'a>(
 }
 
 /// Stops a deployment, or ends its waiting.
-async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure> {
+pub(crate) async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure> {
     let all = clients.statuses().await?;
     match absent::waiting(name, &all) {
         Some((client, home, waiting)) => stop_waiting(client, home, &waiting.name).await?,

@@ -55,6 +55,11 @@ pub(crate) struct Replies {
 }
 
 impl DatabaseArgs {
+    /// Returns the databases that these options reach.
+    pub(crate) fn of(connect: ConnectArgs) -> Self {
+        Self { robot: None, json: false, connect }
+    }
+
     /// Does something with the databases, and closes the connection after it.
     pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {

@@ -109,6 +109,11 @@ fn stays_here(question: &Question) -> bool {
 }
 
 impl CommitArgs {
+    /// Returns the options of a commit to the disk of one robot.
+    pub(crate) fn local(reason: String, within: Duration, database: DatabaseArgs) -> Self {
+        Self { reason, level: AckLevel::Local, within, database }
+    }
+
     /// Commits, on the robot that owns the keys, and reports how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
         self.send(&self.question(self.reason.clone(), requires, writes))

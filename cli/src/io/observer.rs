@@ -250,7 +250,7 @@ fn hear(
 }
 
 /// Returns the samples of a message: itself, or one for each peak between two samples, with its time.
-fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
+pub(crate) fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
     let path = path.to_owned();
     if let Ok(signals) = codec::decode::<Signals>(bytes) {
         return vec![Sample { path, arrived: now, signals }];

@@ -2,7 +2,7 @@
 
 use crate::io::observer;
 use comms::io::clock;
-use comms::io::data::{CallWay, DataError, DataSession, Subscription};
+use comms::io::data::{CallWay, DataSession, Subscription};
 use comms::logic::bytes::Bytes;
 use comms::logic::codec::Enveloped;
 use comms::logic::control::Dial;
@@ -10,6 +10,7 @@ use comms::logic::object::{CallId, Exported, Exports, ObjectCall, ObjectError};
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::{codec, key};
 use node::console::Failure;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -101,6 +102,17 @@ impl Taps {
         }
     }
 
+    /// Hears a key from now on, until the subscription is dropped, which may block.
+    pub(crate) async fn listen(
+        &self,
+        key: String,
+        take: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
+    ) -> Result<Subscription, Failure> {
+        let session = Arc::clone(&self.session);
+        let heard = tokio::task::spawn_blocking(move || session.on_sample(&key, take)).await;
+        Ok(heard.map_err(anyhow::Error::from)?.map_err(anyhow::Error::from)?)
+    }
+
     /// Hears an output from now on, wherever its program is started again. Each value goes to `sink` with `number`; when it is
     /// full, values are left out.
     pub(crate) async fn hear(
@@ -111,17 +123,14 @@ impl Taps {
         number: usize,
         sink: Sender<(usize, Tapped)>,
     ) -> Result<(), Failure> {
-        let (session, key) = (Arc::clone(&self.session), key::tap(robot, path, output));
-        let hear = move || -> Result<Subscription, DataError> {
-            session.on_sample(&key, move |bytes| {
-                if let Ok(tapped) = codec::decode(&bytes) {
-                    // A full queue means that the screen is slow. The robot must not feel it, and the numbers show it.
-                    sink.try_send((number, tapped)).unwrap_or_default();
-                }
-            })
+        let take = move |bytes: Cow<'_, [u8]>| {
+            if let Ok(tapped) = codec::decode(&bytes) {
+                // A full queue means that the screen is slow. The robot must not feel it, and the numbers show it.
+                sink.try_send((number, tapped)).unwrap_or_default();
+            }
         };
-        let heard = tokio::task::spawn_blocking(hear).await.map_err(anyhow::Error::from)?;
-        self.subscriptions.push(heard.map_err(anyhow::Error::from)?);
+        let heard = self.listen(key::tap(robot, path, output), take).await?;
+        self.subscriptions.push(heard);
         Ok(())
     }
 

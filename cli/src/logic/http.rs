@@ -1,6 +1,6 @@
 //! Requests of a browser to the page, and the answers: a small part of HTTP/1.1, one request for each connection.
 //!
-//! Source: RFC 9112 for messages, RFC 6265 for cookies, the Fetch standard for `Sec-Fetch-Site`.
+//! Source: RFC 9112 for messages, RFC 6265 for cookies, the Fetch standard for `Sec-Fetch-Site`, RFC 6455 for WebSocket.
 
 use std::fmt::Write as _;
 
@@ -28,6 +28,7 @@ pub(crate) enum Status {
     NotFound,
     NotAllowed,
     TooLarge,
+    Busy,
 }
 
 impl Status {
@@ -41,6 +42,7 @@ impl Status {
             Self::NotFound => "404 Not Found",
             Self::NotAllowed => "405 Method Not Allowed",
             Self::TooLarge => "413 Content Too Large",
+            Self::Busy => "503 Service Unavailable",
         }
     }
 }
@@ -51,8 +53,8 @@ pub(crate) struct Head {
     pub(crate) is_post: bool,
     pub(crate) path: String,
     pub(crate) query: String,
-    host: String,
-    origin: Option<String>,
+    pub(crate) host: String,
+    pub(crate) origin: Option<String>,
     site: Option<String>,
     cookie: String,
     token: String,
@@ -60,6 +62,21 @@ pub(crate) struct Head {
     pub(crate) last_event_id: String,
     /// How many bytes follow.
     pub(crate) length: usize,
+    /// Whether the client wants to speak another protocol from here on.
+    pub(crate) upgrade: Upgrade,
+}
+
+/// The fields of a request for a WebSocket.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Upgrade {
+    /// The protocols that the client wants to change to.
+    pub(crate) to: String,
+    /// The fields that are about this connection alone.
+    pub(crate) connection: String,
+    pub(crate) version: String,
+    pub(crate) key: String,
+    /// The protocols within a WebSocket that the client speaks.
+    pub(crate) protocols: String,
 }
 
 /// Reads the head of a request: nothing while its end has not come, else the head and its length.
@@ -90,6 +107,11 @@ pub(crate) fn head(bytes: &[u8]) -> Result<Option<(Head, usize)>, Status> {
             "sec-fetch-site" => head.site = Some(text()),
             "cookie" => head.cookie = text(),
             "x-dca-token" => head.token = text(),
+            "upgrade" => head.upgrade.to = text(),
+            "connection" => head.upgrade.connection = text(),
+            "sec-websocket-version" => head.upgrade.version = text(),
+            "sec-websocket-key" => head.upgrade.key = text(),
+            "sec-websocket-protocol" => head.upgrade.protocols = format!("{},{}", head.upgrade.protocols, text()),
             "last-event-id" => head.last_event_id = text(),
             "content-length" => head.length = text().parse().map_err(|_not_a_number| Status::BadRequest)?,
             _ => {}
@@ -161,7 +183,7 @@ impl Door {
 }
 
 /// Returns whether two secrets are the same, in a time that does not depend on where they differ.
-fn is_equal(one: &str, other: &str) -> bool {
+pub(crate) fn is_equal(one: &str, other: &str) -> bool {
     let differs = one.bytes().zip(other.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b));
     one.len() == other.len() && !other.is_empty() && differs == 0
 }
@@ -171,6 +193,12 @@ pub(crate) fn answer(status: Status, kind: &str, fields: &str, body: &[u8]) -> V
     let mut head = begin(status, kind);
     write!(head, "{fields}Content-Length: {}\r\n\r\n", body.len()).unwrap_or_default();
     [head.as_bytes(), body].concat()
+}
+
+/// Returns the answer that a WebSocket begins with.
+pub(crate) fn switch(accept: &str, protocol: &str) -> Vec<u8> {
+    let begin = "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n";
+    format!("{begin}Sec-WebSocket-Accept: {accept}\r\nSec-WebSocket-Protocol: {protocol}\r\n\r\n").into_bytes()
 }
 
 /// Returns the head of a stream of events.

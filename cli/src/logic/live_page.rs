@@ -74,18 +74,23 @@ fn deployment(live: &LiveDeployment, now: Time) -> Value {
 }
 
 fn process(model: &Model, id: &Deployment, process: &Process, now: Time) -> Value {
-    let health = match model.health(process) {
-        Health::Running => "running",
-        Health::Quiet => "quiet",
-        Health::Changing => "changing",
-        Health::Failed => "failed",
-        Health::Unknown => "unknown",
-    };
+    let health = health_word(model.health(process));
     json!({
         "deployment": id.to_string(), "path": process.path, "kind": process.kind, "host": process.host,
         "state": process.state, "health": health, "age": age(now, process.since.at), "exact": process.since.is_exact,
         "pid": process.pid, "restarts": process.restarts,
     })
+}
+
+/// Returns how a process is, in one word.
+pub(crate) fn health_word(health: Health) -> &'static str {
+    match health {
+        Health::Running => "running",
+        Health::Quiet => "quiet",
+        Health::Changing => "changing",
+        Health::Failed => "failed",
+        Health::Unknown => "unknown",
+    }
 }
 
 fn wire(id: &Deployment, wire: &Wire) -> Value {

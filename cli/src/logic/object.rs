@@ -6,7 +6,8 @@ pub(crate) use listed::{Listed, ListedKind};
 
 use crate::logic::process_name::ProcessName;
 use crate::logic::queues::Shown;
-use crate::logic::record::{decoded, messages};
+use crate::logic::record::{RecordedValue, ValueForm, decoded, message_schema, messages};
+use crate::logic::replay::encode;
 use crate::logic::ros;
 use ::ros::logic::name::is_spec_name;
 use comms::logic::layout::{Field, Layout, Message, Part, Writer, write};
@@ -18,6 +19,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Display, Formatter};
+use std::time::Duration;
 
 /// The export that a person names: `Grip` of `hand`, `door:main/hand.Grip`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,6 +93,48 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
     write(&message.layout, &value, &mut Writer::new(&mut bytes))
         .map_err(|NoSuchPart| expected("that is not its argument"))?;
     Ok(bytes)
+}
+
+/// Returns the bytes of an argument that is written as an object of JSON with the fields of its type, in SI units. An argument that is
+/// not a record is the field `value`.
+///
+/// # Errors
+/// One sentence about the mistake.
+pub(crate) fn argument_of_json(exports: &Exports, signature: &Signature, given: &Value) -> Result<Vec<u8>, String> {
+    let form = &signature.argument;
+    if form.name.is_empty() {
+        let is_nothing = given.is_null() || given.as_object().is_some_and(serde_json::Map::is_empty);
+        return if is_nothing { Ok(Vec::new()) } else { Err("it is called with nothing: `{}`".to_owned()) };
+    }
+    if is_spec_name(&form.name) {
+        return argument(exports, signature, &[given.to_string()]);
+    }
+    let message = message(exports, form);
+    let message = message.ok_or_else(|| format!("its program does not say what is in a `{}`", form.name))?;
+    let data = given.to_string().into_bytes();
+    let (from, to) = (String::new(), String::new());
+    let value = RecordedValue { from, to, at: Duration::ZERO, form: ValueForm::Json, data };
+    let encoded = encode(&value, Some(&message));
+    Ok(encoded.ok_or_else(|| format!("that is not its argument; expected {form}, with numbers in SI units"))?.bytes)
+}
+
+/// Returns the schema of the argument of a procedure as JSON; `doc` is for people.
+pub(crate) fn request_schema(exports: &Exports, signature: &Signature, doc: &str) -> Value {
+    let mut schema = form_schema(exports, &signature.argument);
+    if !doc.is_empty() {
+        schema["description"] = json!(doc);
+    }
+    schema
+}
+
+/// Returns the schema of the result of a procedure as JSON.
+pub(crate) fn response_schema(exports: &Exports, signature: &Signature) -> Value {
+    form_schema(exports, &signature.result)
+}
+
+fn form_schema(exports: &Exports, form: &TypeForm) -> Value {
+    let message = message(exports, form).filter(|_| !form.name.is_empty());
+    message.map_or_else(|| json!({ "type": "object", "properties": {} }), |known| message_schema(&form.name, &known))
 }
 
 /// Has the compiler read a value; returns its parts by name: `value.force`, `value.corner.0`.
@@ -201,7 +245,6 @@ fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
 mod tests {
     use super::*;
     use comms::logic::object::{Access, ExportKind, Exported};
-    use std::time::Duration;
 
     fn exports(arguments: &[(&str, &str)]) -> Exports {
         let exported = |(name, fields): &(&str, &str)| Exported {
@@ -292,6 +335,27 @@ mod tests {
         let two = 2_f64.to_le_bytes();
         assert_eq!(result(&two), json!({ "value": 2.0 }));
         assert_eq!(result(b"abc"), json!({ "size": 3 }));
+    }
+
+    #[test]
+    fn arguments_of_json_have_the_fields_of_the_type() {
+        let exports = exports(&[("Push", "force: Force, soft: Truth"), ("Length", ""), ("Odd", "")]);
+        let read = |index: usize, given: Value| argument_of_json(&exports, &exports.exports[index].signature, &given);
+        let push: Vec<u8> = 20_f64.to_le_bytes().into_iter().chain([1]).collect();
+        assert_eq!(read(0, json!({ "force": 20, "soft": true })), Ok(push));
+        assert_eq!(read(1, json!({ "value": 0.2 })), Ok(0.2_f64.to_le_bytes().to_vec()));
+        for wrong in [json!({}), json!({ "force": "x", "soft": true }), json!([1]), json!(null), json!({ "force": 1 })]
+        {
+            assert!(read(0, wrong.clone()).unwrap_err().contains("expected Push { force"), "{wrong}");
+        }
+        assert!(read(2, json!({})).unwrap_err().contains("does not say what is in a `Odd`"));
+        let nothing = Signature::default();
+        assert_eq!(argument_of_json(&exports, &nothing, &json!({})), Ok(vec![]));
+        assert!(argument_of_json(&exports, &nothing, &json!({ "x": 1 })).is_err());
+        let schema = request_schema(&exports, &exports.exports[0].signature, "Pushes.");
+        assert_eq!(schema["properties"]["soft"], json!({ "type": "boolean" }));
+        assert_eq!(schema["description"], json!("Pushes."));
+        assert_eq!(response_schema(&exports, &nothing), json!({ "type": "object", "properties": {} }));
     }
 
     #[test]

@@ -22,10 +22,11 @@ pub use message::Messages;
 pub(crate) use message::{decode as decoded, messages};
 pub use ports::{Port, ports};
 
-pub(crate) use message::names as field_names;
+pub(crate) use message::{names as field_names, schema as message_schema};
 pub use read::ReadError;
-pub(crate) use row::kind as report_kind;
 pub use row::{EVENTS, Form, LOG, PORTS, Row, Rows, SIGNALS, Topic};
+pub(crate) use row::{base64, kind as report_kind};
+pub(crate) use schema::{event as event_schema, free_name, log as log_schema, plain_name, plain_path};
 pub use value::{RecordedValue, ValueForm};
 
 use crate::logic::mission::Mission;

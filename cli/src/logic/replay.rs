@@ -3,6 +3,7 @@
 mod encode;
 mod steps;
 
+pub(crate) use encode::encode;
 pub(crate) use steps::steps;
 
 use crate::logic::tap::Wanted;

@@ -15,7 +15,7 @@ use tokio::time::timeout;
 use view::{Model, Position};
 
 /// How long a browser has for its request.
-const REQUEST_WITHIN: Duration = Duration::from_secs(10);
+pub(super) const REQUEST_WITHIN: Duration = Duration::from_secs(10);
 /// How long a browser may take for a piece of the stream before its connection is closed. It resumes with another one.
 const TAKEN_WITHIN: Duration = Duration::from_secs(20);
 /// How often the stream has a message, whether something has changed or not.
@@ -38,7 +38,7 @@ pub(super) struct Order {
 /// The parts that all connections share.
 pub(super) struct Shared {
     pub(super) door: Door,
-    pub(super) model: Mutex<Model>,
+    pub(super) model: Arc<Mutex<Model>>,
     /// Changes with each input of the model.
     pub(super) version: watch::Receiver<u64>,
     pub(super) orders: mpsc::Sender<Order>,
@@ -49,6 +49,11 @@ pub(super) struct Shared {
 pub(super) struct Guest(AtomicBool);
 
 impl Guest {
+    /// Takes note that it has been let in.
+    pub(super) fn let_in(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
     pub(super) fn is_known(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -78,7 +83,7 @@ pub(super) async fn connection(mut stream: TcpStream, shared: Arc<Shared>, guest
 }
 
 /// Reads a request: its head and its body.
-async fn request(stream: &mut TcpStream) -> io::Result<Result<(Head, Vec<u8>), Status>> {
+pub(super) async fn request(stream: &mut TcpStream) -> io::Result<Result<(Head, Vec<u8>), Status>> {
     let mut bytes = Vec::new();
     let (head, begin) = loop {
         let mut chunk = [0; 2048];

@@ -77,6 +77,7 @@ mod terminal;
 mod through;
 mod tidy;
 mod top;
+mod view_foxglove;
 mod view_page;
 mod watching;
 mod wires;

@@ -39,7 +39,7 @@ fn layout(declared: language::Layout) -> Layout {
 }
 
 /// Returns the schema of a message. Lists are arrays; every number is one.
-pub(super) fn schema(title: &str, message: &Message) -> Value {
+pub(crate) fn schema(title: &str, message: &Message) -> Value {
     let mut schema = match &message.layout {
         Layout::Record(_) => property(&message.layout),
         of @ (Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::Piece { .. } | Layout::List { .. }) => {

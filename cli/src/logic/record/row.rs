@@ -4,7 +4,7 @@ use crate::logic::record::{Entry, message, schema};
 use crate::logic::ros;
 use ::ros::logic::cdr;
 use ::ros::logic::schema::Schema;
-use comms::logic::layout::Message;
+use comms::logic::layout::{Layout, Message};
 use comms::logic::signals::Signals;
 use node::logic::protocol::{Change, Ending, Report};
 use serde::{Deserialize, Serialize};
@@ -80,6 +80,10 @@ struct Described {
 impl Described {
     fn json(name: &str, schema: &Value) -> Self {
         Self { form: Form::Json, name: name.to_owned(), text: json(schema) }
+    }
+
+    fn ros(schema: &Schema) -> Self {
+        Self { form: Form::Ros, name: schema.name().to_string(), text: schema.text().into_bytes() }
     }
 }
 
@@ -172,17 +176,44 @@ impl Rows {
         }
     }
 
-    /// Returns the row for a message of ROS 2; none for another message, and for damaged bytes.
-    fn ros_row(&mut self, ends: Ends<'_>, at: Duration, message: &Message, bytes: &[u8]) -> Option<Row> {
-        let (of, data) = message::cdr(message, bytes)?;
+    /// Returns the topic that the values of an output with this message get, before there are any. `from` is the path of the output.
+    pub(crate) fn declare(&mut self, from: &str, message: Option<&Message>) -> usize {
+        let ends = Ends { from, to: "" };
+        match message {
+            None => self.port(ends, "bytes", |_| Described::json("dca.Encoded", &schema::port())),
+            Some(known) => match self.ros_topic(ends, known) {
+                Some(topic) => topic,
+                None => self.port(ends, &known.name, |topics| schema_of(topics, known)),
+            },
+        }
+    }
+
+    /// Returns whether there is a topic for this sample of a program's signals.
+    pub(crate) fn knows(&self, path: &str, sample: &Signals) -> bool {
+        self.topic_of(path, sample).is_some()
+    }
+
+    /// Returns the topic of messages of ROS 2; none for another message.
+    fn ros_topic(&mut self, ends: Ends<'_>, message: &Message) -> Option<usize> {
+        let Layout::Piece { of } = &message.layout else { return None };
+        let schema = self.ros_schema(of)?;
+        Some(self.port(ends, of, |_| Described::ros(&schema)))
+    }
+
+    /// Returns the schema of a standard type of ROS 2: `ros.sensor.LaserScan`.
+    fn ros_schema(&mut self, of: &str) -> Option<Arc<Schema>> {
         if !self.ros.contains_key(of) {
             self.ros.insert(of.to_owned(), ros::schema(of).map(Arc::new));
         }
-        let schema = self.ros.get(of)?.clone()?;
+        self.ros.get(of)?.clone()
+    }
+
+    /// Returns the row for a message of ROS 2; none for another message, and for damaged bytes.
+    fn ros_row(&mut self, ends: Ends<'_>, at: Duration, message: &Message, bytes: &[u8]) -> Option<Row> {
+        let (of, data) = message::cdr(message, bytes)?;
+        let schema = self.ros_schema(of)?;
         cdr::read(&schema, data).ok()?;
-        let described =
-            || Described { form: Form::Ros, name: schema.name().to_string(), text: schema.text().into_bytes() };
-        let topic = self.port(ends, of, |_| described());
+        let topic = self.port(ends, of, |_| Described::ros(&schema));
         Some(Row { topic, at, data: data.to_vec() })
     }
 
@@ -241,14 +272,19 @@ impl Rows {
         Row { topic, at, data: json(&event) }
     }
 
-    fn topic(&mut self, path: &str, sample: &Signals) -> usize {
+    /// Returns the topic that has all fields of a sample.
+    fn topic_of(&self, path: &str, sample: &Signals) -> Option<usize> {
         let fits = |index: &&usize| {
             let known = fields_of(&self.topics[**index]);
             // A peak between two samples has one value.
             sample.values.iter().all(|signal| known.contains_key(&signal.name))
         };
-        if let Some(known) = self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)) {
-            return *known;
+        self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)).copied()
+    }
+
+    fn topic(&mut self, path: &str, sample: &Signals) -> usize {
+        if let Some(known) = self.topic_of(path, sample) {
+            return known;
         }
         let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
         let name = schema::free_name(format!("{SIGNALS}{}", schema::plain_path(path)), is_taken);
@@ -402,7 +438,7 @@ fn output(report: &Report) -> &[String] {
 }
 
 /// Returns bytes as text. Source: RFC 4648, section 4.
-fn base64(bytes: &[u8]) -> String {
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 pub(super) const STAMP: &str = "stamp";
 
 /// Returns a name of letters, digits and `_`, which a viewer's expressions can use without quotes.
-pub(super) fn plain_name(text: &str) -> String {
+pub(crate) fn plain_name(text: &str) -> String {
     let mut name = String::with_capacity(text.len());
     for c in text.chars() {
         if c.is_ascii_alphanumeric() {
@@ -20,19 +20,19 @@ pub(super) fn plain_name(text: &str) -> String {
 }
 
 /// Returns a path whose parts are plain names.
-pub(super) fn plain_path(path: &str) -> String {
+pub(crate) fn plain_path(path: &str) -> String {
     path.split('/').map(plain_name).collect::<Vec<_>>().join("/")
 }
 
 /// Returns `name`, or `name_2`, `name_3` … if that is taken.
-pub(super) fn free_name(name: String, is_taken: impl Fn(&str) -> bool) -> String {
+pub(crate) fn free_name(name: String, is_taken: impl Fn(&str) -> bool) -> String {
     let numbered = (2_u32..).map(|number| format!("{name}_{number}"));
     let free = std::iter::once(name.clone()).chain(numbered).find(|name| !is_taken(name));
     free.unwrap_or(name)
 }
 
 /// Returns the schema of reports.
-pub(super) fn event() -> Value {
+pub(crate) fn event() -> Value {
     object(
         "dca.Event",
         [
@@ -48,7 +48,7 @@ pub(super) fn event() -> Value {
 }
 
 /// Returns the schema of programs' output: `foxglove.Log`, which viewers have a panel for.
-pub(super) fn log() -> Value {
+pub(crate) fn log() -> Value {
     let time = object("time", [("sec", "integer", "seconds since 1970"), ("nsec", "integer", "and nanoseconds")]);
     let mut schema = object(
         "foxglove.Log",

@@ -1,0 +1,28 @@
+//! `dca view --foxglove`: the protocol of Foxglove, as pure functions and machines.
+//!
+//! The topics and schemas are those of a record. Nothing is fetched from a robot before a client has subscribed to it.
+
+mod catalog;
+mod events;
+mod handshake;
+mod hub;
+mod mission;
+mod order;
+mod outbox;
+mod peer;
+mod protocol;
+mod socket;
+mod viewer;
+
+pub(crate) use catalog::{ProgramName, Source};
+pub(crate) use handshake::{Entrance, Peer, Refusal, origin};
+pub(crate) use hub::Hub;
+pub(crate) use order::{Answer, Given, Order, ProcedureCall, Ticket};
+pub(crate) use peer::{Endpoint, user};
+pub(crate) use protocol::{GivenValue, ParameterValue};
+pub(crate) use socket::{Ended, Socket};
+
+use crate::logic::record::Form;
+
+/// The form of messages that DCA describes itself.
+const JSON: Form = Form::Json;

@@ -1,0 +1,473 @@
+//! All clients, with the channels and services that they are offered.
+//!
+//! The hub is pure: frames of clients and news of robots go in with the time, and frames for clients and orders for robots come
+//! out. Each client has limits of its own, so that none can slow down another.
+
+use super::catalog::{Catalog, Description, Source, Target};
+use super::mission::{LiveMission, Published};
+use super::order::{Answer, Given, Order, Ticket, read as read_order};
+use super::outbox::Frame;
+use super::protocol::{self, Call, Level, ParameterValue, Request, Subscription};
+use super::viewer::{ORDERS_MAX, Viewer};
+use super::{JSON, ProgramName};
+use crate::logic::record::{Entry, LOG, Rows, log_schema};
+use comms::logic::object::Exports;
+use comms::logic::signals::Signals;
+use comms::logic::tap::{Outputs, Tapped};
+use comms::logic::time::Time;
+use node::logic::protocol::{Deployment, Event};
+use node::logic::table::counted;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+use view::Model;
+
+/// The most clients at once: a few windows of a few people.
+pub(super) const VIEWERS_MAX: usize = 8;
+/// How many of the last events, and how many lines of output, a client gets that comes later.
+const KEPT_MAX: usize = 200;
+/// The most bytes of them.
+const KEPT_SIZE_MAX: usize = 1 << 20;
+
+/// How many problems of one order are told.
+const PROBLEMS_MAX: usize = 5;
+
+/// A message that is kept for clients that come later.
+#[derive(Debug)]
+struct Kept {
+    at: Duration,
+    payload: Vec<u8>,
+}
+
+/// A channel whose last messages are kept.
+#[derive(Debug)]
+struct Lasting {
+    channel: Option<u32>,
+    kept: VecDeque<Kept>,
+    size: usize,
+}
+
+/// All clients.
+#[derive(Debug)]
+pub(crate) struct Hub {
+    /// The number of this view, which tells a client whether it connects to another one.
+    session: String,
+    catalog: Catalog,
+    missions: BTreeMap<Deployment, LiveMission>,
+    events: Lasting,
+    log: Lasting,
+    viewers: BTreeMap<u64, Viewer>,
+    last_viewer: u64,
+    parameters: BTreeMap<String, Value>,
+    orders: Vec<Given>,
+}
+
+impl Hub {
+    pub(crate) fn new(session: u64) -> Self {
+        let mut catalog = Catalog::default();
+        let (topic, described) = super::events::channel();
+        let events = Lasting::new(catalog.add(topic, described, Source::Events));
+        let schema = log_schema().to_string();
+        let described = Description { form: JSON, schema_name: "foxglove.Log".to_owned(), schema };
+        let log = Lasting::new(catalog.add(LOG, described, Source::Log));
+        for (name, request, response, target) in super::order::services() {
+            catalog.add_service(name, request.to_string(), response.to_string(), target);
+        }
+        Self {
+            session: session.to_string(),
+            catalog,
+            missions: BTreeMap::new(),
+            events,
+            log,
+            viewers: BTreeMap::new(),
+            last_viewer: 0,
+            parameters: BTreeMap::new(),
+            orders: Vec::new(),
+        }
+    }
+
+    /// Lets a client in, if there is room; returns its number.
+    pub(crate) fn enter(&mut self) -> Option<u64> {
+        if self.viewers.len() >= VIEWERS_MAX {
+            return None;
+        }
+        let mut viewer = Viewer::default();
+        let words = [
+            protocol::server_info(&self.session),
+            protocol::advertise(self.catalog.channels.values()),
+            protocol::advertise_services(self.catalog.services.values()),
+        ];
+        words.into_iter().for_each(|word| viewer.outbox.word(Frame::Text(word)));
+        self.last_viewer += 1;
+        self.viewers.insert(self.last_viewer, viewer);
+        Some(self.last_viewer)
+    }
+
+    /// Forgets a client that has left.
+    pub(crate) fn leave(&mut self, viewer: u64) {
+        self.viewers.remove(&viewer);
+    }
+
+    /// Returns whether there is not a single client.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.viewers.is_empty()
+    }
+
+    /// Takes a message of a client in.
+    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Duration) {
+        let request = match frame {
+            Frame::Text(text) => protocol::read_text(text),
+            Frame::Binary(bytes) => protocol::read_binary(bytes),
+        };
+        match request {
+            Ok(Request::Subscribe(subscriptions)) => self.subscribe(number, &subscriptions, at),
+            Ok(Request::Unsubscribe(ids)) => {
+                self.with(number, |viewer| ids.iter().for_each(|id| viewer.unsubscribe(*id)));
+            }
+            Ok(Request::Parameters { names, id }) => {
+                self.order(number, Ticket::Parameters(id), Order::Parameters { names });
+            }
+            Ok(Request::SetParameters { values, id }) => {
+                self.order(number, Ticket::Parameters(id), Order::SetParameters { values });
+            }
+            Ok(Request::FollowParameters(names)) => self.with(number, |viewer| viewer.follow(names)),
+            Ok(Request::UnfollowParameters(names)) => self.with(number, |viewer| viewer.unfollow(&names)),
+            Ok(Request::Call(call)) => self.call(number, &call),
+            Err(why) => self.with(number, |viewer| complain(viewer, &why)),
+        }
+    }
+
+    /// Returns the next message for a client.
+    pub(crate) fn next(&mut self, number: u64, now: Time) -> Option<Frame> {
+        self.viewers.get_mut(&number)?.outbox.next(now)
+    }
+
+    /// Returns whether a client has taken so little that it has to be cut off.
+    pub(crate) fn is_overrun(&self, number: u64) -> bool {
+        self.viewers.get(&number).is_none_or(|viewer| viewer.outbox.is_overrun())
+    }
+
+    /// Returns the sources of all channels to which some client has subscribed.
+    pub(crate) fn wanted(&self) -> BTreeSet<Source> {
+        let channels: BTreeSet<u32> = self.viewers.values().flat_map(Viewer::wanted).collect();
+        channels.iter().filter_map(|id| Some(self.catalog.channels.get(id)?.source.clone())).collect()
+    }
+
+    /// Returns whether the signals of a program are not known: no sample has come yet.
+    pub(crate) fn lacks_signals(&self, program: &ProgramName) -> bool {
+        let source = Source::Signals(program.clone());
+        !self.catalog.channels.values().any(|channel| channel.source == source)
+    }
+
+    /// Returns whether some client wants to hear of changes of parameters.
+    pub(crate) fn follows_parameters(&self) -> bool {
+        self.viewers.values().any(Viewer::is_follower)
+    }
+
+    /// Takes out the orders that clients have given.
+    pub(crate) fn orders(&mut self) -> Vec<Given> {
+        std::mem::take(&mut self.orders)
+    }
+
+    /// Gives a client the result of an order.
+    pub(crate) fn answer(&mut self, number: u64, ticket: &Ticket, answer: &Answer) {
+        self.with(number, |viewer| {
+            viewer.orders = viewer.orders.saturating_sub(1);
+            match (ticket, answer) {
+                (Ticket::Parameters(id), Answer::Values { values, problems }) => {
+                    let word = protocol::parameter_values(values.iter(), id.as_deref());
+                    viewer.outbox.word(Frame::Text(word));
+                    if !problems.is_empty() {
+                        complain(viewer, &together(problems));
+                    }
+                }
+                (Ticket::Call { service, number }, Answer::Done(result)) => {
+                    viewer.outbox.word(Frame::Binary(protocol::call_response(*service, *number, result)));
+                }
+                (Ticket::Call { service, number }, Answer::Failed(why)) => {
+                    viewer.outbox.word(Frame::Text(protocol::call_failure(*service, *number, why)));
+                }
+                (Ticket::Parameters(_), Answer::Failed(why)) => complain(viewer, why),
+                (Ticket::Parameters(_), Answer::Done(_)) | (Ticket::Call { .. }, Answer::Values { .. }) => {}
+            }
+        });
+    }
+
+    /// Takes the present values of all parameters in, and tells clients about those that have changed.
+    pub(crate) fn parameters(&mut self, values: Vec<ParameterValue>) {
+        let changed: Vec<ParameterValue> =
+            values.iter().filter(|one| self.parameters.get(&one.name) != Some(&one.value)).cloned().collect();
+        self.parameters = values.into_iter().map(|one| (one.name, one.value)).collect();
+        for viewer in self.viewers.values_mut() {
+            let mut told = changed.iter().filter(|one| viewer.follows(&one.name)).peekable();
+            if told.peek().is_some() {
+                let word = protocol::parameter_values(told, None);
+                viewer.outbox.word(Frame::Text(word));
+            }
+        }
+    }
+
+    /// Takes the present model in: missions and programs that have come or gone, and states. `origin` is when the clock of the model
+    /// began, since 1970.
+    pub(crate) fn look(&mut self, model: &Model, now: Time, origin: Duration) {
+        self.change(|hub| {
+            let present: BTreeSet<&Deployment> = model.deployments().map(|live| &live.id).collect();
+            let mut running = model.deployments().filter(|live| live.end.is_none());
+            let has_new = running.any(|live| !hub.missions.contains_key(&live.id));
+            // The topics of a mission stay after its end, until another one takes its place.
+            let gone = hub.missions.iter().filter(|(id, one)| !present.contains(id) || (has_new && one.is_over));
+            for id in gone.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
+                hub.forget(&id);
+            }
+            let at = origin + now.since(Time::ZERO);
+            let mut published = Vec::new();
+            for live in model.deployments() {
+                if !hub.missions.contains_key(&live.id) && live.end.is_some() {
+                    continue;
+                }
+                let new = || LiveMission::new(live.id.clone(), &mut hub.catalog);
+                let mission = hub.missions.entry(live.id.clone()).or_insert_with(new);
+                published.extend(mission.look(model, live, origin));
+                let is_gone = |path: &&str| mission.is_over || !live.processes.contains_key(*path);
+                for path in mission.programs().filter(is_gone).map(str::to_owned).collect::<Vec<_>>() {
+                    mission.forget(&path, &mut hub.catalog);
+                }
+            }
+            published.into_iter().for_each(|one| hub.publish(&one, at));
+        });
+    }
+
+    /// Takes an event in.
+    pub(crate) fn event(&mut self, event: &Event) {
+        if let Some(payload) = super::events::payload(event) {
+            self.events.keep(event.time, &payload);
+            if let Some(channel) = self.events.channel {
+                self.publish(&Published { channel, payload, lost: 0 }, event.time);
+            }
+        }
+    }
+
+    /// Takes in lines that a program has written.
+    pub(crate) fn wrote(&mut self, program: &ProgramName, text: String, at: Duration) {
+        let path = format!("{}:{}", program.deployment.name, program.path);
+        let payload = Rows::default().row(&Entry::Output { path, at: Duration::ZERO, text }, at).data;
+        self.log.keep(at, &payload);
+        if let Some(channel) = self.log.channel {
+            self.publish(&Published { channel, payload, lost: 0 }, at);
+        }
+    }
+
+    /// Forgets the lines so far: they are told again.
+    pub(crate) fn log_begins(&mut self) {
+        (self.log.kept, self.log.size) = (VecDeque::new(), 0);
+    }
+
+    /// Takes in the outputs and exports of a program.
+    pub(crate) fn described(&mut self, program: &ProgramName, outputs: &Outputs, exports: Exports) {
+        self.change(|hub| {
+            if let Some(mission) = hub.missions.get_mut(&program.deployment).filter(|mission| !mission.is_over) {
+                mission.describe(&program.path, outputs, exports, &mut hub.catalog);
+            }
+        });
+    }
+
+    /// Takes note that an output is heard from now on: earlier values are not lost, they were not wanted.
+    pub(crate) fn hears(&mut self, source: &Source) {
+        let mission = source.program().and_then(|program| self.missions.get_mut(&program.deployment));
+        if let Some(mission) = mission {
+            mission.hears(source);
+        }
+    }
+
+    /// Takes a value of an output in.
+    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Duration) {
+        let Some(program) = source.program() else { return };
+        self.publish_of(&program.deployment, at, |mission, catalog| mission.value(source, tapped, at, catalog));
+    }
+
+    /// Takes a sample of the signals of a program in.
+    pub(crate) fn signals(&mut self, program: &ProgramName, sample: Signals, at: Duration) {
+        self.publish_of(&program.deployment, at, |mission, catalog| {
+            mission.signals(&program.path, sample, at, catalog)
+        });
+    }
+
+    fn publish_of(
+        &mut self,
+        deployment: &Deployment,
+        at: Duration,
+        take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
+    ) {
+        // A channel is compared only if there may be a new one: values come often.
+        let before = self.catalog.channels.len();
+        let Some(mission) = self.missions.get_mut(deployment) else { return };
+        let published = take(mission, &mut self.catalog);
+        if self.catalog.channels.len() > before {
+            let new = self.catalog.channels.values().skip(before);
+            let word = protocol::advertise(new);
+            self.viewers.values_mut().for_each(|viewer| viewer.outbox.word(Frame::Text(word.clone())));
+        }
+        if let Some(published) = published {
+            self.publish(&published, at);
+        }
+    }
+
+    /// Sends a message to all clients that have subscribed to its channel.
+    fn publish(&mut self, Published { channel, payload, lost }: &Published, at: Duration) {
+        let Some(topic) = self.catalog.channels.get(channel).map(|channel| Arc::clone(&channel.topic)) else { return };
+        for viewer in self.viewers.values_mut() {
+            let Some(subscription) = viewer.subscription(*channel) else { continue };
+            if *lost > 0 {
+                viewer.lose(*channel, &topic, *lost);
+            }
+            viewer.outbox.value(&topic, subscription, protocol::data(subscription, at, payload));
+        }
+    }
+
+    /// Does something that may change the channels and services, and tells all clients about it.
+    fn change(&mut self, change: impl FnOnce(&mut Self)) {
+        let channels: BTreeSet<u32> = self.catalog.channels.keys().copied().collect();
+        let services: BTreeSet<u32> = self.catalog.services.keys().copied().collect();
+        change(self);
+        let mut words = Vec::new();
+        let gone: Vec<u32> = channels.iter().filter(|id| !self.catalog.channels.contains_key(id)).copied().collect();
+        if !gone.is_empty() {
+            words.push(protocol::unadvertise(&gone));
+        }
+        let mut new = self.catalog.channels.values().filter(|one| !channels.contains(&one.id)).peekable();
+        if new.peek().is_some() {
+            words.push(protocol::advertise(new));
+        }
+        let ended: Vec<u32> = services.iter().filter(|id| !self.catalog.services.contains_key(id)).copied().collect();
+        if !ended.is_empty() {
+            words.push(protocol::unadvertise_services(&ended));
+        }
+        let mut new = self.catalog.services.values().filter(|one| !services.contains(&one.id)).peekable();
+        if new.peek().is_some() {
+            words.push(protocol::advertise_services(new));
+        }
+        for viewer in self.viewers.values_mut() {
+            gone.iter().for_each(|channel| viewer.forget(*channel));
+            words.iter().for_each(|word| viewer.outbox.word(Frame::Text(word.clone())));
+        }
+    }
+
+    fn forget(&mut self, deployment: &Deployment) {
+        let Some(mut mission) = self.missions.remove(deployment) else { return };
+        for path in mission.programs().map(str::to_owned).collect::<Vec<_>>() {
+            mission.forget(&path, &mut self.catalog);
+        }
+        self.catalog.channels.retain(|_, channel| channel.source != Source::State(deployment.clone()));
+    }
+
+    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Duration) {
+        let Some(viewer) = self.viewers.get_mut(&number) else { return };
+        let (mut refused, mut first) = (0_usize, None);
+        for subscription in subscriptions {
+            let Some(channel) = self.catalog.channels.get(&subscription.channel) else {
+                refused += 1;
+                first.get_or_insert_with(|| format!("the channel {} does not exist", subscription.channel));
+                continue;
+            };
+            if let Err(why) = viewer.subscribe(*subscription) {
+                refused += 1;
+                first.get_or_insert(why);
+                continue;
+            }
+            let mut send = |at, payload: &[u8]| {
+                let frame = protocol::data(subscription.id, at, payload);
+                viewer.outbox.value(&channel.topic, subscription.id, frame);
+            };
+            match &channel.source {
+                Source::Events => self.events.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
+                Source::Log => self.log.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
+                Source::State(deployment) => {
+                    let state = self.missions.get(deployment).and_then(LiveMission::state);
+                    state.iter().for_each(|state| send(at, &state.payload));
+                }
+                Source::Output { .. } | Source::Signals(_) => {}
+            }
+        }
+        if let Some(first) = first {
+            complain(viewer, &format!("{refused} of {} subscriptions refused: {first}", subscriptions.len()));
+        }
+    }
+
+    fn call(&mut self, number: u64, call: &Call) {
+        let ticket = Ticket::Call { service: call.service, number: call.number };
+        let read = match self.catalog.services.get(&call.service).map(|service| &service.target) {
+            None => Err(format!("the service {} does not exist", call.service)),
+            Some(_) if call.encoding != protocol::ENCODING => {
+                Err(format!("`{}` is not an encoding of this server; it takes `{}`", call.encoding, protocol::ENCODING))
+            }
+            Some(Target::Procedure { program, procedure }) => {
+                let mission = self.missions.get(&program.deployment);
+                let found = mission.and_then(|mission| mission.procedure(&program.path, procedure));
+                let gone = || format!("`{}` has ended", program.path);
+                found.ok_or_else(gone).and_then(|found| super::order::procedure(program, found, &call.payload))
+            }
+            Some(target @ (Target::Stop | Target::Estop)) => read_order(target, &call.payload),
+        };
+        match read {
+            Ok(order) => self.order(number, ticket, order),
+            Err(why) => self.with(number, |viewer| {
+                viewer.outbox.word(Frame::Text(protocol::call_failure(call.service, call.number, &why)));
+            }),
+        }
+    }
+
+    /// Takes note of an order of a client, unless it waits for too many.
+    fn order(&mut self, number: u64, ticket: Ticket, order: Order) {
+        let Some(viewer) = self.viewers.get_mut(&number) else { return };
+        // A stop is never refused for other orders.
+        if viewer.orders >= ORDERS_MAX && !order.is_stop() {
+            let why = format!("not done: {ORDERS_MAX} orders of this client are still being carried out");
+            return match ticket {
+                Ticket::Call { service, number } => {
+                    viewer.outbox.word(Frame::Text(protocol::call_failure(service, number, &why)));
+                }
+                Ticket::Parameters(_) => complain(viewer, &why),
+            };
+        }
+        viewer.orders += 1;
+        self.orders.push(Given { viewer: number, ticket, order });
+    }
+
+    fn with(&mut self, number: u64, change: impl FnOnce(&mut Viewer)) {
+        if let Some(viewer) = self.viewers.get_mut(&number) {
+            change(viewer);
+        }
+    }
+}
+
+impl Lasting {
+    fn new(channel: Option<u32>) -> Self {
+        Self { channel, kept: VecDeque::new(), size: 0 }
+    }
+
+    fn keep(&mut self, at: Duration, payload: &[u8]) {
+        self.size += payload.len();
+        self.kept.push_back(Kept { at, payload: payload.to_vec() });
+        while self.kept.len() > KEPT_MAX || self.size > KEPT_SIZE_MAX {
+            let Some(oldest) = self.kept.pop_front() else { return };
+            self.size -= oldest.payload.len();
+        }
+    }
+}
+
+/// Returns several problems in one message.
+fn together(problems: &[String]) -> String {
+    let named = problems.iter().take(PROBLEMS_MAX).map(String::as_str).collect::<Vec<_>>().join("; ");
+    match problems.len().saturating_sub(PROBLEMS_MAX) {
+        0 => named,
+        more => format!("{named}; and {}", counted(more, "other problem")),
+    }
+}
+
+fn complain(viewer: &mut Viewer, why: &str) {
+    viewer.outbox.word(Frame::Text(protocol::status(Level::Error, why)));
+}
+
+#[cfg(test)]
+mod tests;

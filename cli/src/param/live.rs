@@ -1,0 +1,109 @@
+//! Parameters for a view that stays connected: their present values, and changes.
+
+use super::{Program, datum, programs_of};
+use crate::client::{Client, words};
+use crate::db::databases::Databases;
+use crate::db::write::{CommitArgs, CommitProgress};
+use crate::logic::foxglove::{GivenValue, ParameterValue};
+use anyhow::anyhow;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::Write;
+use language::plan::Accepts;
+use node::console::Failure;
+use serde_json::Value;
+
+/// Returns the present values of all parameters of running programs that a connection reaches, by names such as
+/// `door:main/hit/force.threshold`. Secrets are left out.
+pub(crate) async fn read(client: &Client) -> Result<Vec<ParameterValue>, Failure> {
+    let programs = programs_of(&through(client).await?).await?;
+    Ok(programs.iter().flat_map(Program::values).collect())
+}
+
+/// Sets parameters, or takes changes back; returns a sentence for each that was not done. Names of programs that this connection does
+/// not reach are left in `values`.
+pub(crate) async fn set(
+    client: &Client,
+    commit: &CommitArgs,
+    values: &mut Vec<GivenValue>,
+) -> Result<Vec<String>, Failure> {
+    let databases = through(client).await?;
+    let programs = programs_of(&databases).await?;
+    let mut problems = Vec::new();
+    for given in std::mem::take(values) {
+        match parameter_of(&programs, &given.name) {
+            None => values.push(given),
+            Some((program, parameter)) => {
+                if let Err(failure) = set_one(&databases, commit, program, parameter, given.value.as_ref()).await {
+                    problems.push(format!("`{}` was not set: {}", given.name, words(&failure)));
+                }
+            }
+        }
+    }
+    Ok(problems)
+}
+
+async fn through(client: &Client) -> Result<Databases<'_>, Failure> {
+    let robot = match client.local() {
+        Some(local) => Some(local.to_owned()),
+        None => client.all().await?.into_iter().next(),
+    };
+    let robot = robot.ok_or_else(|| Failure::Unreachable(anyhow!("no node answers")))?;
+    Ok(Databases::through(client, robot))
+}
+
+async fn set_one(
+    databases: &Databases<'_>,
+    commit: &CommitArgs,
+    program: &Program,
+    name: &str,
+    value: Option<&Value>,
+) -> Result<(), Failure> {
+    let parameter = program.parameter(name)?;
+    let write = match value {
+        None | Some(Value::Null) => {
+            let set = program.set.get(&parameter.name).and_then(|set| set.last());
+            let Some((key, _)) = set else { return Ok(()) };
+            Write { key: Key::new(key.clone())?, value: None }
+        }
+        Some(_) if parameter.accepts == Accepts::Secret => {
+            return Err(anyhow!("it is a secret; `dca db put --secret` changes it").into());
+        }
+        Some(value) => {
+            let text = match value {
+                Value::String(text) => text.clone(),
+                Value::Number(_) | Value::Bool(_) => value.to_string(),
+                Value::Null | Value::Array(_) | Value::Object(_) => {
+                    return Err(anyhow!("expected {}, not {value}", parameter.accepts).into());
+                }
+            };
+            let read =
+                parameter.accepts.read(&text).map_err(|expected| anyhow!("expected {expected}, not `{text}`"))?;
+            let datum = datum(&parameter.accepts, &read)?;
+            Write { key: Key::new(program.key(&parameter.name))?, value: Some(datum.encode()?) }
+        }
+    };
+    let question = commit.question(commit.reason_or(""), vec![], vec![write]);
+    match commit.write_on(databases, &question).await? {
+        CommitProgress::AckLevel(_) | CommitProgress::Done(_) => Ok(()),
+        CommitProgress::Pending(_) => Err(commit.pending()),
+    }
+}
+
+/// Returns the program and the parameter that a name means.
+fn parameter_of<'a>(programs: &'a [Program], name: &'a str) -> Option<(&'a Program, &'a str)> {
+    let (program, parameter) = name.rsplit_once('.')?;
+    Some((programs.iter().find(|one| one.name() == program)?, parameter))
+}
+
+impl Program {
+    /// Returns the present values of its parameters.
+    fn values(&self) -> Vec<ParameterValue> {
+        let statuses = self.told.parameters.iter().flatten();
+        let shown = statuses.filter(|status| status.parameter.accepts != Accepts::Secret);
+        let value = |name: &String| {
+            let value = serde_json::from_str(&self.value(name)?.to_json()).ok()?;
+            Some(ParameterValue { name: format!("{}.{name}", self.name()), value })
+        };
+        shown.filter_map(|status| value(&status.parameter.name)).collect()
+    }
+}

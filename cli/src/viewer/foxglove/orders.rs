@@ -1,0 +1,173 @@
+//! Carries out the orders of clients.
+
+use super::super::serve::ORDER_WITHIN;
+use crate::client::{Client, Clients, words};
+use crate::db::databases::DatabaseArgs;
+use crate::db::write::CommitArgs;
+use crate::io::taps::Taps;
+use crate::io::user;
+use crate::live::Live;
+use crate::logic::foxglove::{Answer, Given, GivenValue, Order, ParameterValue, ProcedureCall, ProgramName, Ticket};
+use crate::logic::object;
+use crate::logic::process_name::DeploymentName;
+use crate::object::{Callee, sentence, signed};
+use crate::{ConnectArgs, estop, orders, param, stop};
+use comms::logic::object::ObjectError;
+use node::logic::protocol::{Estop, Request};
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::timeout;
+use view::Model;
+
+/// How long a procedure has to answer. A client such as Foxglove waits without an end.
+const CALL_WITHIN: Duration = Duration::from_secs(10);
+/// How long a change of a parameter has to be on a disk.
+const COMMIT_WITHIN: Duration = Duration::from_secs(5);
+
+/// The result of an order.
+pub(super) struct Carried {
+    pub(super) viewer: u64,
+    pub(super) ticket: Ticket,
+    pub(super) answer: Answer,
+}
+
+/// The ways to robots that an order needs.
+struct Ways {
+    clients: Clients,
+    connect: ConnectArgs,
+    taps: Option<Arc<Taps>>,
+    /// The host of the program that is called, and the connection to it.
+    callee: Option<(String, Arc<Client>)>,
+}
+
+/// Carries an order out.
+pub(super) fn give(
+    given: Given,
+    live: &Live,
+    model: &Model,
+    taps: Option<Arc<Taps>>,
+) -> impl Future<Output = Carried> + Send + use<> {
+    let Given { viewer, ticket, order } = given;
+    let program = if let Order::Call(call) = &order { Some(&call.program) } else { None };
+    let host = program.and_then(|program| host_of(model, program));
+    let callee = host.and_then(|host| Some((host.clone(), live.client_of(&host)?)));
+    let ways = Ways { clients: live.clients(), connect: live.connect(), taps, callee };
+    async move {
+        let answer = timeout(ORDER_WITHIN, carry_out(order, ways)).await.unwrap_or_else(|_| {
+            Answer::Failed(format!("no result within {} s: it may have been carried out", ORDER_WITHIN.as_secs()))
+        });
+        Carried { viewer, ticket, answer }
+    }
+}
+
+/// Returns the host of a program.
+fn host_of(model: &Model, program: &ProgramName) -> Option<String> {
+    let live = model.deployments().find(|live| live.id == program.deployment)?;
+    Some(live.processes.get(&program.path)?.host.clone())
+}
+
+async fn carry_out(order: Order, ways: Ways) -> Answer {
+    match order {
+        Order::Parameters { names } => {
+            let (values, problems) = parameters(&ways.clients).await;
+            Answer::Values { values: named(values, &names), problems }
+        }
+        Order::SetParameters { values } => set_parameters(&ways, values).await,
+        Order::Call(call) => called(&ways, *call).await,
+        Order::Stop(name) => stopped(&ways.clients, &name).await,
+        Order::Estop { reason } => everywhere(&ways, Request::Estop(Estop { by: user::name_and_host(), reason })).await,
+        Order::Release => everywhere(&ways, Request::ReleaseEstop).await,
+    }
+}
+
+/// Returns the values of these names, or all if none is named.
+fn named(mut values: Vec<ParameterValue>, names: &[String]) -> Vec<ParameterValue> {
+    values.retain(|one| names.is_empty() || names.contains(&one.name));
+    values
+}
+
+/// Reads all parameters that can be reached; returns them, and why some cannot be read.
+pub(super) async fn parameters(clients: &Clients) -> (Vec<ParameterValue>, Vec<String>) {
+    let (mut values, mut problems) = (Vec::new(), Vec::new());
+    for client in clients.iter() {
+        match param::live::read(client).await {
+            Ok(more) => values.extend(more),
+            Err(failure) => problems.push(format!("parameters cannot be read: {}", words(&failure))),
+        }
+    }
+    (values, problems)
+}
+
+async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
+    let names: Vec<String> = values.iter().map(|one| one.name.clone()).collect();
+    let database = DatabaseArgs::of(ways.connect.clone());
+    let commit = CommitArgs::local("set in a viewer".to_owned(), COMMIT_WITHIN, database);
+    let mut problems = Vec::new();
+    for client in ways.clients.iter() {
+        if values.is_empty() {
+            break;
+        }
+        match param::live::set(client, &commit, &mut values).await {
+            Ok(more) => problems.extend(more),
+            Err(failure) => problems.push(format!("not everything was set: {}", words(&failure))),
+        }
+    }
+    problems.extend(values.iter().map(|one| format!("`{}` was not set: there is no such parameter", one.name)));
+    // The client gets what is so now, whatever it has asked for.
+    let (present, unread) = parameters(&ways.clients).await;
+    problems.extend(unread);
+    Answer::Values { values: named(present, &names), problems }
+}
+
+async fn called(ways: &Ways, call: ProcedureCall) -> Answer {
+    let ProcedureCall { program: ProgramName { deployment, path }, exported, exports, argument } = call;
+    let (Some((host, client)), Some(taps)) = (&ways.callee, &ways.taps) else {
+        return Answer::Failed(format!("`{path}` cannot be reached"));
+    };
+    let prepared = taps.prepare(&exported, argument, CALL_WITHIN);
+    let callee = Callee { deployment: &deployment, host, path: &path };
+    let call = match signed(client, callee, exported.access, prepared).await {
+        Ok(call) => call,
+        Err(failure) => return Answer::Failed(words(&failure)),
+    };
+    match taps.call(&deployment.name, &path, call).await {
+        Ok(Ok(bytes)) => {
+            let result = object::result(&exports, &exported.signature, &bytes);
+            Answer::Done(if result.is_null() { json!({}) } else { result })
+        }
+        Ok(Err(error)) => Answer::Failed(told(&path, &exported.name, &error)),
+        Err(failure) => Answer::Failed(words(&failure)),
+    }
+}
+
+/// Returns the sentence about a call that has no result. It says so if the call may have been carried out.
+fn told(path: &str, name: &str, error: &ObjectError) -> String {
+    let doubt = if error.may_have_happened() { "; the call may have been carried out" } else { "" };
+    format!("{}{doubt}", sentence(path, name, error))
+}
+
+async fn stopped(clients: &Clients, name: &DeploymentName) -> Answer {
+    match stop::stop(clients, name).await {
+        Ok(ended) => {
+            let done = || format!("`{}` is stopped; nothing of it is left", name.text());
+            let text = ended.failure.as_ref().map_or_else(done, words);
+            Answer::Done(json!({
+                "confirmed": ended.is_stopped && ended.failure.is_none(), "stopped": ended.is_stopped,
+                "unconfirmed": ended.unconfirmed, "may_go_on": ended.may_go_on, "text": text,
+            }))
+        }
+        Err(failure) => Answer::Failed(words(&failure)),
+    }
+}
+
+async fn everywhere(ways: &Ways, request: Request) -> Answer {
+    match orders::outcomes(&ways.clients, &ways.connect, &request).await {
+        Ok(outcomes) => {
+            let hosts: Vec<_> = outcomes.iter().map(|(host, outcome)| estop::in_json(host, outcome)).collect();
+            let is_confirmed = outcomes.values().all(estop::Outcome::is_confirmed);
+            Answer::Done(json!({ "confirmed": is_confirmed, "hosts": hosts, "text": orders::in_one_line(&outcomes) }))
+        }
+        Err(failure) => Answer::Failed(words(&failure)),
+    }
+}

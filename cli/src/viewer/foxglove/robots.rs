@@ -1,0 +1,402 @@
+//! The robots behind the server: which programs run, and the values that clients want.
+//!
+//! Without a client no robot is asked. A value is fetched only while some client has subscribed to it, as `dca echo` does. The
+//! signals of a program are heard until their names are known, which the first sample tells.
+
+use crate::client::{Client, Clients};
+use crate::io::observer::samples;
+use crate::io::taps::Taps;
+use crate::live::Live;
+use crate::logic::foxglove::{Hub, ParameterValue, ProgramName, Source};
+use crate::object::exports_of;
+use crate::outputs::Outputs as Written;
+use crate::tapped::{locations, outputs_of};
+use comms::io::clock;
+use comms::logic::control::Dial;
+use comms::logic::object::Exports;
+use comms::logic::signals::Signals;
+use comms::logic::tap::{Outputs, Tapped};
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use node::logic::protocol::Deployment;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::sync::{Semaphore, oneshot};
+use tokio::task::{AbortHandle, JoinSet};
+use tokio::time::timeout;
+use view::Model;
+
+/// How often each host is asked for the programs of a deployment.
+const LOCATE_EVERY: Duration = Duration::from_secs(1);
+/// How long after a program was asked for its outputs without an answer it is asked again.
+const DESCRIBE_AGAIN: Duration = Duration::from_secs(3);
+/// How many programs are asked for their outputs at once: each takes a thread.
+const DESCRIBED_MAX: usize = 8;
+/// How often parameters are read while some client follows them.
+const PARAMETERS_EVERY: Duration = Duration::from_secs(2);
+/// How many news wait. Values are left out when it is full, and their numbers show it.
+const NEWS_MAX: usize = 1024;
+/// How long programs have to end what they were asked when the command is left.
+const CLOSED_WITHIN: Duration = Duration::from_secs(5);
+
+/// News of a robot.
+pub(super) enum News {
+    Opened(Option<Arc<Taps>>),
+    Located { host: String, deployment: Deployment, programs: Vec<(String, Dial)> },
+    Described { program: ProgramName, session: String, forms: Option<Box<Forms>> },
+    Value { source: Source, tapped: Tapped, at: Duration },
+    Signals { program: ProgramName, samples: Vec<Signals>, at: Duration },
+    Wrote { program: ProgramName, text: String },
+    Parameters(Vec<ParameterValue>),
+}
+
+/// The outputs and exports of a program.
+pub(super) struct Forms {
+    outputs: Outputs,
+    exports: Exports,
+}
+
+/// A program.
+struct Program {
+    host: String,
+    session: String,
+    is_described: bool,
+    asked: Time,
+}
+
+/// Something that is heard.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Line {
+    Source(Source),
+    Log { host: String, deployment: Deployment },
+}
+
+/// A line that is heard, until this is dropped.
+struct Hearing {
+    task: AbortHandle,
+    _end: oneshot::Sender<()>,
+}
+
+/// The data session, which is opened for the first client.
+enum Session {
+    Closed,
+    Opening,
+    Open(Arc<Taps>),
+}
+
+/// The robots.
+pub(super) struct Robots {
+    session: Session,
+    programs: BTreeMap<ProgramName, Program>,
+    /// When each host was asked for the programs of a deployment.
+    located: BTreeMap<(String, Deployment), Time>,
+    hearing: BTreeMap<Line, Hearing>,
+    parameters_read: Option<Time>,
+    describing: Arc<Semaphore>,
+    tasks: JoinSet<()>,
+    sink: Sender<News>,
+    news: Receiver<News>,
+}
+
+impl Robots {
+    pub(super) fn new() -> Self {
+        let (sink, news) = mpsc::channel(NEWS_MAX);
+        Self {
+            session: Session::Closed,
+            programs: BTreeMap::new(),
+            located: BTreeMap::new(),
+            hearing: BTreeMap::new(),
+            parameters_read: None,
+            describing: Arc::new(Semaphore::new(DESCRIBED_MAX)),
+            tasks: JoinSet::new(),
+            sink,
+            news,
+        }
+    }
+
+    /// Returns the next news.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(super) async fn next(&mut self) -> News {
+        match self.news.recv().await {
+            Some(news) => news,
+            // The robots themselves hold a sender.
+            None => std::future::pending().await,
+        }
+    }
+
+    /// Returns the data session, for calls.
+    pub(super) fn taps(&self) -> Option<Arc<Taps>> {
+        if let Session::Open(taps) = &self.session { Some(Arc::clone(taps)) } else { None }
+    }
+
+    /// Takes news in.
+    pub(super) fn take(&mut self, news: News, hub: &mut Hub) {
+        match news {
+            News::Opened(taps) => self.session = taps.map_or(Session::Closed, Session::Open),
+            News::Located { host, deployment, programs } => {
+                for (path, dial) in programs {
+                    self.describe(&host, ProgramName { deployment: deployment.clone(), path }, dial);
+                }
+            }
+            News::Described { program, session, forms } => {
+                let known = self.programs.get_mut(&program).filter(|known| known.session == session);
+                if let (Some(known), Some(forms)) = (known, forms) {
+                    known.is_described = true;
+                    hub.described(&program, &forms.outputs, forms.exports);
+                }
+            }
+            News::Value { source, tapped, at } => hub.value(&source, tapped, at),
+            News::Signals { program, samples, at } => {
+                samples.into_iter().for_each(|sample| hub.signals(&program, sample, at));
+            }
+            News::Wrote { program, text } => hub.wrote(&program, text, clock::unix_time()),
+            News::Parameters(values) => hub.parameters(values),
+        }
+    }
+
+    /// Looks for programs, and hears what clients want. Without a client, nothing is asked or heard.
+    pub(super) fn follow(&mut self, live: &Live, model: &Model, hub: &mut Hub) {
+        while let Some(ended) = self.tasks.try_join_next() {
+            if let Err(error) = ended
+                && error.is_panic()
+            {
+                std::panic::resume_unwind(error.into_panic());
+            }
+        }
+        if hub.is_empty() {
+            self.hearing.clear();
+            return;
+        }
+        let now = clock::now();
+        match &self.session {
+            Session::Closed => self.open(live),
+            Session::Opening => {}
+            Session::Open(_) => self.locate(live, model, now),
+        }
+        let is_there = |name: &ProgramName| {
+            let mut lives = model.deployments().filter(|live| live.id == name.deployment && live.end.is_none());
+            lives.any(|live| live.processes.contains_key(&name.path))
+        };
+        self.programs.retain(|name, _| is_there(name));
+        self.hear(live, model, hub);
+        let is_due = self.parameters_read.is_none_or(|read| now.since(read) >= PARAMETERS_EVERY);
+        if hub.follows_parameters() && is_due {
+            self.parameters_read = Some(now);
+            self.tasks.spawn(read_parameters(live.clients(), self.sink.clone()));
+        }
+    }
+
+    fn open(&mut self, live: &Live) {
+        self.session = Session::Opening;
+        let team = live.clients().iter().find_map(Client::team);
+        let sink = self.sink.clone();
+        self.tasks.spawn(async move {
+            let opened = Taps::open(team).await.inspect_err(|failure| {
+                tracing::warn!(why = %crate::client::words(failure), "values cannot be heard");
+            });
+            sink.send(News::Opened(opened.ok().map(Arc::new))).await.unwrap_or_default();
+        });
+    }
+
+    fn locate(&mut self, live: &Live, model: &Model, now: Time) {
+        for one in model.deployments().filter(|one| one.end.is_none()) {
+            for host in one.phases.keys() {
+                let place = (host.clone(), one.id.clone());
+                if self.located.get(&place).is_some_and(|asked| now.since(*asked) < LOCATE_EVERY) {
+                    continue;
+                }
+                let Some(client) = live.client_of(host) else { continue };
+                self.located.insert(place, now);
+                let (host, deployment, sink) = (host.clone(), one.id.clone(), self.sink.clone());
+                self.tasks.spawn(async move {
+                    // A host that does not answer is asked again.
+                    if let Ok(programs) = locations(&client, &host, &deployment).await {
+                        sink.send(News::Located { host, deployment, programs }).await.unwrap_or_default();
+                    }
+                });
+            }
+        }
+        self.located.retain(|_, asked| now.since(*asked) < LOCATE_EVERY);
+    }
+
+    /// Asks a program for its outputs and exports, unless it has told them.
+    fn describe(&mut self, host: &str, name: ProgramName, dial: Dial) {
+        let now = clock::now();
+        let Some(taps) = self.taps() else { return };
+        if let Some(known) = self.programs.get(&name) {
+            let is_known = known.is_described || now.since(known.asked) < DESCRIBE_AGAIN;
+            if known.session == dial.session && is_known && known.host == host {
+                return;
+            }
+            if known.session != dial.session {
+                taps.forget(&known.session);
+            }
+        }
+        let session = dial.session.clone();
+        let program = Program { host: host.to_owned(), session: session.clone(), is_described: false, asked: now };
+        self.programs.insert(name.clone(), program);
+        let (describing, sink) = (Arc::clone(&self.describing), self.sink.clone());
+        self.tasks.spawn(async move {
+            let Ok(_permit) = describing.acquire().await else { return };
+            let forms = forms(&taps, &name, dial).await.map(Box::new);
+            sink.send(News::Described { program: name, session, forms }).await.unwrap_or_default();
+        });
+    }
+
+    /// Begins to hear what is wanted, and ends what is not wanted any more.
+    fn hear(&mut self, live: &Live, model: &Model, hub: &mut Hub) {
+        let wanted = hub.wanted();
+        let mut lines: BTreeSet<Line> = BTreeSet::new();
+        for source in wanted {
+            match source {
+                Source::Output { .. } | Source::Signals(_) => drop(lines.insert(Line::Source(source))),
+                Source::Log => {
+                    for one in model.deployments().filter(|one| one.end.is_none()) {
+                        let line = |host: &String| Line::Log { host: host.clone(), deployment: one.id.clone() };
+                        lines.extend(one.phases.keys().map(line));
+                    }
+                }
+                // The view hears these anyway.
+                Source::Events | Source::State(_) => {}
+            }
+        }
+        let described = self.programs.iter().filter(|(_, program)| program.is_described);
+        let unknown = described.map(|(name, _)| name).filter(|name| hub.lacks_signals(name));
+        lines.extend(unknown.map(|name| Line::Source(Source::Signals(name.clone()))));
+        // A line that could not be heard is tried again.
+        self.hearing.retain(|line, hearing| lines.contains(line) && !hearing.task.is_finished());
+        let is_log = |line: &Line| matches!(line, Line::Log { .. });
+        if !self.hearing.keys().any(is_log) && lines.iter().any(is_log) {
+            hub.log_begins();
+        }
+        for line in lines {
+            if self.hearing.contains_key(&line) {
+                continue;
+            }
+            if let Line::Source(source) = &line {
+                hub.hears(source);
+            }
+            self.begin(line, live);
+        }
+    }
+
+    fn begin(&mut self, line: Line, live: &Live) {
+        let (end, ended) = oneshot::channel();
+        let sink = self.sink.clone();
+        let task = match (&line, self.taps()) {
+            (Line::Log { host, deployment }, _) => {
+                let Some(client) = live.client_of(host) else { return };
+                self.tasks.spawn(hear_log(client, host.clone(), deployment.clone(), sink, ended))
+            }
+            (Line::Source(source), Some(taps)) => self.tasks.spawn(hear_source(taps, source.clone(), sink, ended)),
+            (Line::Source(_), None) => return,
+        };
+        self.hearing.insert(line, Hearing { task, _end: end });
+    }
+
+    /// Ends everything.
+    pub(super) async fn close(mut self) {
+        self.hearing.clear();
+        self.news.close();
+        let ended = async { while self.tasks.join_next().await.is_some() {} };
+        timeout(CLOSED_WITHIN, ended).await.unwrap_or_default();
+        self.tasks.shutdown().await;
+        while self.news.try_recv().is_ok() {}
+        if let Session::Open(taps) = self.session
+            && let Some(taps) = Arc::into_inner(taps)
+        {
+            taps.close().await;
+        }
+    }
+}
+
+async fn forms(taps: &Taps, name: &ProgramName, dial: Dial) -> Option<Forms> {
+    let ProgramName { deployment, path } = name;
+    let outputs = outputs_of(taps, deployment, path, dial.clone()).await;
+    let exports = exports_of(taps, deployment, path, dial).await;
+    match (outputs, exports) {
+        (Ok(outputs), Ok(exports)) => Some(Forms { outputs, exports }),
+        (Err(failure), _) | (_, Err(failure)) => {
+            tracing::debug!(path, why = %crate::client::words(&failure), "a program does not tell its outputs");
+            None
+        }
+    }
+}
+
+/// Hears the values of an output or the signals of a program.
+async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended: oneshot::Receiver<()>) {
+    match source {
+        Source::Output { ref program, ref output } => {
+            let key = key::tap(&program.deployment.name, &program.path, output);
+            let take = move |bytes: Cow<'_, [u8]>| {
+                if let Ok(tapped) = codec::decode(&bytes) {
+                    let news = News::Value { source: source.clone(), tapped, at: clock::unix_time() };
+                    // A full queue means that this program is slow. The robot must not feel it, and the numbers show it.
+                    sink.try_send(news).unwrap_or_default();
+                }
+            };
+            hold(&taps, key, take, ended).await;
+        }
+        Source::Signals(program) => {
+            let key = key::signals(&program.deployment.name, &program.path);
+            let take = move |bytes: Cow<'_, [u8]>| {
+                let samples = samples(&program.path, &bytes, clock::now()).into_iter().map(|sample| sample.signals);
+                let samples: Vec<Signals> = samples.collect();
+                let news = News::Signals { program: program.clone(), samples, at: clock::unix_time() };
+                sink.try_send(news).unwrap_or_default();
+            };
+            hold(&taps, key, take, ended).await;
+        }
+        Source::Events | Source::Log | Source::State(_) => {}
+    }
+}
+
+/// Hears a key until the other end of `ended` is dropped.
+async fn hold(
+    taps: &Taps,
+    key: String,
+    take: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
+    ended: oneshot::Receiver<()>,
+) {
+    match taps.listen(key, take).await {
+        Ok(subscription) => {
+            // The other end sends nothing.
+            ended.await.unwrap_or_default();
+            tokio::task::spawn_blocking(move || drop(subscription)).await.unwrap_or_default();
+        }
+        Err(failure) => tracing::debug!(why = %crate::client::words(&failure), "an output cannot be heard"),
+    }
+}
+
+/// Hears the lines that the programs of a deployment on a host write.
+async fn hear_log(
+    client: Arc<Client>,
+    host: String,
+    deployment: Deployment,
+    sink: Sender<News>,
+    mut ended: oneshot::Receiver<()>,
+) {
+    let mut written = Written::default();
+    written.hear(&client, &host, &deployment);
+    loop {
+        tokio::select! {
+            (path, text) = written.next() => {
+                let program = ProgramName { deployment: deployment.clone(), path };
+                if sink.send(News::Wrote { program, text }).await.is_err() {
+                    return;
+                }
+            }
+            _ = &mut ended => return,
+        }
+    }
+}
+
+async fn read_parameters(clients: Clients, sink: Sender<News>) {
+    let (values, _) = super::orders::parameters(&clients).await;
+    sink.send(News::Parameters(values)).await.unwrap_or_default();
+}

@@ -1,0 +1,361 @@
+//! `dca view --foxglove`: topics, parameters and services of a running mission for Foxglove, and clients that mean no good.
+//!
+//! The client of these tests writes its frames itself, so it shares no code with the server. A long test uses Foxglove's own client.
+
+mod client;
+
+use client::{Client, Message, handshake, open};
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, pass, wait_until};
+use dca_tests::made_team::MadeTeam;
+use rustix::process::Signal;
+use serde_json::{Value, json};
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// A source of 100 values a second, a monitor with signals, wheels with a procedure, and a guard with a parameter.
+const SPEC: &str = "
+process main() {
+    host { c1 }
+    instantiated_processes {
+        beat instof RateSource(c1);
+        monitor instof RateMonitor(c1);
+        wheels instof Wheels(c1);
+        guard instof SpeedGuard(c1, limit = 0.5 m/s);
+    }
+    internal_connections { guard, Below -> wheels, Drive; }
+    internal_connections(beat, on) { beat, Out -> monitor, In; }
+    internal_event_actions { beat, monitor, wheels, guard }
+}
+";
+
+/// A view, and where it listens.
+struct View {
+    view: Program,
+    address: String,
+}
+
+impl View {
+    fn open(here: &Host) -> Self {
+        let view = here.dca(&["view", "--foxglove", "127.0.0.1:0"]);
+        view.wait_for(Stream::Out, "\n", SOON);
+        view.wait_for(Stream::Err, "Ctrl-C", SOON);
+        let link = view.text(Stream::Out);
+        let port = link.trim().strip_prefix("ws://localhost:").expect("it is an address").to_owned();
+        Self { view, address: format!("127.0.0.1:{port}") }
+    }
+}
+
+fn deployed(cluster: &Cluster) -> (Host, [Program; 2]) {
+    let here = cluster.here();
+    let programs = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
+    let [controller, examples] = &programs;
+    let node = here.node("c1", &["--controllers", controller, "--controllers", examples]);
+    let file = cluster.file("door.dca", SPEC);
+    let arguments = ["deploy", "--no-record", "--controllers", controller, "--controllers", examples, &file];
+    let deploy = here.dca(&arguments);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    (here, [node, deploy])
+}
+
+#[test]
+fn a_mission_is_seen_changed_and_stopped_by_a_client() {
+    let cluster = Cluster::new();
+    let (here, [_node, mission]) = deployed(&cluster);
+    let view = View::open(&here);
+    let mut client = Client::connect(&view.address);
+    let info = client.word("serverInfo");
+    assert_eq!(info["capabilities"], json!(["parameters", "parametersSubscribe", "services"]));
+    // Values have the fields of their schema. A value whose type its program does not declare comes as its bytes.
+    let beat = client.channel("/ports/main/beat/Out");
+    assert_eq!((&beat["encoding"], &beat["schemaName"]), (&json!("json"), &json!("dca.Encoded")));
+    client.subscribe(1, &beat);
+    let value = client.value(1);
+    assert!(value["size"].is_number() && value["bytes"].is_string(), "{value}");
+    let signals = client.channel("/signals/main/monitor");
+    let schema: Value = serde_json::from_str(signals["schema"].as_str().expect("it is text")).expect("it is JSON");
+    client.subscribe(4, &signals);
+    let value = client.value(4);
+    let fields = value.as_object().expect("it has fields");
+    let is_typed = |field: &String| schema["properties"][field]["type"] == "number" && value[field].is_number();
+    assert!(fields.len() > 1 && fields.keys().all(is_typed), "{value} {schema}");
+    // The states of all processes, at once.
+    let mission_topic = client.channel("/mission");
+    client.subscribe(2, &mission_topic);
+    let state = client.value(2);
+    let paths: Vec<&str> =
+        state["processes"].as_array().into_iter().flatten().filter_map(|one| one["path"].as_str()).collect();
+    assert!(
+        paths.contains(&"main/wheels") && state["deployment"].as_str().is_some_and(|name| name.starts_with("door@")),
+        "{state}"
+    );
+    let events = client.channel("/events");
+    client.subscribe(3, &events);
+    assert!(client.value(3)["text"].is_string());
+    // Parameters are read, set in the database, and refused with a reason.
+    let limit = "door:main/guard.limit";
+    client.send(&json!({ "op": "getParameters", "parameterNames": [limit], "id": "read" }));
+    let read = client.word("parameterValues");
+    assert_eq!((&read["id"], &read["parameters"][0]["value"]), (&json!("read"), &json!(0.5)), "{read}");
+    client.send(&json!({ "op": "setParameters", "parameters": [{ "name": limit, "value": 0.25 }], "id": "set" }));
+    let set = client.word("parameterValues");
+    assert_eq!((&set["id"], &set["parameters"][0]["value"]), (&json!("set"), &json!(0.25)), "{set}");
+    assert_eq!(here.ask(&["param", "get", "guard", "limit"]).out, "0.25\n");
+    client.send(&json!({ "op": "setParameters", "parameters": [{ "name": limit, "value": "far" }], "id": "bad" }));
+    let kept = client.word("parameterValues");
+    assert_eq!(kept["parameters"][0]["value"], json!(0.25), "{kept}");
+    let status = client.word("status");
+    assert!(status["message"].as_str().is_some_and(|text| text.contains("was not set: expected")), "{status}");
+    client.send(&json!({ "op": "setParameters", "parameters": [{ "name": limit }], "id": "unset" }));
+    let unset = client.word("parameterValues");
+    assert_eq!(unset["parameters"][0]["value"], json!(0.5), "{unset}");
+    // A procedure is called with JSON, and a mistake has its sentence.
+    let drive = client.service("/calls/main/wheels/Drive");
+    let Message::Response(driven) = client.call(drive, 1, &json!({ "speed": 0.25 })) else { panic!("it drives") };
+    assert_eq!(driven["speed"], json!(0.25), "{driven}");
+    let Message::Word(refused) = client.call(drive, 2, &json!({ "speed": "fast" })) else { panic!("it is refused") };
+    assert_eq!((&refused["op"], &refused["callId"]), (&json!("serviceCallFailure"), &json!(2)), "{refused}");
+    let Message::Word(refused) = client.call(drive, 3, &json!({ "speed": 20 })) else { panic!("it is refused") };
+    assert!(refused["message"].as_str().is_some_and(|text| text.contains("not a speed of these wheels")), "{refused}");
+    // A stop names the hosts that have not confirmed it. Then the topics of the programs vanish.
+    let stop = client.service("/dca/stop");
+    let Message::Response(stopped) = client.call(stop, 4, &json!({ "deployment": "door" })) else { panic!("it stops") };
+    assert_eq!((&stopped["confirmed"], &stopped["unconfirmed"]), (&json!(true), &json!([])), "{stopped}");
+    assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
+    client.gone(&beat);
+    let Message::Word(again) = client.call(stop, 5, &json!({ "deployment": "door" })) else { panic!("it is stopped") };
+    assert_eq!(again["op"], "serviceCallFailure", "{again}");
+    drop(mission);
+    view.view.signal(Signal::INT);
+    assert_eq!(view.view.ended(SOON).code, Some(0));
+    client.ended();
+}
+
+#[test]
+fn an_estop_from_a_client_is_confirmed_by_each_host() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let view = View::open(&here);
+    let mut client = Client::connect(&view.address);
+    let estop = client.service("/dca/estop");
+    let Message::Response(stopped) = client.call(estop, 1, &json!({ "reason": "a person" })) else {
+        panic!("it stops")
+    };
+    assert_eq!(stopped["confirmed"], json!(true), "{stopped}");
+    assert_eq!(stopped["hosts"], json!([{ "host": "c1", "stopped": true, "unended": [], "unwritten": null }]));
+    assert!(wait_until(SOON, || here.pids().is_empty()).is_some());
+    let Message::Response(released) = client.call(estop, 2, &json!({ "release": true })) else { panic!("it releases") };
+    assert_eq!((&released["confirmed"], &released["hosts"][0]["released"]), (&json!(true), &json!(true)), "{released}");
+}
+
+/// In a team every user can stop everything without a key. A release needs one, and the answer says that it was refused.
+#[test]
+fn in_a_team_orders_have_the_rights_of_the_user() {
+    let (cluster, team) = (Cluster::new(), MadeTeam::default());
+    let here = cluster.here();
+    team.admit(&here, "c1");
+    let _node = here.node("c1", &[]);
+    let view = View::open(&here);
+    let mut client = Client::connect(&view.address);
+    let estop = client.service("/dca/estop");
+    let Message::Response(stopped) = client.call(estop, 1, &json!({})) else { panic!("it stops") };
+    assert_eq!(stopped["confirmed"], json!(true), "{stopped}");
+    let Message::Response(refused) = client.call(estop, 2, &json!({ "release": true })) else {
+        panic!("it is refused")
+    };
+    assert_eq!(refused["confirmed"], json!(false), "{refused}");
+    assert!(refused["hosts"][0]["refused"].as_str().is_some_and(|why| why.contains("you have no key")), "{refused}");
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains("everything was stopped by "), "{status}");
+}
+
+/// A suspended host confirms nothing, and the answer says so.
+#[test]
+#[ignore = "long: waits for a host that does not answer"]
+fn an_estop_that_no_host_confirms_is_not_said_to_be_confirmed() {
+    let cluster = Cluster::new();
+    let (here, [node, _mission]) = deployed(&cluster);
+    let view = View::open(&here);
+    let mut client = Client::connect(&view.address);
+    let estop = client.service("/dca/estop");
+    node.signal(Signal::STOP);
+    let answer = client.call_within(estop, 3, &json!({}), Duration::from_secs(120));
+    node.signal(Signal::CONT);
+    match answer {
+        Message::Response(unknown) => assert_eq!(unknown["confirmed"], json!(false), "{unknown}"),
+        Message::Word(failure) => assert_eq!(failure["op"], "serviceCallFailure", "{failure}"),
+        Message::Value { .. } => panic!("no topic was subscribed to"),
+    }
+}
+
+#[test]
+fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let view = View::open(&here);
+    let address = view.address.as_str();
+    for (fields, status) in [
+        ("Origin: https://evil.example\r\n", "403"),
+        ("Origin: null\r\n", "403"),
+        ("Origin: https://app.foxglove.dev.evil.example\r\n", "403"),
+        ("Origin: https://app.foxglove.dev\r\n", "101"),
+        ("Origin: https://lichtblick-suite.github.io\r\n", "101"),
+        ("Origin: file://\r\n", "101"),
+        ("", "101"),
+    ] {
+        let answer = handshake(address, "localhost:8765", fields);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{fields}: {answer}");
+    }
+    let rebound = handshake(address, "evil.example:8765", "");
+    assert!(rebound.starts_with("HTTP/1.1 403"), "{rebound}");
+    view.view.wait_for(Stream::Err, "`dca view --foxglove --origin https://evil.example` allows it", SOON);
+    // Half handshakes, idle connections and garbage take nothing from others.
+    let mut idle: Vec<TcpStream> = (0..200).map(|_| TcpStream::connect(address).expect("it listens")).collect();
+    for stream in &mut idle {
+        // A connection that has given way to others may be gone.
+        stream.write_all(b"GET / HTTP/1.1\r\nHost: local").unwrap_or_default();
+    }
+    for garbage in [&[0xff; 5000][..], b"\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", &[0; 100_000]] {
+        let mut stream = TcpStream::connect(address).expect("it listens");
+        stream.write_all(garbage).unwrap_or_default();
+    }
+    for frames in [
+        // Not masked; a reserved bit; a length of 2^63; a fragment that never ends; text that is not UTF-8.
+        vec![0x81, 0x01, b'a'],
+        vec![0xf1, 0x80, 0, 0, 0, 0],
+        vec![0x82, 0xff, 0x7f, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0],
+        [0x02, 0xfe, 0xff, 0xff, 0, 0, 0, 0].into_iter().chain([0; 65_535]).collect::<Vec<u8>>().repeat(40),
+        vec![0x81, 0x81, 0, 0, 0, 0, 0xff],
+    ] {
+        let mut stream = open(address);
+        stream.write_all(&frames).unwrap_or_default();
+        // It is cut off, with a reason or without.
+        let mut rest = Vec::new();
+        stream.read_to_end(&mut rest).unwrap_or_default();
+    }
+    let mut client = Client::connect(address);
+    client.word("serverInfo");
+    client.send(&json!({ "op": "advertise", "channels": [] }));
+    assert!(client.word("status")["message"].as_str().is_some_and(|text| text.contains("was ignored")));
+    let many: Vec<Value> = (0..10_000).map(|id| json!({ "id": id, "channelId": 1_000_000 + id })).collect();
+    client.send(&json!({ "op": "subscribe", "subscriptions": many }));
+    let told = client.word("status");
+    assert!(
+        told["message"].as_str().is_some_and(|text| text.contains("10000 of 10000 subscriptions refused")),
+        "{told}"
+    );
+    // There is room for some clients, and it is free again when they have left.
+    let clients: Vec<TcpStream> = (0..7).map(|_| open(address)).collect();
+    let full = handshake(address, "localhost", "");
+    assert!(full.starts_with("HTTP/1.1 503"), "{full}");
+    drop(clients);
+    assert!(wait_until(SOON, || handshake(address, "localhost", "").starts_with("HTTP/1.1 101")).is_some());
+    drop(idle);
+}
+
+#[test]
+fn the_server_stays_on_its_machine() {
+    let cluster = Cluster::new();
+    for arguments in [&["--foxglove", "0.0.0.0:0"][..], &["--page", "--foxglove", "[::]:8765"]] {
+        let refused = cluster.here().ask(&[&["view"], arguments].concat());
+        assert!(refused.code == Some(2) && refused.err.contains("open to the network"), "{refused}");
+    }
+    for (arguments, why) in [
+        (&["view"][..], "--page"),
+        (&["view", "--page", "--origin", "https://a.example"], "--foxglove"),
+        (&["view", "--foxglove", "--origin", "a.example"], "is not an origin"),
+    ] {
+        let refused = cluster.here().ask(arguments);
+        assert!(refused.code == Some(2) && refused.err.contains(why), "{refused}");
+    }
+}
+
+/// The person has given up an order that a suspended view has not read.
+#[test]
+#[ignore = "long: suspends the view for 6 s"]
+fn an_order_from_before_a_suspension_is_not_carried_out() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let view = View::open(&here);
+    let mut client = Client::connect(&view.address);
+    let estop = client.service("/dca/estop");
+    view.view.signal(Signal::STOP);
+    pass(Duration::from_secs(1));
+    client.order(estop, 1, &json!({}));
+    pass(Duration::from_secs(6));
+    view.view.signal(Signal::CONT);
+    client.ended();
+    assert!(here.pids().contains_key("main/wheels"), "nothing was stopped");
+    Client::connect(&view.address).word("serverInfo");
+}
+
+/// A client that reads nothing for a while keeps no value from another one.
+#[test]
+fn a_client_that_does_not_read_disturbs_no_other() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let view = View::open(&here);
+    let mut slow = Client::connect(&view.address);
+    let beat = slow.channel("/ports/main/beat/Out");
+    slow.subscribe(1, &beat);
+    let mut other = Client::connect(&view.address);
+    let beat = other.channel("/ports/main/beat/Out");
+    other.subscribe(1, &beat);
+    for _ in 0..200 {
+        other.value(1);
+    }
+    slow.value(1);
+}
+
+/// Foxglove's own client sees a mission, sets a parameter and calls a service.
+#[test]
+#[ignore = "long: installs Foxglove's client with npm"]
+fn the_client_of_foxglove_works() {
+    let cluster = Cluster::new();
+    let folder = cluster.folder().join("npm");
+    std::fs::create_dir_all(&folder).expect("the folder is its own");
+    let packages = ["@foxglove/ws-protocol@0.8.0", "ws@8"];
+    let mut npm = Command::new("npm");
+    npm.args(["install", "--silent", "--no-audit", "--no-fund"]).args(packages).current_dir(&folder);
+    let installed = npm.stdin(Stdio::null()).stdout(Stdio::null()).status();
+    if !installed.is_ok_and(|status| status.success()) {
+        println!("skipped: needs npm, and its registry for {}", packages.join(" and "));
+        return;
+    }
+    let here = cluster.here();
+    let programs = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
+    let [controller, examples] = &programs;
+    let _node = here.node("c1", &["--controllers", controller, "--controllers", examples]);
+    let file = cluster.file("door.dca", &many_outputs());
+    let mission = here.dca(&["deploy", "--no-record", "--controllers", controller, "--controllers", examples, &file]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let view = View::open(&here);
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/all/view_foxglove/client.cjs");
+    let mut node = Command::new("node");
+    node.arg(script).arg(format!("ws://{}", view.address)).env("NODE_PATH", folder.join("node_modules"));
+    let ended = node.stdin(Stdio::null()).output().expect("npm comes with node");
+    let (out, err) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
+    assert!(ended.status.success() && out.trim().ends_with("done"), "{out}{err}");
+    view.view.signal(Signal::TERM);
+    assert_eq!(view.view.ended(Duration::from_secs(30)).code, Some(0));
+}
+
+/// The mission with many outputs.
+fn many_outputs() -> String {
+    let beats: Vec<String> = (0..17).map(|number| format!("beat{number}")).collect();
+    let declared: String = beats.iter().map(|beat| format!("{beat} instof RateSource(c1);\n")).collect();
+    let monitors: String = beats.iter().map(|beat| format!("m{beat} instof RateMonitor(c1);\n")).collect();
+    let wires: String = beats
+        .iter()
+        .map(|beat| format!("internal_connections({beat}, on) {{ {beat}, Out -> m{beat}, In; }}\n"))
+        .collect();
+    let all: String = beats.iter().map(|beat| format!(", {beat}, m{beat}")).collect();
+    SPEC.replace(
+        "    }\n    internal_connections {",
+        &format!("{declared}{monitors}    }}\n    internal_connections {{"),
+    )
+    .replace("    internal_event_actions { beat", &format!("{wires}    internal_event_actions {{ beat"))
+    .replace("wheels, guard }", &format!("wheels, guard{all} }}"))
+}
