@@ -46,7 +46,11 @@ impl Carrying<'_> {
         let link = links[place];
         let mut order: Vec<(bool, usize, usize)> = Vec::new();
         for (at, &other) in others.iter().enumerate() {
-            order.push((!self.is_same(link, other), at.abs_diff(place), other));
+            let is_same = self.is_same(link, other);
+            // Another operand of the chain keeps this place.
+            if is_same || !links.iter().any(|&before| before != link && self.is_same(before, other)) {
+                order.push((!is_same, at.abs_diff(place), other));
+            }
         }
         order.sort_unstable();
         let mut misfit = self.misfit(link, "the new ones have no place for it there");
