@@ -397,6 +397,13 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
+    /// `repeat P until found | gone`: P again and again, until it is done with one of these tags.
+    Repeat {
+        /// The tags, each once.
+        until: Vec<String>,
+        /// The operand.
+        of: Box<Self>,
+    },
 }
 
 impl Expression {
@@ -413,9 +420,11 @@ impl Expression {
             | Self::Otherwise(p, q)
             | Self::Finally(p, q) => vec![p, q],
             Self::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
-            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } | Self::With { of, .. } => {
-                vec![of]
-            }
+            Self::Shield { of, .. }
+            | Self::Using { of, .. }
+            | Self::Tagged { of, .. }
+            | Self::With { of, .. }
+            | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
             Self::Chart(chart) => chart.runs.iter().map(|run| &run.expression).collect(),
         }
@@ -434,9 +443,11 @@ impl Expression {
             | Self::Otherwise(p, q)
             | Self::Finally(p, q) => vec![p, q],
             Self::Match(arms) => arms.iter_mut().map(|arm| &mut arm.body).collect(),
-            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } | Self::With { of, .. } => {
-                vec![of]
-            }
+            Self::Shield { of, .. }
+            | Self::Using { of, .. }
+            | Self::Tagged { of, .. }
+            | Self::With { of, .. }
+            | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
             Self::Chart(chart) => chart.runs.iter_mut().map(|run| &mut run.expression).collect(),
         }

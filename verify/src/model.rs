@@ -105,7 +105,7 @@ impl<'a> Model<'a> {
     /// Whether any expression or sentence looks at tags: else all values are alike.
     pub(crate) fn has_tags(&self) -> bool {
         let looks = |property: &Property| property.sentence.events().iter().any(|event| event.kind.outcome().is_some());
-        self.plan.groups.iter().any(|group| has_match(&group.expression)) || self.sites.properties.iter().any(looks)
+        self.plan.groups.iter().any(|group| names_tags(&group.expression)) || self.sites.properties.iter().any(looks)
     }
 
     /// Whether a part of a group runs a member of it, itself or in a piece.
@@ -172,9 +172,9 @@ pub(crate) fn short(path: &str) -> String {
     path.strip_prefix("main/").unwrap_or(path).to_owned()
 }
 
-fn has_match(expression: &Expression) -> bool {
-    matches!(expression, Expression::Match(_) | Expression::Chart(_))
-        || expression.operands().into_iter().any(has_match)
+fn names_tags(expression: &Expression) -> bool {
+    matches!(expression, Expression::Match(_) | Expression::Chart(_) | Expression::Repeat { .. })
+        || expression.operands().into_iter().any(names_tags)
 }
 
 /// Takes the expression of one group apart.
@@ -360,7 +360,8 @@ fn configurations(expression: &Expression) -> u64 {
         | Expression::Using { .. }
         | Expression::Chart(_)
         | Expression::Tagged { .. }
-        | Expression::With { .. } => parts().fold(1, u64::saturating_add),
+        | Expression::With { .. }
+        | Expression::Repeat { .. } => parts().fold(1, u64::saturating_add),
         Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
         Expression::Concurrent(_)
         | Expression::FailFast(_)
@@ -413,6 +414,7 @@ fn may_end_at_once(expression: &Expression) -> bool {
         | Expression::Using { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
+        | Expression::Repeat { .. }
         | Expression::Asynchronous { .. } => expression.operands().into_iter().any(may_end_at_once),
     }
 }
@@ -469,7 +471,8 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
         Expression::Shield { of, .. }
         | Expression::Using { of, .. }
         | Expression::Tagged { of, .. }
-        | Expression::With { of, .. } => {
+        | Expression::With { of, .. }
+        | Expression::Repeat { of, .. } => {
             **of = write(of);
         }
         Expression::Asynchronous { source, pool } => {

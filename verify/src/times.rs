@@ -184,6 +184,8 @@ impl Times<'_, '_> {
             Expression::Recurrent(..) | Expression::Asynchronous { .. } => {
                 Span { done: None, done_most: None, end_least: parts[0].end_least, end: None, stop }
             }
+            // It may take any number of rounds.
+            Expression::Repeat { .. } => Span { done_most: None, end: None, ..parts[0] },
             Expression::Otherwise(..) => {
                 let done_most = add(parts[0].end, parts[1].done_most);
                 let done_most = if parts[1].done.is_some() { done_most } else { parts[0].done_most };

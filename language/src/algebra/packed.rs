@@ -197,6 +197,7 @@ impl Packing {
                 | Kind::Finally
                 | Kind::Tagged(_)
                 | Kind::With(_)
+                | Kind::Repeat { .. }
                 | Kind::Chart => {}
             }
         }

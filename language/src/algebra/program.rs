@@ -13,7 +13,7 @@
 //! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
-//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as` and `with` one, constants and members none, `::` at least one,
+//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as`, `with` and `repeat` one, constants and members none, `::` at least one,
 //!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
@@ -46,7 +46,7 @@ pub struct Program {
     pub(super) taken: Vec<usize>,
     /// How many `Using` nodes there are.
     pub(super) usings: usize,
-    /// The tags of all `Match` nodes, one after the other, an arm each; none for `else`.
+    /// The tags of all `Match` and `Repeat` nodes, one after the other, an arm each; none for `else`.
     pub(super) tags: Vec<Option<Arc<str>>>,
     /// The automaton of an activity, whose node is the root.
     pub(super) chart: Option<Box<ChartProgram>>,
@@ -177,6 +177,11 @@ pub(super) enum Kind {
     Chart,
     /// `with`
     With(Value),
+    /// `repeat`
+    Repeat {
+        /// Where the tags that end it are in [`Program::tags`].
+        tags: Range<usize>,
+    },
 }
 
 /// How long a `shield` holds up a stop.
@@ -306,6 +311,11 @@ impl Program {
             Expression::Tagged { tag, .. } => Kind::Tagged(tag.as_str().into()),
             Expression::Chart(_) => Kind::Chart,
             Expression::With { given, .. } => Kind::With(given.value.clone()),
+            Expression::Repeat { until, .. } => {
+                let start = self.tags.len();
+                self.tags.extend(until.iter().map(|tag| Some(Arc::from(tag.as_str()))));
+                Kind::Repeat { tags: start..self.tags.len() }
+            }
         }
     }
 
@@ -341,9 +351,12 @@ impl Program {
             Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::Finally => {
                 services.any(|service| service)
             }
-            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } | Kind::Tagged(_) | Kind::With(_) => {
-                self.nodes[node + 1].service
-            }
+            Kind::Otherwise
+            | Kind::Shield { .. }
+            | Kind::Using { .. }
+            | Kind::Tagged(_)
+            | Kind::With(_)
+            | Kind::Repeat { .. } => self.nodes[node + 1].service,
             Kind::Chart => self.chart.as_ref().is_some_and(|chart| chart.is_service),
             Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
         }

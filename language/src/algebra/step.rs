@@ -39,6 +39,7 @@
 //! [e-grant]  at the end of each reaction, the first that waits and can have all it wants starts
 //! FIN        fin1: o -> empty |- F, then fin2(o)    fin2(o): done -> o, r -> o, but r if o is done; no unconfirmed stop is lost
 //!            stop(fin1(C,F)) = fin1(stop(C),F)       stop(fin2(o,C)) = fin2(killed,C), unless o is an unconfirmed stop
+//! REPEAT     done(t:v) -> done(t:v) if t ends it     any other done -> empty |- P     aborted(r) -> aborted(r)
 //! TAG        done(v) -> done(t:v)                    any other o -> o
 //! [s-with]   v |- E with u   u |- E               WITH  o -> o
 //! CHART      o -> the event of the automaton that the run has ended like this; its commands start and stop runs
@@ -56,8 +57,8 @@
 //!   such an abort is the outcome of an operand it counts like any other abort: `else` may tolerate it, a join may drop
 //!   it.
 //! - **`stop(P else Q)` forgets `Q` for good**, even when stopping `P` ends in such an abort.
-//! - **A `;;` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it enters
-//!   each of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a
+//! - **A `;;` or `repeat` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it
+//!   enters each of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a
 //!   node.
 //! - **A member that stops without being asked has failed**: `Stopped` or `StopUnconfirmed` from an active member is
 //!   its abort, since it will never end otherwise.
@@ -221,6 +222,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Sequence => self.seq(node, outcome),
             Kind::Conditional => self.cond(node, outcome),
             Kind::Recurrent => self.rec(node, outcome, 2),
+            Kind::Repeat { .. } => self.repeat(node, outcome, 1),
             Kind::Otherwise => self.or_else(node, outcome),
             Kind::Disable => self.dis(node, outcome),
             Kind::Concurrent { .. } => {

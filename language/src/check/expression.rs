@@ -167,6 +167,7 @@ pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
         Operator::AllOf => replicate::all_of(node, group),
         Operator::AnyOf => any_of(node, group),
         Operator::Retry => retry(node, group),
+        Operator::Repeat => scope::repeat(node, group),
         Operator::Shield => scope::shield(node, group),
         Operator::Using => scope::using(node, group),
         Operator::Match => scope::matching(node, group),
@@ -236,7 +237,7 @@ fn side_by_side(node: &Node) -> Option<Diagnostic> {
 }
 
 fn parts(node: &Node, group: &mut Group<'_>) -> Vec<Expr> {
-    let no_operands = [Constant, SyntaxKind::Count, SyntaxKind::Resources];
+    let no_operands = [Constant, SyntaxKind::Count, SyntaxKind::Resources, SyntaxKind::Until];
     let operands = node.children().filter(|child| !no_operands.contains(&child.kind()));
     operands.map(|part| expression(&part, group)).collect()
 }

@@ -210,6 +210,7 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
             rest(pool);
         }
         ExprKind::Retry(_, _, part)
+        | ExprKind::Repeat(_, part)
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)

@@ -397,6 +397,8 @@ pub(crate) enum ExprKind {
     Recurrent(Box<Expr>, Box<Expr>),
     /// How many times more, and the pause before each.
     Retry(u32, Option<Duration>, Box<Expr>),
+    /// The outcomes that end it; any other one starts its operand again.
+    Repeat(Vec<Name>, Box<Expr>),
     Within(Duration, Box<Expr>),
     Match(Vec<Arm>),
     Shield(Option<Duration>, Box<Expr>),
@@ -493,6 +495,7 @@ impl Expr {
             | ExprKind::Otherwise(_)
             | ExprKind::Recurrent(..)
             | ExprKind::Retry(..)
+            | ExprKind::Repeat(..)
             | ExprKind::Within(..)
             | ExprKind::Match(_)
             | ExprKind::Shield(..)
@@ -517,6 +520,37 @@ impl Expr {
         are_parallel(&self.way_to(one), &self.way_to(other)).unwrap_or(false)
     }
 
+    /// The direct parts that begin together with the expression, with its start value. An arm of a `match` gets a part of the value.
+    pub(crate) fn first_parts(&self) -> Vec<&Self> {
+        match &self.kind {
+            ExprKind::Concurrent(parts)
+            | ExprKind::FailFast(parts)
+            | ExprKind::AnyOf(_, parts)
+            | ExprKind::Disable(parts) => parts.iter().collect(),
+            ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+                parts.iter().take(1).collect()
+            }
+            ExprKind::Recurrent(part, _)
+            | ExprKind::Asynchronous(part, _)
+            | ExprKind::Finally(part, _)
+            | ExprKind::Retry(_, _, part)
+            | ExprKind::Repeat(_, part)
+            | ExprKind::Within(_, part)
+            | ExprKind::Shield(_, part)
+            | ExprKind::Using(_, part)
+            | ExprKind::Tagged(_, part) => vec![part],
+            ExprKind::Run(..)
+            | ExprKind::With(..)
+            | ExprKind::Match(_)
+            | ExprKind::Chart(_)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Broken => Vec::new(),
+        }
+    }
+
     /// The direct parts, left to right.
     pub(crate) fn parts(&self) -> Vec<&Self> {
         match &self.kind {
@@ -529,6 +563,7 @@ impl Expr {
             | ExprKind::Otherwise(parts) => parts.iter().collect(),
             ExprKind::Recurrent(first, second) | ExprKind::Finally(first, second) => vec![first, second],
             ExprKind::Retry(_, _, part)
+            | ExprKind::Repeat(_, part)
             | ExprKind::Within(_, part)
             | ExprKind::Shield(_, part)
             | ExprKind::Using(_, part)

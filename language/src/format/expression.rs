@@ -28,6 +28,7 @@ pub(super) fn is_operator(kind: SyntaxKind) -> bool {
         | Operator::Otherwise
         | Operator::Chain => true,
         Operator::Retry
+        | Operator::Repeat
         | Operator::Shield
         | Operator::Using
         | Operator::Match

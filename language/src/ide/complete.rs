@@ -105,6 +105,7 @@ impl Analysis {
             SyntaxKind::Endpoint => self.end_of_connection(&at),
             SyntaxKind::Owner if at.place == 0 => self.instances(&at),
             SyntaxKind::Labels => self.labels_of(&at),
+            SyntaxKind::Run if at.follows_repeat() => [inside("until"), keywords(Place::Suffix)].concat(),
             SyntaxKind::Run if at.follows_operand() => keywords(Place::Suffix),
             SyntaxKind::Run => self.actions(&at),
             SyntaxKind::Type => self.types(&at),
@@ -121,6 +122,7 @@ impl Analysis {
             SyntaxKind::Policy => at.policy(),
             SyntaxKind::AnyOf => inside("of"),
             SyntaxKind::Match | SyntaxKind::Arm => self.outcomes(&at),
+            SyntaxKind::Until => self.ends_of_repeat(&at),
             SyntaxKind::Resources if at.inside(SyntaxKind::Using).is_some() => self.resources(&at),
             _ => at.words(),
         };

@@ -107,8 +107,10 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         // A keyword in the place of a name.
         SyntaxKind::Arm if token.text() == "else" => Some(Class::Keyword),
         SyntaxKind::Resources if is_first && token.text() == "resource" => Some(Class::Keyword),
+        SyntaxKind::Until if is_first => Some(Class::Keyword),
         SyntaxKind::Run
         | SyntaxKind::Arm
+        | SyntaxKind::Until
         | SyntaxKind::Resources
         | SyntaxKind::Endpoint
         | SyntaxKind::Owner

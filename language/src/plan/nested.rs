@@ -109,6 +109,7 @@ mod tests {
             Expression::Tagged { .. } => 18,
             Expression::Chart(_) => 19,
             Expression::With { .. } => 20,
+            Expression::Repeat { .. } => 21,
         }
     }
 
@@ -137,6 +138,7 @@ mod tests {
             Expression::Tagged { tag: String::new(), of: skip() },
             Expression::Chart(Box::default()),
             Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
+            Expression::Repeat { until: Vec::new(), of: skip() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

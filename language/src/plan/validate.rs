@@ -312,6 +312,11 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
                 given.check()?;
                 push(of);
             }
+            Expression::Repeat { until, of } => {
+                has_operands(group, 1, until)?;
+                check_tags(until.iter())?;
+                push(of);
+            }
             Expression::Using { resources, of } => {
                 unique("resource", resources.iter())?;
                 push(of);
@@ -352,7 +357,7 @@ fn check_tags<'a>(tags: impl Iterator<Item = &'a String> + Clone) -> Result<(), 
     }
 }
 
-fn has_operands(group: &Group, count_min: usize, parts: &[Expression]) -> Result<(), PlanError> {
+fn has_operands<T>(group: &Group, count_min: usize, parts: &[T]) -> Result<(), PlanError> {
     match parts.len() >= count_min {
         true => Ok(()),
         false => Err(PlanError::Operands { group: group.path.clone() }),
@@ -467,6 +472,13 @@ mod tests {
         );
         let source = Box::new(Expression::Skip);
         check(|plan| plan.groups[0].expression = Expression::Asynchronous { source, pool: vec![] }, operands);
+        let of = Box::new(Expression::Skip);
+        check(|plan| plan.groups[0].expression = Expression::Repeat { until: vec![], of }, operands);
+        let (of, until) = (Box::new(Expression::Skip), vec!["found".to_owned(), "found".to_owned()]);
+        check(
+            |plan| plan.groups[0].expression = Expression::Repeat { until, of },
+            "tag `found` is empty or not unique",
+        );
         check(
             |plan| {
                 for _ in 0..DEPTH_MAX {

@@ -165,6 +165,7 @@ kinds! {
         Formula "a formula"
         // nodes: parts of expressions
         Arm "an arm of `match`"
+        Until "the outcomes that end a `repeat`"
         StartValue "a start value"
         Labels "labels"
         Binder "a value name"
@@ -179,6 +180,7 @@ kinds! {
         Finally "`finally`"
         Chain "`:`"
         Retry "`retry`"
+        Repeat "`repeat`"
         Shield "`shield`"
         Using "`using`"
         Match "`match`"

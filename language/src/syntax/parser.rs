@@ -80,8 +80,17 @@ struct Parser<'t> {
     /// Where the last error was found.
     reported_at: Option<usize>,
     depth: usize,
-    /// Whether a `;` ends the expression that is being read, since a state runs it.
-    ends_at_semicolon: bool,
+    /// Where the expression that is being read ends, besides a closing bracket.
+    ends: Ends,
+}
+
+/// The signs that end an expression.
+#[derive(Clone, Copy, Default)]
+struct Ends {
+    /// A `;`: a state runs the expression.
+    at_semicolon: bool,
+    /// The word `until`: the expression is the operand of a `repeat`.
+    at_until: bool,
 }
 
 impl<'t> Parser<'t> {
@@ -102,7 +111,7 @@ impl<'t> Parser<'t> {
             damage: Vec::new(),
             reported_at: None,
             depth: 0,
-            ends_at_semicolon: false,
+            ends: Ends::default(),
         }
     }
 

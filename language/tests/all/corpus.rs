@@ -187,6 +187,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Finally(first, second) => two(first, "finally", second),
         Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
         Expression::With { given, of } => format!("{} with {}", expression(of, name), given.text),
+        Expression::Repeat { until, of } => format!("repeat {} until {}", expression(of, name), until.join(" | ")),
         Expression::Chart(chart) => activity(chart, name),
         Expression::Asynchronous { source, pool } => {
             format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))

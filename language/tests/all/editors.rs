@@ -43,6 +43,8 @@ const WORDS: &[&str] = &[
     "with",
     "init",
     "retry",
+    "repeat",
+    "until",
     "pause",
     "match",
     "shield",

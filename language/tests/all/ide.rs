@@ -143,6 +143,16 @@ fn outcomes_and_resources_are_names() {
     renames(&with("found => skip").replace("using(table)", "using(ta$0ble)"), "desk", "table -> desk, table -> desk");
 }
 
+#[test]
+fn a_repeat_ends_with_outcomes() {
+    let with = |actions: &str| OUTCOMES.replace("using(table) (find : match { $1 })", actions);
+    completes(&with("repeat find $0"), "until else finally as with within");
+    completes(&with("repeat find until $0"), "found missing");
+    completes(&with("repeat find until found | $0"), "missing");
+    is_defined(&with("repeat find until fou$0nd"), "door.dca:1 found");
+    renames(&with("repeat find until fou$0nd"), "seen", "found -> seen, found -> seen");
+}
+
 /// A group in a group with a sentence to write.
 const PROVED: &str = "module Find(host) { done(found | missing); }
 process Hit() {

@@ -208,6 +208,12 @@ impl Writer {
     }
 
     fn operand(&mut self, depth: usize) {
+        if self.random.one_in(12) {
+            self.put("repeat");
+            self.operand(depth.saturating_sub(1));
+            let until = self.random.pick(&["until found", "until found | gone"]);
+            return self.put(until);
+        }
         if self.random.one_in(8) {
             let prefix =
                 ["retry ( 3 )", "retry ( tries , pause 1 s )", "shield", "shield ( limit )", "using ( arm , gripper )"];

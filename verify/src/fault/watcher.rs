@@ -101,6 +101,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
         | Expression::Shield { .. }
         | Expression::Using { .. }
         | Expression::Tagged { .. }
-        | Expression::With { .. } => any(),
+        | Expression::With { .. }
+        | Expression::Repeat { .. } => any(),
     }
 }

@@ -186,7 +186,8 @@ impl Walk<'_, '_, '_> {
             | Expression::Match(_)
             | Expression::Using { .. }
             | Expression::Tagged { .. }
-            | Expression::With { .. } => {
+            | Expression::With { .. }
+            | Expression::Repeat { .. } => {
                 expression.operands().into_iter().for_each(|operand| self.at(operand, left));
             }
         }
@@ -239,7 +240,9 @@ impl Walk<'_, '_, '_> {
             }
             Expression::Otherwise(one, other) => Some(self.failed(one)?.saturating_add(self.failed(other)?)),
             Expression::Disable(of) => sooner(of.iter().map(|operand| self.failed(operand)).collect()),
-            Expression::Tagged { of, .. } | Expression::With { of, .. } => self.failed(of),
+            Expression::Tagged { of, .. } | Expression::With { of, .. } | Expression::Repeat { of, .. } => {
+                self.failed(of)
+            }
             Expression::Run { .. }
             | Expression::Chart(_)
             | Expression::Fail(_)

@@ -276,6 +276,7 @@ fn is_service(expression: &Expression, group: &Group) -> bool {
         Expression::Shield { of, .. }
         | Expression::Using { of, .. }
         | Expression::Tagged { of, .. }
-        | Expression::With { of, .. } => is(of),
+        | Expression::With { of, .. }
+        | Expression::Repeat { of, .. } => is(of),
     }
 }

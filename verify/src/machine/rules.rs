@@ -51,6 +51,7 @@ impl Writer<'_> {
             Expression::Using { resources, of } => self.using(node, resources, of),
             Expression::Tagged { tag, of } => self.tagged(node, tag, of),
             Expression::With { given, of } => self.given(node, given, of),
+            Expression::Repeat { until, of } => self.repeat(node, until, of),
             Expression::Concurrent(of) => self.concurrent(node, of),
             Expression::FailFast(of) => self.fail_fast(node, of),
             Expression::AnyOf { count, of } => self.any(node, *count, of),
@@ -214,6 +215,20 @@ impl Writer<'_> {
         if let Some(word) = timer {
             self.event(word, &[Test::Is(node.phase, 2)], [vec![self.enter(node, 3)], self.stop(inner)].concat());
         }
+    }
+
+    /// Phases: 1 it runs, 2 its operand was stopped.
+    fn repeat(&mut self, node: Node, until: &[String], of: &Expression) {
+        let inner = self.write(of, Some((node, 0)));
+        let (runs, is_stopped) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
+        let is_end = Test::Any(until.iter().map(|tag| Test::Is(self.value, self.tag(tag))).collect());
+        let goes_on = Test::All(vec![Test::Is(self.result, DONE), Test::Fails(Box::new(is_end))]);
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        self.rule(node, REPORT, &[runs.clone(), goes_on.clone()], self.start(inner, Term::Number(0)));
+        self.passes_on(node, &[runs.clone(), Test::Fails(Box::new(goes_on))]);
+        self.passes_on(node, &[is_stopped.clone()]);
+        self.rule(node, STOP, &[runs], [vec![self.enter(node, 2)], self.stop(inner)].concat());
+        self.rule(node, STOP, &[is_stopped], self.reports(node, RUNS));
     }
 
     /// A value has no tag here unless it begins with the bytes of one.

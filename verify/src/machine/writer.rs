@@ -197,6 +197,8 @@ fn tags(model: &Model<'_>) -> Vec<String> {
                 tags.push(tag.clone());
             } else if let Expression::Match(arms) = expression {
                 tags.extend(arms.iter().filter_map(|arm| arm.tag.clone()));
+            } else if let Expression::Repeat { until, .. } = expression {
+                tags.extend(until.iter().cloned());
             }
         });
     }

@@ -231,7 +231,10 @@ impl Carrying<'_> {
                 self.place_operands(o, n, is_calm)
             }
             (Kind::Chart, Kind::Chart) => chart::place(self, o, n, is_calm),
-            (Kind::Recurrent, Kind::Recurrent) | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
+            // Its next end is compared with the new outcomes.
+            (Kind::Repeat { .. }, Kind::Repeat { .. })
+            | (Kind::Recurrent, Kind::Recurrent)
+            | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
             _ => Err(self.misfit(o, "something else stands in its place")),
         }
     }

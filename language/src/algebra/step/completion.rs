@@ -2,9 +2,10 @@
 
 use super::{Cell, Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
+use crate::algebra::program::Kind;
 
-/// The reason why a `;;` whose round takes no time is aborted.
-pub(super) const INSTANT: &str = "a round of `;;` took no time";
+/// The reason why a loop whose round takes no time is aborted.
+pub(super) const INSTANT: &str = "a round of a loop took no time";
 
 impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// SEQ: `;` starts its second operand with the empty value.
@@ -63,6 +64,29 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Outcome::Done(_) => self.pass(node, aborted(Cause::Failed(INSTANT.into()))),
             Outcome::Aborted(_) | Outcome::Stopped => self.pass(node, outcome),
         }
+    }
+
+    /// REPEAT: any other outcome than those that end it starts the operand again. [rec-instant]: `rounds` is how many may begin
+    /// in this reaction.
+    pub(super) fn repeat(&mut self, node: usize, mut outcome: Outcome, rounds: u32) -> Option<Outcome> {
+        for left in (0..=rounds).rev() {
+            if self.cell(node).phase != Phase::Running || !self.goes_on(node, &outcome) {
+                return self.pass(node, outcome);
+            }
+            if left > 0 {
+                outcome = self.start(self.program.first(node), Value::EMPTY)?;
+            }
+        }
+        self.pass(node, aborted(Cause::Failed(INSTANT.into())))
+    }
+
+    /// Whether a `repeat` begins another round after an outcome of its operand.
+    fn goes_on(&self, node: usize, outcome: &Outcome) -> bool {
+        let (Outcome::Done(value), Kind::Repeat { tags }) = (outcome, &self.program.nodes[node].kind) else {
+            return false;
+        };
+        let tag = value.tag();
+        tag.is_none() || self.program.tags[tags.clone()].iter().all(|end| end.as_deref() != tag)
     }
 
     /// DIS: the first outcome decides.

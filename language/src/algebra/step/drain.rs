@@ -68,7 +68,8 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
                 | Kind::Recurrent
                 | Kind::Otherwise
                 | Kind::Tagged(_)
-                | Kind::With(_),
+                | Kind::With(_)
+                | Kind::Repeat { .. },
                 Phase::Running,
             ) => self.stop_operand(node, self.program.first(node)),
             (

@@ -33,6 +33,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Tagged(_) => self.s_tagged(node, value),
             Kind::Chart => self.s_chart(node, value),
             Kind::With(given) => self.s_with(node, given.clone()),
+            Kind::Repeat { .. } => self.s_repeat(node, value),
         }
     }
 
@@ -87,6 +88,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn s_rec(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, value)?;
         self.rec(node, outcome, 1)
+    }
+
+    /// Start of `repeat P until t`: the first round begins here, so no other one may in this reaction.
+    fn s_repeat(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.repeat(node, outcome, 0)
     }
 
     /// Start of `P else Q`.

@@ -260,6 +260,7 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Asynchronous(..)
         | ExprKind::Match(_)
         | ExprKind::Chart(_)

@@ -1,4 +1,4 @@
-//! Checks `shield`, `using` and `match`.
+//! Checks `shield`, `using`, `repeat` and `match`.
 
 use super::{Group, expression, parts};
 use crate::check::names::twice;
@@ -50,6 +50,22 @@ fn report_unknown(name: &Name, group: &mut Group<'_>) {
         )),
     };
     group.diagnostics().push(diagnostic);
+}
+
+pub(super) fn repeat(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
+    let mut until: Vec<Name> = Vec::new();
+    // The first name is the word `until`.
+    for name in node.child(SyntaxKind::Until).iter().flat_map(|node| node.names().skip(1).collect::<Vec<_>>()) {
+        match until.iter().find(|known| known.text == name.text) {
+            Some(known) => {
+                let found = twice("outcome", &name.text, name.span, known.span);
+                group.diagnostics().push(found);
+            }
+            None => until.push(name),
+        }
+    }
+    let operand = Box::new(parts(node, group).pop()?);
+    (!until.is_empty()).then_some(ExprKind::Repeat(until, operand))
 }
 
 pub(super) fn matching(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {

@@ -55,6 +55,7 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::AnyOf(..)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Within(..)
         | ExprKind::Match(_)
         | ExprKind::Shield(..)

@@ -112,6 +112,7 @@ impl Members {
                 Ends { done: parts[0].done.filter(|earliest| earliest <= limit), aborted: true }
             }
             ExprKind::Retry(..)
+            | ExprKind::Repeat(..)
             | ExprKind::Shield(..)
             | ExprKind::Using(..)
             | ExprKind::Tagged(..)

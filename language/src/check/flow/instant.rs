@@ -53,6 +53,8 @@ fn walk(expr: &Expr, members: &[InstantEnds], diagnostics: &mut Diagnostics) {
         is_done(first) && is_done(second)
     } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
         is_done(source) && pool.iter().any(is_done)
+    } else if let ExprKind::Repeat(_, part) = &expr.kind {
+        is_done(part)
     } else {
         false
     };
@@ -92,8 +94,11 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
             InstantEnds { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
         ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => InstantEnds { done: false, aborted: any_aborted },
-        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) | ExprKind::With(..) => {
-            InstantEnds { done: done(&parts) > 0, aborted: any_aborted }
-        }
+        ExprKind::Match(_)
+        | ExprKind::Repeat(..)
+        | ExprKind::Shield(..)
+        | ExprKind::Using(..)
+        | ExprKind::Tagged(..)
+        | ExprKind::With(..) => InstantEnds { done: done(&parts) > 0, aborted: any_aborted },
     }
 }

@@ -1,10 +1,12 @@
-//! Outcomes: which tags an expression can end with, and whether every `match` has an arm for each.
+//! Outcomes: which tags an expression can end with, whether every `match` has an arm for each, and whether every `repeat` ends
+//! with some of them.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
 use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::source::Span;
+use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 
 /// How an expression can be done.
@@ -37,11 +39,11 @@ impl Ends {
     }
 }
 
-/// Checks every `match` against the outcomes it is started with.
+/// Checks every `match` against the outcomes it is started with, and every `repeat` against those of its operand.
 pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
-    let has_match = |process: &&Process| process.actions.as_ref().is_some_and(contains_match);
+    let names_outcomes = |process: &&Process| process.actions.as_ref().is_some_and(names_outcomes);
     let mut known = vec![None; spec.processes.len()];
-    for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(has_match) {
+    for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(names_outcomes) {
         let Some(actions) = &process.actions else { continue };
         let mut walk = Walk { spec, process, known: &mut known, chain: None, diagnostics };
         // The start value of the group itself belongs to the group around it.
@@ -49,8 +51,8 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-fn contains_match(expr: &Expr) -> bool {
-    matches!(expr.kind, ExprKind::Match(_)) || expr.parts().into_iter().any(contains_match)
+fn names_outcomes(expr: &Expr) -> bool {
+    matches!(expr.kind, ExprKind::Match(_) | ExprKind::Repeat(..)) || expr.parts().into_iter().any(names_outcomes)
 }
 
 /// How a group can be done; groups nest finitely here.
@@ -104,6 +106,12 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
             Ends { tags: tags.into_iter().collect(), ..Ends::default() }
         }
         ExprKind::Match(arms) => Ends::any(arms.iter().map(|arm| rest(&arm.body))),
+        // Nothing else ends it.
+        ExprKind::Repeat(until, part) => {
+            let declared = rest(part).tags;
+            let place = |tag: &Name| declared.get(&tag.text).copied().unwrap_or(tag.span);
+            Ends { tags: until.iter().map(|tag| (tag.text.clone(), place(tag))).collect(), ..Ends::default() }
+        }
         ExprKind::Retry(_, _, part)
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
@@ -159,6 +167,10 @@ impl Walk<'_> {
             }
             ExprKind::Chart(model) => model.runs.iter().for_each(|(_, run)| self.visit(run, &Ends::open())),
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
+            ExprKind::Repeat(until, part) => {
+                self.check_repeat(until, part);
+                self.visit(part, &start.clone().or(nothing));
+            }
             ExprKind::Run(..)
             | ExprKind::Skip
             | ExprKind::Never
@@ -190,6 +202,36 @@ impl Walk<'_> {
 
     fn ends(&mut self, expr: &Expr) -> Ends {
         ends(self.spec, self.process, expr, self.known)
+    }
+
+    fn check_repeat(&mut self, until: &[Name], part: &Expr) {
+        let inner = self.ends(part);
+        if inner.is_open {
+            return;
+        }
+        let unknown: Vec<&Name> = until.iter().filter(|tag| !inner.tags.contains_key(&tag.text)).collect();
+        for tag in &unknown {
+            let message = format!("what is repeated has no outcome `{}`", tag.text);
+            let found = Diagnostic::new(Code::E0427, tag.span, message).label("never ends it");
+            let found = found.reason(part.span, "is repeated");
+            let near = self.diagnostics.near(&tag.text, inner.tags.keys().map(String::as_str));
+            self.diagnostics.push(match near {
+                Some(near) => found.reason(inner.tags[near.name], "declared here").rename(tag.span, &near),
+                None if ["done", "success", "succeeded"].contains(&tag.text.as_str()) => found.help(
+                    "`retry(3) process` tries again after a failure; `repeat` tries again after any other outcome",
+                ),
+                None if inner.tags.is_empty() => found.help(
+                    "declare its outcomes in the interface, `done(found | missing);`, or name its end: `process as found`",
+                ),
+                None => found.help(format!("the outcomes are {}", listed(inner.tags.keys().map(String::as_str)))),
+            });
+        }
+        let is_left = |tag: &String| until.iter().all(|name| name.text != *tag);
+        if unknown.is_empty() && inner.untagged.is_none() && !inner.tags.keys().any(is_left) {
+            let message = "this never repeats: every outcome that there is ends it";
+            let found = Diagnostic::new(Code::W0428, part.span, message).label("runs once");
+            self.diagnostics.push(found.help("leave an outcome away, after which it runs again"));
+        }
     }
 
     fn check_match(&mut self, expr: &Expr, arms: &[Arm], start: &Ends) {

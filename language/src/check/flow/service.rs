@@ -51,6 +51,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
         ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
         ExprKind::Retry(_, _, part)
+        | ExprKind::Repeat(_, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part)
@@ -125,6 +126,7 @@ impl<'a> Order<'a> {
             | ExprKind::AnyOf(..)
             | ExprKind::Otherwise(_)
             | ExprKind::Retry(..)
+            | ExprKind::Repeat(..)
             | ExprKind::Within(..)
             | ExprKind::Match(_)
             | ExprKind::Shield(..)

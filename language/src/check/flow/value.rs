@@ -83,6 +83,9 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map(rest).unwrap_or_default(),
         ExprKind::Finally(first, _) => rest(first),
         ExprKind::Tagged(tag, part) if !rest(part).is_empty() => BTreeSet::from([tag.text.clone()]),
+        ExprKind::Repeat(until, part) => {
+            rest(part).into_iter().filter(|outcome| until.iter().any(|name| name.text == *outcome)).collect()
+        }
         ExprKind::Disable(_)
         | ExprKind::Otherwise(_)
         | ExprKind::AnyOf(1, _)
@@ -140,6 +143,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Otherwise(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Asynchronous(..)
         | ExprKind::Finally(..)
         | ExprKind::Broken => None,
@@ -156,6 +160,7 @@ fn starts(expr: &Expr) -> bool {
         | ExprKind::AnyOf(..)
         | ExprKind::Disable(_)
         | ExprKind::Retry(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Using(..)

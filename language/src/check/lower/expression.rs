@@ -66,6 +66,10 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
             let resources = taken.iter().map(|&index| resources[index].text.clone()).collect();
             Expression::Using { resources, of: Box::new(rest(part)) }
         }
+        ExprKind::Repeat(until, part) => {
+            let until = until.iter().map(|name| name.text.clone()).collect();
+            Expression::Repeat { until, of: Box::new(rest(part)) }
+        }
         ExprKind::Finally(first, second) => Expression::Finally(Box::new(rest(first)), Box::new(rest(second))),
         ExprKind::Tagged(tag, part) => Expression::Tagged { tag: tag.text.clone(), of: Box::new(rest(part)) },
         ExprKind::With(start, part) => match starts.given(start, part) {

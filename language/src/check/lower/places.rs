@@ -47,6 +47,7 @@ fn placed(expr: &Expr) -> Placed {
         | ExprKind::AnyOf(..)
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Match(_)
         | ExprKind::Shield(..)
         | ExprKind::Using(..)

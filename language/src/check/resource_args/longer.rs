@@ -94,6 +94,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         | ExprKind::Finally(..)
         | ExprKind::Asynchronous(..)
         | ExprKind::Retry(..)
+        | ExprKind::Repeat(..)
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Tagged(..)

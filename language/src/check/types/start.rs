@@ -29,39 +29,16 @@ pub(in crate::check) enum Taker<'a> {
 
 /// Returns the programs that start with the value that an expression starts with.
 pub(in crate::check) fn takers<'a>(spec: &'a Spec, process: &'a Process, expr: &'a Expr) -> Vec<Taker<'a>> {
-    let rest = |part: &'a Expr| takers(spec, process, part);
-    match &expr.kind {
-        ExprKind::Run(slot, _) => match process.instances[*slot].target {
-            Target::Module(module) => vec![Taker::Module(&spec.modules[module])],
-            Target::Process(inner) => {
-                let inner = &spec.processes[inner];
-                inner.actions.as_ref().map(|actions| takers(spec, inner, actions)).unwrap_or_default()
-            }
-            Target::Unknown => vec![Taker::Unknown],
-        },
-        ExprKind::Concurrent(parts)
-        | ExprKind::FailFast(parts)
-        | ExprKind::AnyOf(_, parts)
-        | ExprKind::Disable(parts) => parts.iter().flat_map(rest).collect(),
-        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
-            parts.first().map(rest).unwrap_or_default()
+    let ExprKind::Run(slot, _) = &expr.kind else {
+        return expr.first_parts().into_iter().flat_map(|part| takers(spec, process, part)).collect();
+    };
+    match process.instances[*slot].target {
+        Target::Module(module) => vec![Taker::Module(&spec.modules[module])],
+        Target::Process(inner) => {
+            let inner = &spec.processes[inner];
+            inner.actions.as_ref().map(|actions| takers(spec, inner, actions)).unwrap_or_default()
         }
-        ExprKind::Recurrent(part, _)
-        | ExprKind::Asynchronous(part, _)
-        | ExprKind::Finally(part, _)
-        | ExprKind::Retry(_, _, part)
-        | ExprKind::Within(_, part)
-        | ExprKind::Shield(_, part)
-        | ExprKind::Using(_, part)
-        | ExprKind::Tagged(_, part) => rest(part),
-        ExprKind::With(..)
-        | ExprKind::Match(_)
-        | ExprKind::Chart(_)
-        | ExprKind::Skip
-        | ExprKind::Never
-        | ExprKind::Fail(_)
-        | ExprKind::Wait(_)
-        | ExprKind::Broken => Vec::new(),
+        Target::Unknown => vec![Taker::Unknown],
     }
 }
 
@@ -133,32 +110,15 @@ impl StartCheck<'_> {
 
 /// The value that an expression gives to all that it starts first.
 fn given(expr: &Expr) -> Option<Span> {
-    match &expr.kind {
-        ExprKind::With(StartValue::Known(value), _) => Some(value.span),
-        ExprKind::With(StartValue::Kept(_, name), _) => Some(name.span),
-        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
-            parts.first().and_then(given)
-        }
-        ExprKind::Recurrent(part, _)
-        | ExprKind::Asynchronous(part, _)
-        | ExprKind::Finally(part, _)
-        | ExprKind::Retry(_, _, part)
-        | ExprKind::Within(_, part)
-        | ExprKind::Shield(_, part)
-        | ExprKind::Using(_, part)
-        | ExprKind::Tagged(_, part) => given(part),
-        ExprKind::Run(..)
-        | ExprKind::Concurrent(_)
-        | ExprKind::FailFast(_)
-        | ExprKind::AnyOf(..)
-        | ExprKind::Disable(_)
-        | ExprKind::Match(_)
-        | ExprKind::Chart(_)
-        | ExprKind::Skip
-        | ExprKind::Never
-        | ExprKind::Fail(_)
-        | ExprKind::Wait(_)
-        | ExprKind::Broken => None,
+    if let ExprKind::With(start, _) = &expr.kind {
+        return Some(match start {
+            StartValue::Known(value) => value.span,
+            StartValue::Kept(_, name) => name.span,
+        });
+    }
+    match expr.first_parts().as_slice() {
+        [only] => given(only),
+        [] | [_, _, ..] => None,
     }
 }
 

@@ -8,7 +8,7 @@ use crate::ide::hover::interface;
 use crate::ide::words::Place;
 use crate::plan::Constant;
 use crate::syntax::SyntaxKind::{self, Arrow, Equals, Number};
-use crate::syntax::ast::Node;
+use crate::syntax::ast::{Name, Node};
 use crate::unit;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -265,7 +265,24 @@ impl Analysis {
             let parts = chain.children().take_while(|part| part.span() != node.span());
             parts.last()?.names().next()
         });
-        let source = before.and_then(|name| self.instance_at(at, &name.text)).map(|instance| instance.target);
+        let mut offers = self.outcomes_named(at, before.as_ref());
+        offers.retain(|offer| !given.contains(&offer.label));
+        offers.iter_mut().for_each(|offer| offer.snippet = Some(format!("{} => $0", offer.label)));
+        offers
+    }
+
+    /// The outcomes that may end a `repeat`, and do not yet.
+    pub(super) fn ends_of_repeat(&self, at: &Cursor) -> Vec<Completion> {
+        let given: BTreeSet<String> = at.parent.names().skip(1).map(|name| name.text).collect();
+        let repeated = at.inside(SyntaxKind::Repeat).and_then(|repeat| repeat.children().next()?.names().next());
+        let mut offers = self.outcomes_named(at, repeated.as_ref());
+        offers.retain(|offer| !given.contains(&offer.label));
+        offers
+    }
+
+    /// The outcomes of a process of this name; of every module if it is not known.
+    fn outcomes_named(&self, at: &Cursor, process: Option<&Name>) -> Vec<Completion> {
+        let source = process.and_then(|name| self.instance_at(at, &name.text)).map(|instance| instance.target);
         let modules = self.model.modules.iter().enumerate();
         let modules = modules.filter(|(index, _)| match source {
             Some(Target::Module(module)) => module == *index,
@@ -276,13 +293,10 @@ impl Analysis {
                 module.outcomes.iter().map(move |it| (it.name.text.as_str(), module.name.text.as_str()))
             })
             .collect();
-        let open = tags.into_iter().filter(|(tag, _)| !given.contains(*tag));
         let offer = |(tag, owner): (&str, &str)| {
-            let mut offer = Completion::new(CompletionKind::Outcome, tag).detail(format!("outcome of {owner}"));
-            offer.snippet = Some(format!("{tag} => $0"));
-            offer
+            Completion::new(CompletionKind::Outcome, tag).detail(format!("outcome of {owner}"))
         };
-        open.map(offer).collect()
+        tags.into_iter().map(offer).collect()
     }
 
     /// The named constants.

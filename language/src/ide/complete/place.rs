@@ -54,12 +54,19 @@ impl Cursor {
     /// Whether the word directly follows something that an operator would have to follow.
     pub(super) fn follows_operand(&self) -> bool {
         let is_word = self.before_kind == SyntaxKind::Ident
-            && !["else", "finally", "within", "as", "with", "of", "in"].contains(&self.before.as_str());
+            && !["else", "finally", "within", "as", "with", "of", "in", "repeat", "shield"]
+                .contains(&self.before.as_str());
         let ends = [SyntaxKind::RightParen, SyntaxKind::RightBracket, SyntaxKind::Question, SyntaxKind::Greater];
         // The parentheses of these open an operand.
         let prefixes = [SyntaxKind::Retry, SyntaxKind::Using, SyntaxKind::Shield];
         let after_prefix = prefixes.iter().any(|&kind| self.grand_is(kind));
         (is_word || ends.contains(&self.before_kind)) && !after_prefix
+    }
+
+    /// Whether the word directly follows a `repeat` that has no `until` yet.
+    pub(super) fn follows_repeat(&self) -> bool {
+        let before = self.parent.syntax().prev_sibling().filter(|node| node.kind() == SyntaxKind::Repeat);
+        before.is_some_and(|repeat| repeat.children().all(|part| part.kind() != SyntaxKind::Until))
     }
 
     /// Whether a statement begins with the word.

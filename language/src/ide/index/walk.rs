@@ -70,6 +70,7 @@ impl Walk<'_> {
             }
             SyntaxKind::Endpoint => self.endpoint(&names),
             SyntaxKind::Arm => self.outcome(names.first()),
+            SyntaxKind::Until => names.iter().skip(1).for_each(|name| self.outcome(Some(name))),
             SyntaxKind::Using => self.resources(node),
             SyntaxKind::Run => return self.run(node, names.first()),
             SyntaxKind::AllOf => return self.all_of(node),

@@ -49,6 +49,7 @@ impl GroupNumbers {
             Expression::Finally(p, q) => Expression::Finally(boxed(p), boxed(q)),
             Expression::Tagged { tag, of } => Expression::Tagged { tag: tag.clone(), of: boxed(of) },
             Expression::With { given, of } => Expression::With { given: given.clone(), of: boxed(of) },
+            Expression::Repeat { until, of } => Expression::Repeat { until: until.clone(), of: boxed(of) },
             Expression::Chart(chart) => {
                 let run = |run: &StateRun| StateRun { state: run.state, expression: self.expression(&run.expression) };
                 let runs = chart.runs.iter().map(run).collect();

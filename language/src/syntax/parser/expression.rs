@@ -16,7 +16,7 @@ use crate::syntax::SyntaxKind::{
 /// A form of the language that is known but not read yet.
 const LATER: &str = "until";
 /// Words that go on after an operand, so that what stands before them is one.
-pub(super) const INFIX: [&str; 5] = ["else", "finally", "within", "as", "with"];
+pub(super) const INFIX: [&str; 6] = ["else", "finally", "within", "as", "with", "until"];
 
 impl Parser<'_> {
     /// `internal_event_actions { expression ; }`
@@ -57,16 +57,16 @@ impl Parser<'_> {
 
     /// The run of a state. The `;` behind it ends the statement, so `a ; b` stands in parentheses there.
     pub(super) fn run_expression(&mut self) {
-        self.ends_at_semicolon = true;
+        self.ends.at_semicolon = true;
         self.concurrent();
-        self.ends_at_semicolon = false;
+        self.ends.at_semicolon = false;
     }
 
     fn expression(&mut self) {
         if self.descend() {
-            let ends_at_semicolon = std::mem::take(&mut self.ends_at_semicolon);
+            let ends = std::mem::take(&mut self.ends);
             self.concurrent();
-            self.ends_at_semicolon = ends_at_semicolon;
+            self.ends = ends;
             self.ascend();
         } else {
             self.skip_as_error();
@@ -86,7 +86,7 @@ impl Parser<'_> {
     }
 
     fn sequence(&mut self) {
-        if self.ends_at_semicolon {
+        if self.ends.at_semicolon {
             return self.finally();
         }
         self.operators(SyntaxKind::Sequence, Semicolon, Self::finally);
@@ -194,7 +194,7 @@ impl Parser<'_> {
     /// The word of the language that an operand begins with. Where no name can stand, a word that is nearly one is reported and
     /// taken as such.
     fn operator_word(&mut self) -> Option<&'static str> {
-        if !self.at(Ident) || self.at_word(LATER) || self.ends_block() {
+        if !self.at(Ident) || self.at_word(LATER) || self.begins_repeat() || self.ends_block() {
             return None;
         }
         let next = self.kind(1);
@@ -287,6 +287,8 @@ impl Parser<'_> {
             if self.at(LeftBracket) {
                 self.labels();
             }
+        } else if self.begins_repeat() {
+            self.repeat();
         } else if let Some(word) = word {
             match word {
                 "any" => self.any_of(),

@@ -18,7 +18,7 @@ const FAILURE: &str = "`a else b` runs b when a fails, `a finally b` however it 
 const CHOICE: &str =
     "to go on by how a process has ended, write `p : match { found => q, else => r }`; when it fails, `p else q`";
 const LIMIT: &str = "a time limit stands behind what it limits: `a within 5 s`";
-const OFTEN: &str = "`a ; a ; a` runs it three times, `a ;; wait(1 s)` for ever, and `retry(3) a` again when it fails";
+const OFTEN: &str = "`each i in 0..3 (a)` runs it three times, `a ;; wait(1 s)` for ever, `repeat a until found` until it ends with this outcome, and `retry(3) a` again when it fails";
 const PAUSE: &str = "`wait(5 s)` waits, as in `a ; wait(5 s) ; b`";
 const NAME: &str = "a name alone runs its process, as in `a ; b`; `a # b` stops one when the other ends";
 const NOT: &str = "nothing is negated here: `a else b` runs b when a fails";
@@ -70,7 +70,10 @@ const BETWEEN: [(&str, &str); 20] = [
     ("unless", FAILURE),
     ("timeout", LIMIT),
     ("for", LIMIT),
-    ("until", "`a # b` runs a until b has ended, or a itself"),
+    (
+        "until",
+        "`a # b` runs a until b has ended, or a itself; `repeat a until found` runs a until it ends with this outcome",
+    ),
     ("while", "`a # b` runs a until b has ended, or a itself"),
     ("times", OFTEN),
     ("repeat", OFTEN),
@@ -116,13 +119,14 @@ impl Parser<'_> {
             "match" => self.kind(1) == LeftBrace,
             "any" => self.kind(1) == Number || self.kind(1) == Ident && self.word(2) == "of",
             "all" | "race" | "each" => self.kind(1) == Ident && self.word(2) == "in",
+            "repeat" => self.begins_repeat(),
             _ => false,
         };
         let follows = [LeftParen, LeftBrace, Number].contains(&self.kind(1)) || self.is_operand_name(1);
         if is_own || !counts && !follows {
             return false;
         }
-        let is_known = ["match", "any", "all", "race", "each", "within"].contains(word);
+        let is_known = ["match", "any", "all", "race", "each", "within", "repeat"].contains(word);
         let what = if is_known { "cannot stand like this" } else { "is not a word of this language" };
         if let Some(diagnostic) = self.report(Code::E0001, format!("`{word}` {what}")) {
             diagnostic.help.push((*help).to_owned());
@@ -137,7 +141,7 @@ impl Parser<'_> {
             return;
         }
         // The run of a state ends here.
-        if self.ends_at_semicolon && self.at_word("on") {
+        if self.ends.at_semicolon && self.at_word("on") || self.ends.at_until && self.at_word("until") {
             return;
         }
         let word = BETWEEN.iter().find(|(word, _)| self.at_word(word)).map(|(word, help)| (*word, *help));

@@ -27,7 +27,7 @@ pub(crate) enum Leaves {
 pub(crate) struct Size {
     /// Its leaves.
     pub(crate) leaves: usize,
-    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as`, `with` and `match` with one arm occur in it, anywhere.
+    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as`, `with`, `repeat` and `match` with one arm occur in it, anywhere.
     pub(crate) unary: usize,
 }
 
@@ -81,6 +81,7 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
             all.push(Term::Match(vec![(Some(TAGS[0].to_owned()), inner.clone())]));
             all.push(Term::Using(0, vec!["r".to_owned()], Box::new(inner.clone())));
             all.push(Term::With(b"u".to_vec(), Box::new(inner.clone())));
+            all.push(Term::Repeat(vec![TAGS[0].to_owned()], Box::new(inner.clone())));
             all.push(Term::Tag(TAGS[1].to_owned(), Box::new(inner.clone())));
             all.push(Term::Shield(Some(0), Box::new(inner.clone())));
             all.push(Term::Shield(None, Box::new(inner)));

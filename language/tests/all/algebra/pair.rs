@@ -33,7 +33,7 @@ impl<'a> Pair<'a> {
         assert_eq!(program.is_service(), machine.is_service(), "inferred service of {spec:?}");
         let members = u32::try_from(spec.declared.len()).expect("a test has few members");
         let traits = Traits {
-            matches: any(&spec.term, &|term| matches!(term, Term::Match(_))),
+            matches: any(&spec.term, &|term| matches!(term, Term::Match(_) | Term::Repeat(..))),
             shields_for_ever: any(&spec.term, &|term| matches!(term, Term::Shield(None, _) | Term::Fin(..))),
         };
         Self { program, members, traits, state: State::new(program), machine }
@@ -279,7 +279,7 @@ pub(crate) fn outcome_of(outcome: algebra::Outcome) -> reference::Outcome {
         algebra::Outcome::Done(value) => reference::Outcome::Done(value.bytes().to_vec()),
         algebra::Outcome::Stopped => reference::Outcome::Killed,
         algebra::Outcome::Aborted(reason) => {
-            let instant = reason.cause == Cause::Failed("a round of `;;` took no time".into());
+            let instant = reason.cause == Cause::Failed("a round of a loop took no time".into());
             reference::Outcome::Aborted(match (reason.member, reason.cause) {
                 (Some(i), Cause::Reported(value)) => Reason::Reported(i, value.bytes().to_vec()),
                 (Some(i), Cause::Busy) => Reason::Busy(i),

@@ -61,6 +61,7 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
             2 => pair().prop_map(|(e, f)| Term::Fin(e, f)),
             1 => inner.clone().prop_map(|e| Term::Tag(TAGS[0].to_owned(), Box::new(e))),
             2 => (given(), inner.clone()).prop_map(|(value, e)| Term::With(value, Box::new(e))),
+            2 => (1..3_usize, inner.clone()).prop_map(|(k, e)| Term::Repeat(TAGS[..k].iter().map(|&tag| tag.to_owned()).collect(), Box::new(e))),
             3 => several().prop_map(Term::Par),
             3 => several().prop_map(Term::Dis),
             1 => several().prop_map(Term::Ff),

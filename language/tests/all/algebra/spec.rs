@@ -68,6 +68,7 @@ fn expression(term: &Term) -> Expression {
         Term::With(value, e) => {
             Expression::With { given: Given { text: "?".to_owned(), value: Value::new(value) }, of: boxed(e) }
         }
+        Term::Repeat(tags, e) => Expression::Repeat { until: tags.clone(), of: boxed(e) },
         Term::Arec(e, fs) => Expression::Asynchronous { source: boxed(e), pool: all(fs) },
     }
 }

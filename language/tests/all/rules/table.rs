@@ -88,6 +88,31 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
         &["M : match { t => P, u => Q } | start s: M(s) | M abort r: aborted(r)"],
     ),
     (
+        "Repeat",
+        "P done with one of the named tags: that is the outcome, tag and value unchanged.",
+        &[
+            "repeat M until t | start s: M(s) | M done t:v: done(t:v)",
+            "repeat M until t|u | start s: M(s) | M done u:v: done(u:v)",
+            "repeat M until t : match { t => P } | start s: M(s) | M done t:v: P(v) | P done w: done(w)",
+        ],
+    ),
+    (
+        "Repeat",
+        "P done in any other way: P starts again, with nothing.",
+        &[
+            "repeat M until t | start s: M(s) | M done u:v: M() | M done u:w: M() | M done t:x: done(t:x)",
+            "repeat (M : match { t => P as t, u => Q }) until t | start s: M(s) | M done u:v: Q(v) | Q done w: M()",
+        ],
+    ),
+    (
+        "Repeat",
+        "P aborted(r): aborted(r). A stop stops P.",
+        &[
+            "repeat M until t | start s: M(s) | M done u:v: M() | M abort r: aborted(r)",
+            "repeat M until t | start s: M(s) | M done u:v: M() | stop: stop M | M done u:w: stopped",
+        ],
+    ),
+    (
         "`P , Q`",
         "Every *task* has ended: the services are stopped; then done(v), where v is the list of the tasks' values, in the order of the text, or aborted(r) with the first failure.",
         &[

@@ -62,6 +62,23 @@ impl Reference {
         }
     }
 
+    /// REPEAT. Loops that take no time are not among the random expressions.
+    pub(crate) fn round(&mut self, next: Next, until: &[String], of: &Rc<Expr>) -> Next {
+        match next {
+            Ok(conf) => Ok(Conf::Repeat(until.to_vec(), conf.into(), Rc::clone(of))),
+            Err(Outcome::Done(Left::Value(value)))
+                if value.tag().is_some_and(|tag| until.iter().any(|it| it == tag)) =>
+            {
+                Err(Outcome::Done(Left::Value(value)))
+            }
+            Err(Outcome::Done(_)) => {
+                let next = self.start(of, Left::NOTHING);
+                self.round(next, until, of)
+            }
+            Err(outcome) => Err(outcome),
+        }
+    }
+
     /// PAR, FF and ANY.
     pub(crate) fn join(&mut self, join: Join, slots: Slots) -> Next {
         match join {
@@ -303,6 +320,10 @@ impl Reference {
                 Ok(c) => Ok(Conf::As(tag, c.into())),
                 Err(outcome) => Err(tagged(&tag, outcome)),
             },
+            Conf::Repeat(until, c, of) => {
+                let next = act(self, *c);
+                self.round(next, &until, &of)
+            }
             Conf::Pool(pool) => self.in_pool(*pool, act, is_it),
             Conf::Active(..) | Conf::Stopping(..) | Conf::Never | Conf::Timer(_) | Conf::Waiting(..) => Ok(conf),
         }

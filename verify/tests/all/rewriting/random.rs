@@ -88,7 +88,7 @@ impl Maker<'_> {
         if size <= 1 {
             return self.leaf();
         }
-        match self.dice.below(25) {
+        match self.dice.below(27) {
             0..=2 => Expression::Concurrent(self.operands(size)),
             3 => Expression::FailFast(self.operands(size)),
             4 | 5 => {
@@ -103,6 +103,7 @@ impl Maker<'_> {
             14 | 15 => self.two(size, Expression::Otherwise),
             16 | 17 => self.two(size, Expression::Finally),
             18 => self.matching(size),
+            25 | 26 => self.repeat(size),
             19 => {
                 let bound = self.dice.one_in(2).then(|| self.time());
                 Expression::Shield { bound, of: Box::new(self.expression(size - 1)) }
@@ -205,17 +206,30 @@ impl Maker<'_> {
 
     /// A process, or a race of two, with a `match` behind it.
     fn matching(&mut self, size: u32) -> Expression {
-        let before = if self.dice.one_in(2) {
-            self.run()
-        } else {
-            let tagged = |tag: &str, of| Expression::Tagged { tag: tag.to_owned(), of: Box::new(of) };
-            Expression::Disable(vec![tagged(TAGS[0], self.leaf()), tagged(TAGS[1], self.leaf())])
-        };
+        let before = if self.dice.one_in(2) { self.run() } else { self.race(1) };
         let arms = vec![
             Arm { tag: Some(TAGS[0].to_owned()), body: self.expression(size - 1) },
             Arm { tag: if self.dice.one_in(3) { None } else { Some(TAGS[1].to_owned()) }, body: self.leaf() },
         ];
         Expression::Conditional(Box::new(before), Box::new(Expression::Match(arms)))
+    }
+
+    /// A process, or a race, until it ends with one tag, or with one of two.
+    fn repeat(&mut self, size: u32) -> Expression {
+        let was = std::mem::replace(&mut self.is_in_loop, true);
+        let mut of = if self.dice.one_in(2) { self.run() } else { self.race(size - 1) };
+        self.is_in_loop = was;
+        if may_be_instant(&of) {
+            of = Expression::Sequence(Box::new(Expression::Wait(self.time())), Box::new(of));
+        }
+        let count = if self.dice.one_in(4) { 2 } else { 1 };
+        Expression::Repeat { until: TAGS[..count].iter().map(|&tag| tag.to_owned()).collect(), of: Box::new(of) }
+    }
+
+    /// Two operands, each with a tag of its own.
+    fn race(&mut self, size: u32) -> Expression {
+        let tagged = |tag: &str, of| Expression::Tagged { tag: tag.to_owned(), of: Box::new(of) };
+        Expression::Disable(vec![tagged(TAGS[0], self.expression(size)), tagged(TAGS[1], self.leaf())])
     }
 }
 

@@ -167,6 +167,10 @@ impl Reference {
             Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
             // The outcome is that of P, so nothing of `with` is left once P runs.
             Kind::With(value, of) => self.start(of, Left::Value(value.clone())),
+            Kind::Repeat(until, of) => {
+                let next = self.start(of, value);
+                self.round(next, until, of)
+            }
             Kind::As(tag, of) => match self.start(of, value) {
                 Ok(conf) => Ok(Conf::As(tag.clone(), conf.into())),
                 Err(outcome) => Err(tagged(tag, outcome)),

@@ -87,6 +87,7 @@ pub(crate) enum Kind {
     Pool(Rc<Expr>, Vec<Rc<Expr>>),
     As(String, Rc<Expr>),
     With(Value, Rc<Expr>),
+    Repeat(Vec<String>, Rc<Expr>),
 }
 
 /// A configuration: the running part of a term.
@@ -115,6 +116,7 @@ pub(crate) enum Conf {
     Fin1(Box<Self>, Rc<Expr>),
     Fin2(Outcome, Box<Self>),
     As(String, Box<Self>),
+    Repeat(Vec<String>, Box<Self>, Rc<Expr>),
 }
 
 /// The operands of `,` `&` and `any`.
@@ -188,6 +190,7 @@ fn build(source: &Expression, group: &Group, numbers: &mut Numbers) -> Rc<Expr> 
         }
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
         Expression::Tagged { tag, of } => Kind::As(tag.clone(), build(of, group, numbers)),
+        Expression::Repeat { until, of } => Kind::Repeat(until.clone(), build(of, group, numbers)),
         Expression::With { given, of } => Kind::With(given.value.clone(), build(of, group, numbers)),
     };
     Rc::new(Expr { is_service: is_service(&kind, group), kind })
@@ -227,7 +230,9 @@ fn is_service(kind: &Kind, group: &Group) -> bool {
         Kind::Else(p, _) => p.is_service,
         Kind::Finally(p, q) => p.is_service || q.is_service,
         Kind::Match(arms) => arms.iter().all(|(_, body)| body.is_service),
-        Kind::Shield(_, of) | Kind::Using(_, _, of) | Kind::As(_, of) | Kind::With(_, of) => of.is_service,
+        Kind::Shield(_, of) | Kind::Using(_, _, of) | Kind::As(_, of) | Kind::With(_, of) | Kind::Repeat(_, of) => {
+            of.is_service
+        }
     }
 }
 

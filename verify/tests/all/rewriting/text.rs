@@ -77,6 +77,12 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
         // The value decides no event, and the modules of a text take none.
         Expression::With { of, .. } => written(of, matched),
+        Expression::Repeat { until, of } => {
+            if let Expression::Run { member, .. } = **of {
+                matched.push(member);
+            }
+            format!("repeat ({}) until {}", written(of, matched), until.join(" | "))
+        }
         Expression::Tagged { tag, of } => format!("({}) as {tag}", written(of, matched)),
     }
 }

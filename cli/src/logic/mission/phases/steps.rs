@@ -176,6 +176,9 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
             return (3, format!("{} finally {}", inside(first, 4, members), inside(second, 4, members)));
         }
         E::Chart(chart) => return (9, format!("{} states", chart.chart.states.len().saturating_sub(1))),
+        E::Repeat { until, of } => {
+            return (6, format!("repeat {} until {}", inside(of, 6, members), until.join(" | ")));
+        }
         E::With { given, of } => return (8, format!("{} with {}", inside(of, 8, members), given.text)),
         E::Tagged { tag, of } => return (8, format!("{} as {tag}", inside(of, 8, members))),
         E::Asynchronous { source, pool } => {

@@ -27,7 +27,11 @@ pub(super) fn sets(program: &Program, node: usize) -> &[u32] {
 }
 
 pub(super) fn tags(program: &Program, node: usize) -> &[Option<Arc<str>>] {
-    if let Kind::Match { tags } = &program.nodes[node].kind { &program.tags[tags.clone()] } else { &[] }
+    if let Kind::Match { tags } | Kind::Repeat { tags } = &program.nodes[node].kind {
+        &program.tags[tags.clone()]
+    } else {
+        &[]
+    }
 }
 
 pub(super) fn taken(program: &Program, node: usize) -> BTreeSet<&str> {
@@ -56,7 +60,9 @@ pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
         (Kind::With(value), Kind::With(other)) => value == other,
         (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
         (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. }) => count == other,
-        (Kind::Match { .. }, Kind::Match { .. }) => tags(old, a) == tags(new, b),
+        (Kind::Match { .. }, Kind::Match { .. }) | (Kind::Repeat { .. }, Kind::Repeat { .. }) => {
+            tags(old, a) == tags(new, b)
+        }
         (Kind::Shield { bound }, Kind::Shield { bound: other }) => {
             bound.map(|bound| bound.after) == other.map(|bound| bound.after)
         }

@@ -1,8 +1,15 @@
-//! Parses the operators that stand before their operand, `retry`, `shield` and `using`, and the arms of `match`.
+//! Parses the operators that stand before their operand, `retry`, `shield` and `using`, the arms of `match`, and `repeat`.
 
 use super::super::Parser;
-use crate::diagnostic::{Edit, Fix};
-use crate::syntax::SyntaxKind::{self, Comma, FatArrow, Ident, LeftParen, Number, RightBrace, RightParen};
+use crate::diagnostic::{Code, Edit, Fix};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{
+    self, Ampersand, Bar, Colon, Comma, DoubleColon, End, FatArrow, Greater, Hash, Ident, LeftBrace, LeftBracket,
+    LeftParen, Less, Number, Recur, RightBrace, RightBracket, RightParen, Semicolon,
+};
+
+/// How many tokens behind a `repeat` are searched for its `until`, where parentheses are missing.
+const UNTIL_WITHIN: usize = 64;
 
 impl Parser<'_> {
     /// `retry(3)`, `retry(n, pause 2 s)`
@@ -61,6 +68,89 @@ impl Parser<'_> {
         self.finish();
     }
 
+    /// Whether a `repeat` with its operand begins here, and not an instance of that name.
+    pub(in crate::syntax::parser) fn begins_repeat(&self) -> bool {
+        let is_count = self.kind(1) == LeftParen && self.kind(2) == Number;
+        self.at_word("repeat") && self.opens_operand(1) && !is_count && !self.ends_block()
+    }
+
+    /// `repeat operand until found | gone`
+    pub(super) fn repeat(&mut self) {
+        if !self.descend() {
+            return self.skip_as_error();
+        }
+        self.start(SyntaxKind::Repeat);
+        self.bump();
+        let is_inner = std::mem::replace(&mut self.ends.at_until, true);
+        match self.until_of_several() {
+            Some(until) => self.several(until),
+            None => self.prefixed(),
+        }
+        self.ends.at_until = is_inner;
+        if self.at_word("until") {
+            self.until();
+        } else if let Some(diagnostic) = self.expected("`until` and an outcome") {
+            let help = "`repeat look until found` runs `look` again and again, until it ends with this outcome";
+            diagnostic.help.push(help.to_owned());
+            diagnostic
+                .help
+                .push("`look ;; wait(1 s)` runs it for ever, `retry(3) look` again when it fails".to_owned());
+        }
+        self.finish();
+        self.ascend();
+    }
+
+    /// `until found | gone`
+    fn until(&mut self) {
+        self.start(SyntaxKind::Until);
+        self.bump();
+        loop {
+            self.expect_name("the outcome that ends it");
+            if !self.eat(Bar) {
+                break;
+            }
+        }
+        self.finish();
+    }
+
+    /// The place of the `until` of this `repeat`, if operators stand between without parentheses: `repeat a ; b until found`.
+    fn until_of_several(&self) -> Option<usize> {
+        let joins = [Comma, Ampersand, Hash, Semicolon, Colon, Recur, DoubleColon];
+        let (mut depth, mut repeats, mut is_joined) = (0_usize, 0_usize, false);
+        for ahead in 0..UNTIL_WITHIN {
+            let (kind, word) = (self.kind(ahead), self.word(ahead));
+            let is_over = kind == End || depth == 0 && kind == Semicolon && self.ends.at_semicolon;
+            if [LeftParen, LeftBrace, LeftBracket, Less].contains(&kind) {
+                depth += 1;
+            } else if [RightParen, RightBrace, RightBracket, Greater].contains(&kind) {
+                depth = depth.checked_sub(1)?;
+            } else if is_over || depth == 0 && repeats == 0 && word == "until" {
+                return Some(ahead).filter(|_| is_joined && !is_over);
+            } else if depth == 0 && word == "until" {
+                repeats -= 1;
+            } else if depth == 0 {
+                repeats += usize::from(word == "repeat");
+                is_joined |= joins.contains(&kind) || ["else", "finally"].contains(&word);
+            }
+        }
+        None
+    }
+
+    /// Several operands of `repeat` up to its `until`, which is `ahead` tokens from here, without parentheses.
+    fn several(&mut self, ahead: usize) {
+        let start = self.span().at_start();
+        let end = ahead.checked_sub(1).and_then(|last| self.token(last)).map_or(start.end, |last| last.end);
+        let insert =
+            |start: u32, text: &str| Edit { span: Span { start, end: start, ..self.span() }, text: text.to_owned() };
+        let edits = vec![insert(start.start, "("), insert(end, ")")];
+        if let Some(diagnostic) = self.report(Code::E0001, "`repeat` wants parentheses around several operands") {
+            diagnostic.fix = Some(Fix { title: "put parentheses around them".to_owned(), edits });
+        }
+        self.start(SyntaxKind::Paren);
+        self.concurrent();
+        self.finish();
+    }
+
     /// `resource arm, gripper;`
     pub(in crate::syntax::parser) fn resources(&mut self) {
         self.start(SyntaxKind::Resources);
@@ -77,9 +167,9 @@ impl Parser<'_> {
 
     /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses.
     pub(super) fn matching(&mut self) {
-        let ends_at_semicolon = std::mem::take(&mut self.ends_at_semicolon);
+        let ends = std::mem::take(&mut self.ends);
         self.arms();
-        self.ends_at_semicolon = ends_at_semicolon;
+        self.ends = ends;
     }
 
     fn arms(&mut self) {

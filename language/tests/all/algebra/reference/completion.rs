@@ -194,6 +194,6 @@ pub(crate) fn words(r: Reason) -> Value {
         Reason::ServiceEnded(_) => b"service ended".to_vec(),
         Reason::Failed(why) => why.into_bytes(),
         Reason::NoMatch => b"no arm for this outcome".to_vec(),
-        Reason::Instant => b"a round of `;;` took no time".to_vec(),
+        Reason::Instant => b"a round of a loop took no time".to_vec(),
     }
 }

@@ -63,6 +63,10 @@ impl World {
             }
             Config::Fin2(o, c) => fin2(o, self.react(*c, e)),
             Config::Tag(t, c) => tag(&t, self.react(*c, e)),
+            Config::Repeat(c, p, ts) => {
+                let r = self.react(*c, e);
+                self.repeat(r, &p, &ts, 1)
+            }
             Config::Acquiring(u, res, f, v) if *e == Event::Granted(u) => self.granted(u, res, &f, v),
             Config::Acquiring(..) => R::C(c),
             Config::Holding(res, c) => {
@@ -162,7 +166,7 @@ impl World {
             }
             Config::Fin2(o, c) if is_unconfirmed(&o) => R::C(Config::Fin2(o, c)),
             Config::Fin2(_, c) => R::C(Config::Fin2(Outcome::Killed, c)),
-            Config::Tag(_, c) => self.stop(*c),
+            Config::Tag(_, c) | Config::Repeat(c, ..) => self.stop(*c),
             Config::Acquiring(u, ..) => {
                 self.queue.retain(|(other, _)| *other != u);
                 R::O(Outcome::Killed)
@@ -201,9 +205,12 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
             see(c);
             leaves(inner, see);
         }
-        Config::Shield(_, c) | Config::Holding(_, c) | Config::Fin1(c, _) | Config::Fin2(_, c) | Config::Tag(_, c) => {
-            leaves(c, see);
-        }
+        Config::Shield(_, c)
+        | Config::Holding(_, c)
+        | Config::Fin1(c, _)
+        | Config::Fin2(_, c)
+        | Config::Tag(_, c)
+        | Config::Repeat(c, ..) => leaves(c, see),
         Config::Acquiring(..) => {}
         Config::Arec(k, cs, ..) => {
             if let Held::Runs(c) = &**k {
@@ -265,6 +272,7 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Fin1(c, f) => Config::Fin1(boxed(c), f),
         Config::Fin2(o, c) => Config::Fin2(o, boxed(c)),
         Config::Tag(t, c) => Config::Tag(t, boxed(c)),
+        Config::Repeat(c, e, ts) => Config::Repeat(boxed(c), e, ts),
         Config::ShieldK(t, c) => Config::ShieldK(t.map(|(t, _)| (t, 0)), boxed(c)),
         Config::Acquiring(..) => c,
         Config::Holding(res, c) => Config::Holding(res, boxed(c)),

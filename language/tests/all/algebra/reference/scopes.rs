@@ -1,4 +1,4 @@
-//! MATCH, SHIELD, USING, AREC, FIN, TAG.
+//! MATCH, SHIELD, USING, AREC, FIN, TAG, REPEAT.
 
 use super::World;
 use super::completion::{collect, is_unconfirmed};
@@ -137,6 +137,21 @@ impl World {
 }
 
 impl World {
+    /// REPEAT; `rounds` may still begin in this reaction.
+    pub(super) fn repeat(&mut self, r: R, e: &Term, ts: &[String], rounds: usize) -> R {
+        match r {
+            R::C(c) => R::C(Config::Repeat(Box::new(c), e.clone(), ts.to_vec())),
+            R::O(Outcome::Done(v)) if split(&v).0.is_none_or(|t| !ts.contains(&t)) => match rounds {
+                0 => R::O(Outcome::Aborted(Reason::Instant)),
+                left => {
+                    let r = self.start(e, vec![]);
+                    self.repeat(r, e, ts, left - 1)
+                }
+            },
+            R::O(o) => R::O(o),
+        }
+    }
+
     /// FIN1
     pub(super) fn fin1(&mut self, r: R, f: &Term) -> R {
         match r {
@@ -208,7 +223,9 @@ impl Term {
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
+                vec![e]
+            }
             Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
         }
     }
@@ -220,7 +237,9 @@ impl Term {
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
+                vec![e]
+            }
             Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
         }
     }

@@ -74,6 +74,10 @@ impl World {
             }
             // [s-with]: the outcome is that of E, so nothing of it is left.
             Term::With(u, e) => self.start(e, u.clone()),
+            Term::Repeat(ts, e) => {
+                let r = self.start(e, v);
+                self.repeat(r, e, ts, 0)
+            }
             Term::Any(k, es) => {
                 let ks = self.start_all(es, &v);
                 self.any(*k, ks)
@@ -125,9 +129,12 @@ impl World {
             Term::Never | Term::Rec(..) | Term::Arec(..) => true,
             Term::Skip | Term::Fail(_) | Term::Wait(_) => false,
             Term::Seq(e, f) | Term::Cond(e, f) | Term::Fin(e, f) => self.service(e) || self.service(f),
-            Term::Else(e, _) | Term::Shield(_, e) | Term::Using(_, _, e) | Term::Tag(_, e) | Term::With(_, e) => {
-                self.service(e)
-            }
+            Term::Else(e, _)
+            | Term::Shield(_, e)
+            | Term::Using(_, _, e)
+            | Term::Tag(_, e)
+            | Term::With(_, e)
+            | Term::Repeat(_, e) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
             Term::Ff(es) => es.iter().any(|e| self.service(e)),

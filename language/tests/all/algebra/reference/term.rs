@@ -46,6 +46,8 @@ pub(crate) enum Term {
     Tag(String, Box<Self>),
     /// `E with u`
     With(Value, Box<Self>),
+    /// `repeat E until t | ..`
+    Repeat(Vec<String>, Box<Self>),
 }
 
 /// `r`: why something aborted.
@@ -125,6 +127,8 @@ pub(crate) enum Config {
     Fin2(Outcome, Box<Self>),
     /// `C as t`
     Tag(String, Box<Self>),
+    /// `repeat(C,E,t..)`
+    Repeat(Box<Self>, Term, Vec<String>),
     /// An `arec` that comes to its end or is stopped: `o` once all have ended.
     Ending(Outcome, Vec<Self>),
 }
