@@ -47,6 +47,9 @@ messages! {
         null: [f64; 9] = "Number[9]",
         /// The base does not turn; the arm turns in its place.
         steady: bool = "Truth",
+        /// The hand comes to rest: no other velocity adds to this one, and the base stays where it is. A twist of zero
+        /// says that the load is off the hand.
+        rests: bool = "Truth",
     }
     /// The force and torque of contacts on the hand.
     Wrench {
@@ -81,6 +84,8 @@ messages! {
     JointVelocity {
         /// (rad/s).
         rates: [f64; 6] = "AngularSpeed[6]",
+        /// The load is off the hand, and nothing has moved it since: an arm that stops stays where it is.
+        rests: bool = "Truth",
     }
     /// A commanded velocity of the base.
     BaseVelocity {
@@ -241,10 +246,15 @@ messages! {
 
 impl Velocity {
     /// The hand at rest.
-    pub const REST: Self = Self { twist: [0.0; 6], null: [0.0; 9], steady: false };
+    pub const REST: Self = Self { twist: [0.0; 6], null: [0.0; 9], steady: false, rests: false };
 
     /// Returns a motion of the hand (m/s, rad/s, tool axes) that leaves it to others how the rest of the robot moves.
     pub fn of_hand(twist: [f64; 6]) -> Self {
         Self { twist, ..Self::REST }
+    }
+
+    /// Returns whether it asks for no motion at all.
+    pub fn moves_nothing(&self) -> bool {
+        self.twist.iter().chain(&self.null).all(|rate| rate.abs() <= 0.0)
     }
 }

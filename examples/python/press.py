@@ -57,6 +57,7 @@ class Velocity:
     twist: Six = (0.0,) * 6
     null: tuple[float, float, float, float, float, float, float, float, float] = (0.0,) * 9
     steady: bool = False
+    rests: bool = False
 
 
 @dca.message

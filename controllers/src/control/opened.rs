@@ -3,8 +3,8 @@
 //! The estimate of the hinge is fed by the hand alone. A hand that has lost the handle also draws a circle in the air,
 //! and so do wheels that slip. So an opening does not end by its estimate. It ends when the laser sees the leaf at the
 //! goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand has
-//! turned with the leaf. Then the hand comes to rest, and all of this has to hold for half a second longer: a door is
-//! open if it stays open. The estimate only says when to start doubting.
+//! turned with the leaf. Then the hand comes to rest and takes off its load. After that, all of this has to hold for
+//! half a second longer: a door is open if it stays open. The estimate only says when to start doubting.
 //!
 //! Two independent measurements support the angle that the laser sees, and each of the three may be wrong alone. The
 //! path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle. The same
@@ -53,11 +53,13 @@ const LEAVES: f64 = 0.06;
 const FIRST: u32 = 5;
 /// Below this angle (rad) the line of the leaf is partly that of the wall.
 const APART: f64 = 0.26;
-/// The number of sweeps in a row that show the leaf at its goal; the number after which the hand rests, and the number
-/// after which the door is open. At rest the leaf may give by so much (rad).
+/// The number of sweeps in a row that show the leaf at its goal; the number after which the hand rests and takes off its
+/// load, and the number after which the door is open.
 const IN_A_ROW: u32 = 3;
 const RESTS: u32 = 8;
 const STAYS: u32 = 18;
+/// The leaf may give by so much while the hand takes off its load, and afterwards (rad).
+const GIVES_UNLOADING: f64 = 0.05;
 const GIVES: f64 = 0.02;
 
 /// The expected geometry of a door's handle and hinge.
@@ -89,6 +91,8 @@ pub struct Evidence {
     pub moved: f64,
     /// From where the handle was at first to where it is (m), by arm and wheels.
     pub way: f64,
+    /// The hand has taken off its load.
+    pub unloaded: bool,
 }
 
 /// The verdict on the evidence.
@@ -96,7 +100,7 @@ pub struct Evidence {
 pub enum Verdict {
     /// Not open yet.
     GoOn,
-    /// At its goal. It has to stay there while the hand comes to rest.
+    /// At its goal. It has to stay there while the hand comes to rest, takes off its load, and for half a second more.
     Rests,
     /// Open.
     Open,
@@ -185,6 +189,11 @@ impl Watch {
         1.0 - f64::from(self.reached.min(RESTS)) / f64::from(RESTS)
     }
 
+    /// Returns whether the hand is at rest at the goal: it has to take off its load.
+    pub fn is_at_rest(&self) -> bool {
+        self.reached >= RESTS
+    }
+
     /// Takes the evidence. A value that is NaN is in doubt.
     pub fn update(&mut self, evidence: &Evidence) -> Verdict {
         if !self.expected.holds(evidence.width) {
@@ -200,13 +209,18 @@ impl Watch {
             return Verdict::Doubt(Doubt::Moved);
         }
         // At first the leaf is certainly at its goal; then it has not certainly left it.
-        let (sure, gives) = if self.reached >= IN_A_ROW { (2.0, GIVES) } else { (-2.0, 0.0) };
+        let (sure, gives) = match self.reached {
+            ..IN_A_ROW => (-2.0, 0.0),
+            RESTS if !evidence.unloaded => (2.0, GIVES_UNLOADING),
+            IN_A_ROW.. => (2.0, GIVES),
+        };
         let angle = evidence.leaf.map(|leaf| leaf.angle + sure * leaf.deviation - self.slip());
         let reached = angle.is_some_and(|angle| angle >= self.goal - MARGIN - gives);
         if let Some(leaf) = evidence.leaf {
             self.seen = Some(leaf.angle);
             self.first.get_or_insert(leaf.angle);
-            self.reached = if reached { self.reached.saturating_add(1) } else { 0 };
+            let most = if evidence.unloaded { STAYS } else { RESTS };
+            self.reached = if reached { (self.reached + 1).min(most) } else { 0 };
             if self.reached >= IN_A_ROW {
                 let turned = (leaf.hand - leaf.angle).abs() <= TURN_MAX;
                 let sane = (self.expected.radius.0..=self.expected.radius.1).contains(&evidence.radius);
@@ -283,6 +297,7 @@ mod tests {
         turned: None,
         moved: 0.0,
         way: 0.95,
+        unloaded: true,
     };
 
     /// Watches a leaf that was shut at first.
@@ -315,6 +330,26 @@ mod tests {
         let rests = verdicts.iter().filter(|verdict| **verdict == Verdict::Rests).count();
         assert_eq!((rests, verdicts.last()), ((STAYS - IN_A_ROW) as usize, Some(&Verdict::Open)));
         assert!(watch.pace() <= 0.0, "the hand rests");
+    }
+
+    /// The lever slipped out while the arm took off its load, after the door had been called open.
+    #[test]
+    fn a_door_is_not_open_before_the_load_is_off_the_hand() {
+        let loaded = Evidence { unloaded: false, ..GOOD };
+        let mut watch = watch();
+        for sweep in 1..3 * STAYS {
+            let verdict = watch.update(&loaded);
+            assert_eq!(verdict == Verdict::Rests, sweep >= IN_A_ROW, "{sweep}: {verdict:?}");
+            assert_eq!(watch.is_at_rest(), sweep >= RESTS, "{sweep}");
+        }
+        // The leaf gives when the strain of the grasp goes.
+        let gives = Some(Leaf { angle: 1.15, ..LEAF });
+        assert_eq!(watch.update(&Evidence { leaf: gives, ..loaded }), Verdict::Rests);
+        let mut shut = watch;
+        assert_eq!(shut.update(&Evidence { leaf: Some(Leaf { angle: 1.1, ..LEAF }), ..loaded }), Verdict::GoOn);
+        assert!(!shut.is_at_rest() && shut.pace() > 0.99, "the hand opens it further");
+        let unloaded: Vec<Verdict> = (RESTS..STAYS).map(|_| watch.update(&GOOD)).collect();
+        assert_eq!(unloaded.iter().position(|verdict| *verdict == Verdict::Open), Some((STAYS - RESTS - 1) as usize));
     }
 
     /// The estimate of the hand is ahead of the leaf, and a sweep comes only every 50 ms.

@@ -7,7 +7,8 @@
 //! stop at the handle overran by 2 mm, which cost 19 N.
 //!
 //! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that shall be steady gives
-//! its turn to joint 1, and neither the hand nor the outline of the robot notices.
+//! its turn to joint 1, and neither the hand nor the outline of the robot notices. When the robot comes to rest, the arm
+//! alone moves the hand.
 //!
 //! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of
 //! theirs, the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini,
@@ -58,6 +59,8 @@ pub struct Motion {
     pub null: Rates,
     /// The base does not turn.
     pub steady: bool,
+    /// The base comes to rest, and the arm alone moves the hand.
+    pub rests: bool,
 }
 
 /// Remembers the last command, for the joint-limit weights and the acceleration limits, and the modelled response of
@@ -103,7 +106,7 @@ impl Resolver {
 
     /// Returns the rates for a motion with the joints at `q` (rad). `dt` (s) is the time since the last call.
     pub fn resolve(&mut self, q: &Joints, motion: &Motion, dt: f64) -> Resolved {
-        let Motion { twist_in_tool, null, steady } = motion;
+        let Motion { twist_in_tool, null, steady, rests } = motion;
         let forward = puma560::forward(q);
         let rotation = forward.base_from_tool.rotation;
         let linear = rotation * twist_in_tool.fixed_rows::<3>(0);
@@ -131,6 +134,10 @@ impl Resolver {
         let mut wanted = weighted * factor.solve(&(twist - jacobian * null)) + null;
         if *steady {
             wanted[JOINT_1] += std::mem::take(&mut wanted[YAW]);
+        }
+        if *rests {
+            let arm = puma560::rates_for(q, twist_in_tool);
+            wanted = Rates::from_fn(|i, _| if i < 3 { 0.0 } else { arm[i - 3] });
         }
         let fastest = Rates::from_fn(|i, _| if i < 3 { BASE_RATES_MAX[i] } else { puma560::RATES_MAX[i - 3] });
         let scaling = wanted.zip_map(&fastest, |rate, max| rate.abs() / max).max().max(1.0);
@@ -165,7 +172,7 @@ mod tests {
     use super::*;
 
     fn motion(twist_in_tool: Vector6<f64>, null: Rates) -> Motion {
-        Motion { twist_in_tool, null, steady: false }
+        Motion { twist_in_tool, null, steady: false, rests: false }
     }
 
     #[test]
@@ -196,6 +203,18 @@ mod tests {
         let jacobian = jacobian_in_base(&puma560::forward(&q));
         assert!((jacobian * (free - steady)).norm() < 1e-12, "the hand moves alike");
         assert!((free - steady).fixed_rows::<5>(4).norm() < 1e-12, "and so does the arm above its foot");
+    }
+
+    #[test]
+    fn a_base_at_rest_leaves_the_hand_to_the_arm() {
+        let q = puma560::door_posture() + Joints::new(0.4, -0.1, 0.2, 0.1, -0.2, 0.1);
+        let null = Rates::from_fn(|i, _| 0.02 * (i as f64 - 4.0));
+        let twist = Vector6::new(0.02, -0.03, 0.01, 0.05, -0.02, 0.04);
+        let rests = Motion { rests: true, ..motion(twist, null) };
+        let rates = Resolver::default().resolve(&q, &rests, 3.0).rates;
+        assert!(rates.fixed_rows::<3>(0).norm() <= 0.0, "{rates}");
+        let arm = puma560::rates_for(&q, &twist);
+        assert!((rates.fixed_rows::<6>(3) - arm).norm() < 1e-12, "{rates} {arm}");
     }
 
     #[test]

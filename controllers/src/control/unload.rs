@@ -6,7 +6,8 @@
 //! comes from something soft, such as a pressed lever, or from a door closer. Then the hand follows this force slowly.
 //! A pressed lever pushes less and less on the way, and the hand follows it until the force is nearly zero. A door
 //! closer keeps pushing, and giving way to it only shuts the door. So the hand returns to the place where its force had
-//! last fallen, and holds the door there. Speeds change gradually, because the door follows the hand with its mass.
+//! last fallen, and holds the door there. Speeds change gradually, because the door follows the hand with its mass. A
+//! hand that knows that it holds a door returns at once.
 //!
 //! Source: ours; an admittance as in [`super::compliant`], which explains the budget of its gain.
 
@@ -78,6 +79,8 @@ pub struct Unloading {
     place: Vector3<f64>,
     least: Option<Least>,
     phase: Phase,
+    /// Whether it follows a force that stays.
+    follows: bool,
     /// The speed that follows a force or goes back (m/s, tool axes).
     led: Vector3<f64>,
 }
@@ -176,12 +179,18 @@ impl Default for Unloading {
             place: Vector3::zeros(),
             least: None,
             phase: Phase::Relaxes,
+            follows: true,
             led: Vector3::zeros(),
         }
     }
 }
 
 impl Unloading {
+    /// Returns the unloading of a hand that holds a door: a force that stays is that of a closer.
+    pub fn of_a_door() -> Self {
+        Self { follows: false, ..Self::default() }
+    }
+
     /// Returns the velocity (m/s, rad/s, tool axes) that takes the load off a hand that feels `wrench_in_tool` (N, Nm),
     /// `dt` (s) after the last call; none once it is over. `delay` (s) is that of the force loop.
     pub fn update(&mut self, wrench_in_tool: &Vector6<f64>, delay: f64, dt: f64) -> Option<Vector6<f64>> {
@@ -200,7 +209,7 @@ impl Unloading {
             (least.place, least.force) = (self.place, size);
         }
         self.least = Some(least);
-        let means = self.means.update(&force, dt).filter(|_| self.time > LATE);
+        let means = self.means.update(&force, dt).filter(|_| self.time > LATE.max(delay + 2.0 * LOOK));
         self.phase = self.next(&Felt { force, slow, means, steady: STEADY.min(STEADY_DELAY / delay) }, &least);
         let wanted = match self.phase {
             Phase::Follows(Follow { force, .. }) => {
@@ -251,9 +260,10 @@ impl Unloading {
             }
             // A growing force comes from something other than the grasp, and is not pushed back.
             Phase::Relaxes if felt.means.is_some_and(|(mean, _)| mean.norm() > least.first + GROWN) => Phase::Ends,
-            Phase::Relaxes => felt
-                .that_stays()
-                .map_or(self.phase, |force| Phase::Follows(Follow { force, way: 0.0, fallen: (0.0, size) })),
+            Phase::Relaxes => felt.that_stays().map_or(self.phase, |force| {
+                let follow = Follow { force, way: 0.0, fallen: (0.0, size) };
+                if self.follows { Phase::Follows(follow) } else { Phase::Returns(follow) }
+            }),
             Phase::Follows(follow) => {
                 let follow =
                     Follow { force: felt.means.map_or(follow.force, |(mean, _)| follow.aimed(&mean)), ..follow };
@@ -358,30 +368,30 @@ mod tests {
         left: f64,
         /// The way of the leaf until the end (m).
         moved: f64,
-        /// Whether it has ended.
-        is_over: bool,
+        /// When it ended (s); none if it did not.
+        ended: Option<f64>,
     }
 
     impl Held {
         /// Unloads a hand that opened a door with 30 mm/s until now. It is strained by 28 N along y, where the leaf
         /// does not give; the closer pulls along z.
-        fn unload(&self) -> Course {
+        fn unload(&self, mut unloading: Unloading) -> Course {
             const STEP: f64 = 0.001;
             const DAMPING: f64 = 60.0;
             const FRICTION: f64 = 3.0;
             let Self { stiffness, delay, closer, mass } = *self;
-            let (mut unloading, mut random) = (Unloading::default(), Random::new(7));
+            let mut random = Random::new(7);
             let (mut hand, mut speed) = (Vector3::new(0.0, -28.0, -closer) / stiffness, Vector3::z() * -0.03);
             let (mut leaf, mut rate, mut command) = (0.0, -0.03, Vector3::zeros());
             let mut felt = VecDeque::from([Vector3::new(0.0, 28.0, closer)]);
-            let mut course = Course { most: 0.0, left: 0.0, moved: 0.0, is_over: false };
+            let mut course = Course { most: 0.0, left: 0.0, moved: 0.0, ended: None };
             for step in 0..4500 {
                 if step % 10 == 0 {
                     let noise = Vector3::from_fn(|_, _| random.normal(1.0));
                     let force = felt[0] + noise;
                     let twist = unloading.update(&Vector6::new(0.0, force.y, force.z, 0.0, 0.0, 0.0), 0.04 + delay, DT);
                     command = twist.map_or_else(Vector3::zeros, |twist| twist.fixed_rows::<3>(0).into());
-                    course.is_over = twist.is_none();
+                    course.ended = course.ended.or(twist.is_none().then_some(f64::from(step) * STEP));
                 }
                 speed += (command - speed) * (STEP / 0.03);
                 hand += speed * STEP;
@@ -407,13 +417,30 @@ mod tests {
             for delay in [0.01, 0.03, 0.06] {
                 for (closer, mass) in [(0.0, 10.0), (15.0, 10.0), (40.0, 33.0)] {
                     let held = Held { stiffness, delay, closer, mass };
-                    let Course { most, left, moved, is_over } = held.unload();
+                    let Course { most, left, moved, ended } = held.unload(Unloading::default());
                     // The leaf still moves when the hand stops: at most 30 mm/s with 33 kg in 48 kN/m, 38 N along z.
                     let first = if mass > 20.0 { 28f64.hypot(closer) + 14.0 } else { 28f64.hypot(closer) + 1.0 };
-                    assert!(is_over && most < first, "{held:?}: {most} N");
+                    assert!(ended.is_some() && most < first, "{held:?}: {most} N");
                     // Friction and noise keep a part of the hand's way back.
                     assert!(left < closer + 16.0 && moved < 0.035, "{held:?}: {left} N left, {moved} m");
                     assert!(closer > 0.0 || left < AT_EASE, "{held:?}: {left} N left");
+                }
+            }
+        }
+    }
+
+    /// A hand that follows a closer moves its leaf by up to 35 mm, and takes up to 2.9 s.
+    #[test]
+    fn a_hand_that_holds_a_door_hardly_moves_it() {
+        for stiffness in [48_000.0, 16_000.0] {
+            for delay in [0.01, 0.06, 0.3] {
+                for (closer, mass) in [(0.0, 10.0), (15.0, 10.0), (40.0, 33.0)] {
+                    let held = Held { stiffness, delay, closer, mass };
+                    let Course { most, left, moved, ended } = held.unload(Unloading::of_a_door());
+                    let first = 28f64.hypot(closer) + if mass > 20.0 { 14.0 } else { 1.0 };
+                    let limit = if delay > 0.1 { TIME_MAX } else { 2.0 };
+                    assert!(most < first && ended.is_some_and(|time| time < limit), "{held:?}: {most} N, {ended:?} s");
+                    assert!(left < closer + 10.0 && moved < 0.012, "{held:?}: {left} N left, {moved} m");
                 }
             }
         }

@@ -10,7 +10,6 @@ use crate::control::ramp::towards;
 use crate::control::unload::Unloading;
 use crate::message::{ArmCommand, ArmState, FtState, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Parameter, Progress, Stopping, Tick};
-use comms::logic::time::Time;
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
@@ -24,6 +23,8 @@ const STOP_WITHIN: Duration = Duration::from_millis(3500);
 /// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be
 /// wrong.
 const FORCE_IN_A_ROW: u32 = 4;
+/// An arm that stops does not move a hand whose load is off, unless the force has grown by this much (N).
+const GROWN: f64 = 12.0;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
@@ -64,6 +65,8 @@ struct Servo {
     watch: Watch,
     overload: Debounce,
     unloading: Unloading,
+    /// The force on a hand whose load is off (N).
+    held: Option<f64>,
     resting: Duration,
     grant: Grant,
 }
@@ -76,12 +79,12 @@ impl Servo {
         let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
         let (follow, unloading, resting) = (Follow::default(), Unloading::default(), Duration::ZERO);
         let overload = Debounce::new(FORCE_IN_A_ROW);
-        Ok(Self { owner, command, follow, watch, overload, unloading, resting, grant })
+        Ok(Self { owner, command, follow, watch, overload, unloading, held: None, resting, grant })
     }
 
     fn begin(&mut self) -> Result<(), String> {
         (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
-        (self.follow, self.unloading) = (Follow::default(), Unloading::default());
+        (self.follow, self.unloading, self.held) = (Follow::default(), Unloading::default(), None);
         self.overload = Debounce::new(FORCE_IN_A_ROW);
         self.grant.begin()
     }
@@ -89,8 +92,16 @@ impl Servo {
     /// Takes a new sample of the wrist sensor, if there is one; returns why the arm has to stop, and let go, if it
     /// must.
     fn overloaded(&mut self, force: Option<&FtState>) -> Option<String> {
-        let size = Vector3::from(force?.force).norm();
-        self.overload.update(size > FORCE_MAX).then(|| format!("the force on the hand exceeds {FORCE_MAX:.0} N"))
+        self.overload
+            .update(size(force?) > FORCE_MAX)
+            .then(|| format!("the force on the hand exceeds {FORCE_MAX:.0} N"))
+    }
+
+    /// Takes whether another law has taken the load off the hand, and a new sample of the wrist sensor.
+    fn hold(&mut self, tick: Tick, rests: bool, force: Option<&FtState>) {
+        self.held = force.map(size).or(self.held).filter(|_| rests);
+        let still = self.held.is_some() && self.command.amax() <= 0.0;
+        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
     }
 
     /// Sends the command that brings the joints to `wanted` (rad/s), if it may.
@@ -147,7 +158,7 @@ impl Servo {
         self.command = self.command.zip_map(wanted, |rate, wanted| towards(rate, wanted, step));
     }
 
-    /// Takes the load off the hand and moves the command to rest, then lets go of the arm.
+    /// Takes the load off the hand unless another law has done so, moves the command to rest, then lets go of the arm.
     fn stop(
         &mut self,
         tick: Tick,
@@ -158,6 +169,10 @@ impl Servo {
     ) -> Stopping {
         let felt = state.fresh_within(tick.now, FRESH).zip(force.fresh_within(tick.now, FRESH));
         let wanted = felt.and_then(|(state, wrench)| {
+            self.held = self.held.filter(|held| size(wrench) < held + GROWN);
+            if self.held.is_some() {
+                return None;
+            }
             let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
             let delay = loop_delay(force.age(tick.now).unwrap_or_default().as_secs_f64());
             let twist = self.unloading.update(&Vector6::new(x, y, z, a, b, c), delay, ramp_dt(tick))?;
@@ -174,6 +189,11 @@ impl Servo {
         }
         if self.grant.is_over(tick.now, rests, lock) { Stopping::Finished } else { Stopping::Again }
     }
+}
+
+/// Returns the size of a force (N).
+fn size(wrench: &FtState) -> f64 {
+    Vector3::from(wrench.force).norm()
 }
 
 /// Sends a new sample of the encoders to the readers of the joints, if there is one.
@@ -230,7 +250,11 @@ impl Controller for Puma560Ctrl {
         if let Some(why) = self.servo.overloaded(inputs.force.fresh()) {
             return Progress::Aborted(why);
         }
-        let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
+        let order = inputs.rates.fresh_within(tick.now, FRESH);
+        if let Some(order) = order {
+            self.servo.hold(tick, order.rests, inputs.force.fresh());
+        }
+        let wanted = order.map_or_else(Joints::zeros, |order| order.rates.into());
         let state = inputs.state.fresh_within(tick.now, SENSED);
         self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
     }
@@ -325,9 +349,11 @@ pub(super) struct Puma560 {
 }
 
 impl Puma560 {
-    fn wanted(now: Time, inputs: &ArmInputs) -> Option<Joints> {
-        let state = inputs.state.fresh_within(now, SENSED)?;
-        let velocity = inputs.velocity.fresh_within(now, FRESH)?;
+    fn wanted(&mut self, tick: Tick, inputs: &ArmInputs) -> Option<Joints> {
+        let state = inputs.state.fresh_within(tick.now, SENSED)?;
+        let velocity = inputs.velocity.fresh_within(tick.now, FRESH)?;
+        let rests = velocity.moves_nothing() && (velocity.rests || self.servo.held.is_some());
+        self.servo.hold(tick, rests, inputs.force.fresh());
         Some(puma560::rates_for(&state.angles.into(), &Vector6::from(velocity.twist)))
     }
 }
@@ -359,7 +385,7 @@ impl Controller for Puma560 {
         if let Some(why) = self.servo.overloaded(inputs.force.fresh()) {
             return Progress::Aborted(why);
         }
-        let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
+        let wanted = self.wanted(tick, inputs).unwrap_or_else(Joints::zeros);
         let state = inputs.state.fresh_within(tick.now, SENSED);
         self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
     }

@@ -61,6 +61,8 @@ impl Xr4000Ctrl {
     fn step(&mut self, tick: Tick, wanted: [f64; 3]) -> [f64; 3] {
         let steps = BASE_ACCELERATION_MAX.map(|most| most * ramp_dt(tick));
         self.command = towards_together(&self.command, &wanted, &steps);
+        let still = self.command.iter().all(|rate| rate.abs() <= 0.0);
+        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         self.command
     }
 
@@ -135,8 +137,6 @@ impl Controller for Xr4000Ctrl {
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
         let wanted = self.retreat(tick, &inputs.state);
         let velocity = self.step(tick, wanted);
-        let still = velocity.iter().all(|v| v.abs() <= 0.0);
-        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         let rests = self.resting >= SETTLING;
         if let Right::Command(fence) = self.grant.keep(tick.now, &mut outputs.lock) {
             Self::send((!rests).then_some(velocity), fence, outputs);

@@ -79,7 +79,8 @@ pub(super) struct AddInputs {
     third: In<Velocity>,
 }
 
-/// Adds velocities; an input without recent values counts as zero. The base is steady if one input asks for it.
+/// Adds velocities; an input without recent values counts as zero. The base is steady if one input asks for it. A
+/// velocity that brings the hand to rest goes on alone.
 #[derive(Debug)]
 pub(super) struct AddVelocity;
 
@@ -101,13 +102,17 @@ impl Controller for AddVelocity {
     fn main_calc(&mut self, tick: Tick, inputs: &AddInputs, outputs: &mut Outputs) -> Progress {
         let all: [&In<Velocity>; 3] = [&inputs.first, &inputs.second, &inputs.third];
         let fresh = || all.iter().filter_map(|input| input.fresh_within(tick.now, FRESH));
+        if let Some(rests) = fresh().find(|velocity| velocity.rests) {
+            outputs.velocity.send(rests.clone());
+            return Progress::Continue;
+        }
         let null: SVector<f64, 9> = fresh().map(|velocity| SVector::from(velocity.null)).sum();
         let twist: SVector<f64, 6> = fresh().map(|velocity| SVector::from(velocity.twist)).sum();
         let linear = Vector3::new(twist[0], twist[1], twist[2]).cap_magnitude(LINEAR_MAX);
         let angular = Vector3::new(twist[3], twist[4], twist[5]).cap_magnitude(ANGULAR_MAX);
         let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
         let steady = fresh().any(|velocity| velocity.steady);
-        outputs.velocity.send(Velocity { twist, null: null.into(), steady });
+        outputs.velocity.send(Velocity { twist, null: null.into(), steady, rests: false });
         Progress::Continue
     }
 

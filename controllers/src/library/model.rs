@@ -6,6 +6,7 @@ use crate::control::caster::Pose;
 use crate::control::clearance::{Memory, ROOM_MIN, clearance};
 use crate::control::compliant::loop_delay;
 use crate::control::door::{Failure, Opening, Posture, Pull};
+use crate::control::filter::{Despike, LowPass};
 use crate::control::history::History;
 use crate::control::landmark::Landmark;
 use crate::control::leaf::{Leaf, Wall};
@@ -13,6 +14,7 @@ use crate::control::line::horizontal;
 use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
 use crate::control::puma560;
 use crate::control::swing::Opens;
+use crate::control::unload::Unloading;
 use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick};
 use comms::logic::signals::Signal;
@@ -37,6 +39,10 @@ const REMEMBERED: f64 = 0.03;
 const HELD: f64 = 0.3;
 const HELD_DEPTH: f64 = 0.16;
 const HELD_BESIDE: f64 = 0.3;
+/// A force that differs by this much from the force when the load was off (N) has changed. And the frequency below which
+/// a part of the force counts for that (Hz).
+const CHANGED: f64 = 8.0;
+const LEFT_SLOW: f64 = 2.0;
 /// The longest wait at rest for inputs that are too old.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -90,9 +96,8 @@ pub(super) struct ModelBasedCtrl {
     anchor: Anchor,
     poses: History<3>,
     joints: History<6>,
-    angle: f64,
-    /// Its pull, where that is gone (N), and how much everything is slowed down.
-    effort: [f64; 3],
+    pull: Option<Pull>,
+    rest: Rest,
     /// As seen last.
     leaf: Option<Leaf>,
     /// The last observed distance from the robot to the nearest obstacle (m).
@@ -100,6 +105,50 @@ pub(super) struct ModelBasedCtrl {
     /// The time since every input was fresh.
     blind: Duration,
     spent: Duration,
+}
+
+/// The end of an opening: the hand takes off its load, and stays where it is as long as the force stays.
+#[derive(Debug)]
+struct Rest {
+    despike: Despike,
+    slow: LowPass<3>,
+    unloading: Unloading,
+    /// The force when the load was off (N, tool axes).
+    left: Option<Vector3<f64>>,
+}
+
+impl Default for Rest {
+    fn default() -> Self {
+        let (despike, slow) = (Despike::default(), LowPass::new(LEFT_SLOW));
+        Self { despike, slow, unloading: Unloading::of_a_door(), left: None }
+    }
+}
+
+impl Rest {
+    /// Takes the wrench on the hand (N, Nm, tool axes), `dt` (s) after the last one. Returns the slow part of its force.
+    fn feel(&mut self, wrench: &Vector6<f64>, dt: f64) -> Vector3<f64> {
+        let force: Vector3<f64> = self.despike.update(wrench).fixed_rows::<3>(0).into();
+        self.slow.update(&force.into(), dt).into()
+    }
+
+    /// Begins again: the load is not off yet.
+    fn restart(&mut self) {
+        (self.unloading, self.left) = (Unloading::of_a_door(), None);
+    }
+
+    /// Returns the velocity of a hand at rest that feels `wrench` (N, Nm, tool axes), with a slow part of its force, `dt`
+    /// (s) after the last call; `delay` (s) is that of the force loop.
+    fn velocity(&mut self, wrench: &Vector6<f64>, slow: Vector3<f64>, delay: f64, dt: f64) -> Velocity {
+        if self.left.is_some_and(|left| (slow - left).norm() > CHANGED) {
+            // A visitor pushes, or the leaf moves.
+            self.restart();
+        }
+        let twist = if self.left.is_none() { self.unloading.update(wrench, delay, dt) } else { None };
+        if twist.is_none() {
+            self.left.get_or_insert(slow);
+        }
+        Velocity { rests: true, ..Velocity::of_hand(twist.unwrap_or_default().into()) }
+    }
 }
 
 /// Keeps poses of the odometry consistent when the odometry restarts.
@@ -186,6 +235,21 @@ impl ModelBasedCtrl {
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
         self.leaf
+    }
+
+    /// Returns the velocity of the hand: that of the law, or that of a hand at rest, which takes off its load.
+    fn velocity(&mut self, known: &Known, pull: &Pull, delay: f64, dt: f64) -> Velocity {
+        let slow = self.rest.feel(&known.wrench, dt);
+        if self.watch.is_at_rest() {
+            return self.rest.velocity(&known.wrench, slow, delay, dt);
+        }
+        self.rest.restart();
+        let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
+        let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
+        // The angle of a leaf whose wall is out of sight depends on how the wheels turn the base: so they do not turn
+        // it.
+        let steady = self.opening.as_ref().is_some_and(Opening::pushes) || self.wall.turned().is_some();
+        Velocity { twist: pull.twist_in_tool.into(), null, steady, rests: false }
     }
 
     /// Takes where the hinge is by a leaf that the hand holds, for a base at `at`.
@@ -324,8 +388,8 @@ impl Controller for ModelBasedCtrl {
             anchor: Anchor::default(),
             poses: History::default(),
             joints: History::default(),
-            angle: 0.0,
-            effort: [f64::NAN; 3],
+            pull: None,
+            rest: Rest::default(),
             leaf: None,
             room: None,
             blind: Duration::ZERO,
@@ -334,7 +398,8 @@ impl Controller for ModelBasedCtrl {
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.opening, self.angle, self.leaf, self.room) = (None, 0.0, None, None);
+        (self.opening, self.pull, self.leaf, self.room) = (None, None, None, None);
+        self.rest = Rest::default();
         (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
         (self.stuck, self.swept_from, self.anchor) = (StuckLaser::default(), None, Anchor::default());
         (self.landmark, self.memory) = (Landmark::default(), Memory::default());
@@ -371,21 +436,16 @@ impl Controller for ModelBasedCtrl {
         // A door that is pushed is slower anyway, and does not run into the hand.
         let slowest = if opening.pushes() { PUSH_PACE_MIN } else { PACE_MIN };
         let pace = (left / BRAKE).clamp(slowest, 1.0).min(room) * self.watch.pace();
-        let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
-        let pull = opening.update(&posture, &known.wrench, pace, loop_delay(age), tick.dt());
+        let delay = loop_delay(inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64());
+        let pull = opening.update(&posture, &known.wrench, pace, delay, tick.dt());
         let (radius, sense, askew) = (opening.hinge().radius(), opening.sense(), opening.askew());
-        (self.angle, self.effort) = (pull.angle, pull.effort);
+        self.pull = Some(pull);
         let leaf = self.look(inputs, sense, askew);
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
             let is_in_sight = self.wall.turned().is_none();
             opening.see(sense * leaf.angle, self.wall.radius().filter(|_| is_in_sight));
         }
-        let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
-        let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
-        // The angle of a leaf whose wall is out of sight depends on how the wheels turn the base: so they do not turn
-        // it.
-        let steady = self.opening.as_ref().is_some_and(Opening::pushes) || self.wall.turned().is_some();
-        outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null, steady });
+        outputs.velocity.send(self.velocity(&known, &pull, delay, tick.dt()));
         outputs.guide.send(Constraint {
             tangent: pull.guide.tangent_in_tool.into(),
             up: pull.guide.up_in_tool.into(),
@@ -395,21 +455,23 @@ impl Controller for ModelBasedCtrl {
         let (seen_radius, turned) = (self.wall.radius(), self.wall.turned());
         let way = self.opening.as_ref().map_or(0.0, Opening::way);
         let (believed, moved) = (pull.angle, self.landmark.turned());
-        let evidence = Evidence { width: known.width, believed, leaf, radius, seen_radius, turned, moved, way };
+        let (width, unloaded) = (known.width, self.rest.left.is_some());
+        let evidence = Evidence { width, believed, leaf, radius, seen_radius, turned, moved, way, unloaded };
         self.result(&pull, &evidence)
     }
 
     fn signals(&self) -> Vec<Signal> {
         let radius = self.opening.as_ref().map_or(f64::NAN, |opening| opening.hinge().radius());
+        let [pull, pull_max, pace] = self.pull.map_or([f64::NAN; 3], |pull| pull.effort);
         let seen = |angle: fn(Leaf) -> f64| self.leaf.map_or(f64::NAN, |leaf| angle(leaf).to_degrees());
         let signal =
             |name: &str, unit: &str, value| Signal { name: name.into(), unit: unit.into(), value, headline: false };
         vec![
-            signal("estimated angle", "deg", self.angle.to_degrees()),
+            signal("estimated angle", "deg", self.pull.map_or(0.0, |pull| pull.angle).to_degrees()),
             signal("estimated radius", "m", radius),
-            signal("pull", "N", self.effort[0]),
-            signal("largest pull", "N", self.effort[1]),
-            signal("pace", "", self.effort[2]),
+            signal("pull", "N", pull),
+            signal("largest pull", "N", pull_max),
+            signal("pace", "", pace),
             signal("seen angle", "deg", seen(|leaf| leaf.angle)),
             signal("slip at most", "deg", self.watch.slip().to_degrees()),
             signal("hand turned", "deg", seen(|leaf| leaf.hand)),

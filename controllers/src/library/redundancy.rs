@@ -38,6 +38,7 @@ pub(super) struct Outputs {
 pub(super) struct RedundancyResolution {
     resolver: Resolver,
     watch: Watch,
+    rests: bool,
     singular_value: f64,
     scaling: f64,
 }
@@ -74,7 +75,8 @@ impl Controller for RedundancyResolution {
         let rates = match (joints, inputs.velocity.fresh_within(tick.now, FRESH)) {
             (Some(joints), Some(velocity)) => {
                 let (twist_in_tool, null) = (Vector6::from(velocity.twist), Rates::from(velocity.null));
-                let motion = Motion { twist_in_tool, null, steady: velocity.steady };
+                let motion = Motion { twist_in_tool, null, steady: velocity.steady, rests: velocity.rests };
+                self.rests = velocity.moves_nothing() && (velocity.rests || self.rests);
                 let resolved = self.resolver.resolve(&joints.angles.into(), &motion, ramp_dt(tick));
                 self.singular_value = resolved.singular_value_min;
                 self.scaling = resolved.scaling;
@@ -87,7 +89,7 @@ impl Controller for RedundancyResolution {
             }
         };
         outputs.base.send(BaseVelocity { rates: std::array::from_fn(|i| rates[i]) });
-        outputs.arm.send(JointVelocity { rates: std::array::from_fn(|i| rates[i + 3]) });
+        outputs.arm.send(JointVelocity { rates: std::array::from_fn(|i| rates[i + 3]), rests: self.rests });
         Progress::Continue
     }
 

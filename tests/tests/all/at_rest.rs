@@ -81,6 +81,63 @@ fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
     }
 }
 
+/// A hand at rest before an open door, which takes off its load.
+fn takes_off_its_load(simulation: &Simulation) -> bool {
+    simulation.signal("/dooropen/model", "pace") <= 0.0
+}
+
+#[test]
+fn a_mission_that_is_done_leaves_the_arm_without_load() {
+    for world in [
+        "seed = 7, closer = 0 Nm, closer_rate = 0, friction = 8 Nm",
+        "seed = 8, closer = 0 Nm, closer_rate = 0, stiffness = 40000 N/m",
+        "seed = 9, closer = 0 Nm, closer_rate = 0, swing = \"push\", friction = 6 Nm",
+    ] {
+        let (mut since, mut done) = (None, None);
+        let end = fly(DOOR, world, &mut |simulation| {
+            if takes_off_its_load(simulation) {
+                since.get_or_insert(simulation.now());
+            }
+            if !simulation.is_any_active("/dooropen/") && since.is_some() {
+                done.get_or_insert(simulation.now());
+            }
+        });
+        expect_at_rest(world, &end, "done");
+        assert!(end.angle > 64.0 && done.zip(since).is_some(), "{world}: {end:?}");
+    }
+}
+
+/// Each of these happens 0.2 s after the hand has come to rest before the open door.
+#[test]
+fn a_stop_or_a_failure_while_the_load_is_taken_off_leaves_the_arm_without_load() {
+    type Meddle = fn(&mut Simulation);
+    let troubles: [(&str, Meddle, &str); 4] = [
+        ("a stop", Simulation::stop, "done"),
+        ("the law dies", |simulation| assert!(simulation.crash("/dooropen/model")), "SIGKILL"),
+        ("the sum dies", |simulation| assert!(simulation.crash("/dooropen/add")), "SIGKILL"),
+        (
+            "the controller of the force sensor dies",
+            |simulation| assert!(simulation.crash("/dooropen/force")),
+            "SIGKILL",
+        ),
+    ];
+    for (what, meddle, reason) in troubles {
+        let (mut since, mut is_over) = (None, false);
+        let end = fly(DOOR, "seed = 9, closer = 0 Nm, closer_rate = 0", &mut |simulation| {
+            if takes_off_its_load(simulation) && !is_over {
+                let since = *since.get_or_insert(simulation.now());
+                if simulation.now().since(since) >= Duration::from_millis(200) {
+                    is_over = true;
+                    meddle(simulation);
+                }
+            }
+        });
+        assert!(is_over, "{what}: the door was not open");
+        expect_at_rest(what, &end, reason);
+        assert!(end.angle > 60.0, "{what}: {end:?}");
+    }
+}
+
 /// The fingers keep holding an open door: the pull of a closer stays, and so does the door.
 #[test]
 fn a_door_that_is_open_is_not_let_go_of() {

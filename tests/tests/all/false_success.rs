@@ -192,6 +192,36 @@ fn an_arm_that_comes_to_rest_keeps_a_stiff_grasp() {
     }
 }
 
+/// A visitor pushes the hand more and more, and the lever slips out shortly before the end of the mission. The law had
+/// said by then that the door was open, and the closer shut the door before the arm had come to rest.
+#[test]
+fn a_lever_that_slips_out_before_the_end_of_the_mission_is_lost() {
+    let mut lost = 0;
+    for step in 0..10 {
+        let at = 35.6 + 0.2 * f64::from(step);
+        let visitor = format!("push_at = {at:.2} s, push = 200 N");
+        let arguments = format!("seed = 3, closer = 20 Nm, slip_force = 40 N, {visitor}");
+        let mission = Mission { arguments, ..Mission::nominal() };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        assert!(!outcome.is_false(), "{at} s: {outcome:?}");
+        lost += u32::from(outcome.reason().contains("lost the handle"));
+    }
+    assert!(lost > 6, "{lost}");
+}
+
+/// Each sensor fails at 67 degrees, before the door is known to stay open.
+#[test]
+fn a_sensor_that_fails_at_the_end_opens_no_door() {
+    for sensor in ["arm", "base", "force", "gripper", "laser"] {
+        for how in ["silent", "repeats", "restamps"] {
+            let fails = format!("fails = \"{sensor}\", fails_how = \"{how}\", fails_door = 67 deg, fails_for = 60 s");
+            let mission = Mission { arguments: format!("seed = 3, {fails}"), ..Mission::nominal() };
+            let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+            assert!(!outcome.is_false() && outcome.worst < FORCE_MAX, "{fails}: {outcome:?}");
+        }
+    }
+}
+
 /// With a sensor that is 23 N off after it was set to zero the laws pulled with 105 N.
 #[test]
 fn a_force_sensor_that_is_not_at_zero_is_refused() {
