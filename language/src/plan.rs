@@ -50,6 +50,10 @@ pub const LEAVES_MAX: usize = 10_000;
 
 /// The controller type of the bridge to ROS 2, which is added to a plan with topics.
 pub const BRIDGE: &str = "RosBridge";
+/// The controller type that has the ports of an activity. A plan has one for each activity with connections.
+pub const PORTS: &str = "ActivityPorts";
+/// The program that offers it, beside that of the node.
+pub const PORTS_PROGRAM: &str = "dca-controller";
 /// The variables of ROS 2 that say which network is meant.
 pub(crate) const ROS_VARIABLES: [&str; 3] = ["ROS_DISTRO", "ROS_DOMAIN_ID", "ZENOH_CONFIG_OVERRIDE"];
 /// The program of the bridge, beside that of the node. A leaf whose `exec` begins with this word is started by it.
@@ -99,6 +103,20 @@ impl Plan {
     pub fn is_service(&self, leaf: u32) -> bool {
         let mut members = self.groups.iter().flat_map(|group| &group.members);
         members.any(|member| member.service && member.kind == MemberKind::Leaf(leaf))
+    }
+
+    /// Returns the slot and the leaf that has the ports of a group, if the group is an activity with connections.
+    pub fn ports_of(&self, group: u32) -> Option<(u32, u32)> {
+        let group = self.groups.get(group as usize)?;
+        (0_u32..).zip(&group.members).find_map(|(slot, member)| match member.kind {
+            MemberKind::Leaf(leaf) if self.has_ports(leaf) && !member.name.is_empty() => Some((slot, leaf)),
+            MemberKind::Leaf(_) | MemberKind::Group(_) => None,
+        })
+    }
+
+    /// Returns whether a leaf has the ports of an activity.
+    pub fn has_ports(&self, leaf: u32) -> bool {
+        self.leaves.get(leaf as usize).is_some_and(|leaf| leaf.module == PORTS)
     }
 
     /// Returns the ends of a wire: `main/a, Out -> main/b, In`.
@@ -453,9 +471,13 @@ impl Expression {
         }
     }
 
-    /// Returns the tags that it gives itself, `P as found`, in the order of the text.
+    /// Returns the tags that it gives itself, `P as found` or `-> done(found)`, in the order of the text.
     pub fn tags(&self) -> Vec<&str> {
         let own = if let Self::Tagged { tag, .. } = self { Some(tag.as_str()) } else { None };
-        own.into_iter().chain(self.operands().into_iter().flat_map(Self::tags)).collect()
+        let ends = if let Self::Chart(chart) = self { Some(chart.outcomes()) } else { None };
+        own.into_iter()
+            .chain(ends.into_iter().flatten())
+            .chain(self.operands().into_iter().flat_map(Self::tags))
+            .collect()
     }
 }

@@ -429,12 +429,14 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     proved(asked.stops, "every stop ends");
 }
 
-/// The members of groups that no step names, as the reader calls them.
+/// The members of groups that no step names, as the reader calls them. The ports of an activity run without a step.
 fn unused(model: &Model<'_>) -> Vec<String> {
     let mut unused = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         let runs = crate::model::runs(&source.expression);
-        let slots = (0_u32..).zip(&source.members).map(|(slot, _)| slot).filter(|slot| !runs.contains(slot));
+        let ports = model.plan.ports_of(group).map(|(slot, _)| slot);
+        let slots = (0_u32..).zip(&source.members).map(|(slot, _)| slot);
+        let slots = slots.filter(|slot| !runs.contains(slot) && ports != Some(*slot));
         unused.extend(slots.map(|slot| format!("`{}`", model.name(group, slot))));
     }
     unused

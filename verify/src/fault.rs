@@ -183,7 +183,10 @@ fn strikes(model: &Model<'_>) -> Vec<Strike> {
     let mut strikes = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         for (slot, member) in (0_u32..).zip(&source.members) {
-            if let MemberKind::Leaf(leaf) = member.kind {
+            // The ports of an activity are in no event action, so the activity goes on without them.
+            if let MemberKind::Leaf(leaf) = member.kind
+                && !model.plan.has_ports(leaf)
+            {
                 let name = short(&model.plan.leaves[leaf as usize].path);
                 let target = Target::Program(group, slot);
                 let kinds = crashes(model, group, leaf).into_iter().chain([FaultKind::Hang, FaultKind::Unanswered]);

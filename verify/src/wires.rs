@@ -109,8 +109,8 @@ pub(crate) fn lines(model: &Model<'_>) -> Vec<Line> {
         for (set, source) in (0_u32..).zip(&source.sets) {
             for &wire in &source.wires {
                 let ends = &model.plan.wires[wire as usize];
-                // Any number may call one thing, and nothing is sent.
-                if ends.transfer == Transfer::Call {
+                // Any number may call one thing, and nothing is sent. Any number may send to an activity, which takes each message.
+                if ends.transfer == Transfer::Call || model.plan.has_ports(ends.to.leaf) {
                     continue;
                 }
                 let member = |leaf| holder(model, group, leaf);

@@ -6,6 +6,7 @@ use super::event::Command;
 use super::select::Cue;
 use super::shape::Automaton;
 use crate::algebra::{Cause, Reason, Value};
+use crate::plan::text_value;
 
 /// Carries out one block of actions. An error ends the block, and the first error is kept.
 pub(super) fn carry_out(
@@ -34,20 +35,23 @@ pub(super) fn carry_out(
             Action::Send { output, value } => {
                 commands.push(Command::Send { output: *output, value: value_of(configuration, value, event) });
             }
-            Action::Log(fragments) => {
-                let text = |fragment: &Fragment| match fragment {
-                    Fragment::Text(text) => text.clone(),
-                    Fragment::Number(formula) => formula.value(configuration).to_string(),
-                    Fragment::Name(formula, names) => {
-                        let value = formula.value(configuration);
-                        let name = usize::try_from(value).ok().and_then(|value| names.get(value));
-                        name.cloned().unwrap_or_else(|| value.to_string())
-                    }
-                };
-                commands.push(Command::Log(fragments.iter().map(text).collect()));
-            }
+            Action::Log(fragments) => commands.push(Command::Log(text_of(configuration, fragments))),
         }
     }
+}
+
+/// The text that fragments are together.
+fn text_of(configuration: &Configuration, fragments: &[Fragment]) -> String {
+    let text = |fragment: &Fragment| match fragment {
+        Fragment::Text(text) => text.clone(),
+        Fragment::Number(formula) => formula.value(configuration).to_string(),
+        Fragment::Name(formula, names) => {
+            let value = formula.value(configuration);
+            let name = usize::try_from(value).ok().and_then(|value| names.get(value));
+            name.cloned().unwrap_or_else(|| value.to_string())
+        }
+    };
+    fragments.iter().map(text).collect()
 }
 
 /// The value that a source stands for.
@@ -56,6 +60,16 @@ pub(super) fn value_of(configuration: &Configuration, source: &ValueSource, even
         ValueSource::Constant(value) => value.clone(),
         ValueSource::Slot(slot) => configuration.slots[*slot].clone(),
         ValueSource::Event => event.clone(),
+        ValueSource::Tagged { tag, of } => {
+            let value = value_of(configuration, of, event);
+            Value::tagged(tag, value.bytes()).unwrap_or(value)
+        }
+        ValueSource::Text(fragments) => text_value(&text_of(configuration, fragments)),
+        ValueSource::Number(formula) => {
+            #[expect(clippy::cast_precision_loss, reason = "programs have numbers of 64 bits with a fraction")]
+            let number = formula.value(configuration) as f64;
+            Value::new(&number.to_le_bytes())
+        }
     }
 }
 

@@ -191,6 +191,17 @@ pub enum ValueSource {
     Slot(usize),
     /// The value of the event: of a message, of the end of a run, or of the start.
     Event,
+    /// A value behind the tag of an outcome.
+    Tagged {
+        /// The tag.
+        tag: String,
+        /// The value.
+        of: Box<Self>,
+    },
+    /// A text that is put together, as a program reads it.
+    Text(Vec<Fragment>),
+    /// The value of a formula, as a program reads a number.
+    Number(Formula),
 }
 
 /// Something that an activity does at a moment.

@@ -3,6 +3,7 @@
 use super::chart::{Action, Chart, Fragment, StateKind, Target, Transition, Trigger, ValueSource};
 use super::configuration::Configuration;
 use super::formula::Formula;
+use crate::algebra::TAG_MAX;
 use crate::plan::DEPTH_MAX;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -298,10 +299,14 @@ impl Automaton {
             }
             Action::Raise(_) => Ok(()),
             Action::Send { value, .. } => self.check_value(value),
-            Action::Log(fragments) => fragments.iter().try_for_each(|fragment| match fragment {
-                Fragment::Text(_) => Ok(()),
-                Fragment::Number(formula) | Fragment::Name(formula, _) => self.check_formula(formula, 1),
-            }),
+            Action::Log(fragments) => self.check_fragments(fragments),
+        })
+    }
+
+    fn check_fragments(&self, fragments: &[Fragment]) -> Result<(), ChartError> {
+        fragments.iter().try_for_each(|fragment| match fragment {
+            Fragment::Text(_) => Ok(()),
+            Fragment::Number(formula) | Fragment::Name(formula, _) => self.check_formula(formula, 1),
         })
     }
 
@@ -309,6 +314,15 @@ impl Automaton {
         match value {
             ValueSource::Slot(slot) if *slot >= self.chart.slots => Err(ChartError::Missing(format!("slot {slot}"))),
             ValueSource::Slot(_) | ValueSource::Constant(_) | ValueSource::Event => Ok(()),
+            ValueSource::Tagged { of, .. } if matches!(**of, ValueSource::Tagged { .. }) => {
+                Err(ChartError::Missing("a value with one tag".to_owned()))
+            }
+            ValueSource::Tagged { tag, .. } if tag.is_empty() || tag.len() > TAG_MAX => {
+                Err(ChartError::Missing(format!("a tag of 1 to {TAG_MAX} bytes: `{tag}`")))
+            }
+            ValueSource::Tagged { of, .. } => self.check_value(of),
+            ValueSource::Text(fragments) => self.check_fragments(fragments),
+            ValueSource::Number(formula) => self.check_formula(formula, 1),
         }
     }
 

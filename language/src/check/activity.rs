@@ -6,20 +6,22 @@ mod endless;
 mod filter;
 mod formula;
 mod notice;
+mod outcome;
 mod question;
 mod remarks;
 mod shape;
 mod state;
 mod transition;
 
+use super::declare;
 use super::expression::{Group, useless_labels};
 use super::names::{listed, twice};
-use super::spec::{ChartModel, Expr, ExprKind};
+use super::spec::{ChartModel, Direction, Expr, ExprKind, Outcome, Port};
 use crate::automaton::{Automaton, Chart, Variable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Filter, Notice, Question, StateChart};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Number, Port};
+use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::{Name, Node};
 use domain::Domain;
 use std::collections::BTreeMap;
@@ -39,6 +41,7 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     let span = node.title().map_or(node.span(), |name| name.span);
     let mut reader = ActivityReader::new(group);
     reader.ports(node);
+    reader.outcomes(node);
     reader.variables(node);
     reader.states(node);
     let runs = reader.take_runs();
@@ -53,8 +56,12 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     let (places, labels): (Vec<Span>, Vec<String>) = written.map(|written| (written.span, written.label)).unzip();
     let run_labels = runs.iter().map(|(state, _)| reader.run_label(*state)).collect();
     let states: BTreeMap<usize, Span> = reader.names.values().map(|(state, name)| (*state, name.span)).collect();
-    let (is_sound, chart) = (reader.is_sound, reader.chart());
+    let chart = reader.chart();
+    reader.check_outcomes(&chart, span);
+    let is_sound = reader.is_sound;
     let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
+    let ActivityInterface { inputs: mut ports, outputs, outcomes } = reader.interface;
+    ports.extend(outputs);
     if let Some(diagnostic) = useless_labels(group) {
         group.diagnostics().push(diagnostic);
     }
@@ -64,7 +71,16 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     }
     Some(Expr {
         span,
-        kind: ExprKind::Chart(Box::new(ChartModel { chart, runs, notices, places, labels, run_labels })),
+        kind: ExprKind::Chart(Box::new(ChartModel {
+            chart,
+            runs,
+            notices,
+            places,
+            labels,
+            run_labels,
+            ports,
+            outcomes,
+        })),
     })
 }
 
@@ -77,6 +93,14 @@ struct Heard {
     /// The signals, with whether each is raised.
     signals: Vec<(Name, bool)>,
     questions: Vec<Question>,
+}
+
+/// The parts of an activity that the group around it sees.
+#[derive(Default)]
+struct ActivityInterface {
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+    outcomes: Vec<Outcome>,
 }
 
 /// A transition in the text.
@@ -96,8 +120,7 @@ struct ActivityReader<'r, 'g> {
     variables: BTreeMap<String, (usize, Domain)>,
     /// The values of variables with names, with their numbers.
     values: BTreeMap<String, i64>,
-    inputs: Vec<(Name, String)>,
-    outputs: Vec<Name>,
+    interface: ActivityInterface,
     heard: Heard,
     runs: Vec<(usize, Expr)>,
     /// Each transition in the text.
@@ -114,8 +137,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             names: BTreeMap::new(),
             variables: BTreeMap::new(),
             values: BTreeMap::from([("false".to_owned(), 0), ("true".to_owned(), 1)]),
-            inputs: Vec::new(),
-            outputs: Vec::new(),
+            interface: ActivityInterface::default(),
             heard: Heard::default(),
             runs: Vec::new(),
             places: Vec::new(),
@@ -148,12 +170,12 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
 
     /// Everything but the runs.
     fn chart(&mut self) -> StateChart {
-        let names = |names: &[Name]| names.iter().map(|name| name.text.clone()).collect();
+        let names = |ports: &[Port]| ports.iter().map(|port| port.name.text.clone()).collect();
         StateChart {
             chart: std::mem::take(&mut self.chart),
             runs: Vec::new(),
-            inputs: self.inputs.iter().map(|(name, _)| name.text.clone()).collect(),
-            outputs: names(&self.outputs),
+            inputs: names(&self.interface.inputs),
+            outputs: names(&self.interface.outputs),
             filters: std::mem::take(&mut self.heard.filters),
             notices: self.heard.notices.iter().map(|(notice, _)| notice.clone()).collect(),
             questions: std::mem::take(&mut self.heard.questions),
@@ -164,7 +186,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
     /// `in speech: Text queue 8;`, `out say: Text;`
     fn ports(&mut self, node: &Node) {
         let mut known: BTreeMap<String, Span> = BTreeMap::new();
-        for port in node.children_of(Port).collect::<Vec<_>>() {
+        for port in node.children_of(SyntaxKind::Port).collect::<Vec<_>>() {
             let mut names = port.names();
             let (Some(word), Some(name)) = (names.next(), names.next()) else { continue };
             if let Some(&first) = known.get(&name.text) {
@@ -172,14 +194,38 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 continue;
             }
             known.insert(name.text.clone(), name.span);
-            if word.text == "out" {
-                self.outputs.push(name);
+            let kind = declare::kind(&port, &mut self.group.reader());
+            let is_output = word.text == "out";
+            let direction = if is_output { Direction::Out } else { Direction::In };
+            let declared = Port { name, direction, kind, is_optional: true, call: None };
+            if is_output {
+                self.interface.outputs.push(declared);
                 continue;
             }
-            let kind = port.child(SyntaxKind::Type).map(|kind| kind.compact_text()).unwrap_or_default();
-            self.inputs.push((name, kind));
+            self.interface.inputs.push(declared);
             let queue = self.queue(&port);
             self.chart.ports.push(queue);
+        }
+    }
+
+    /// `done(held: Pose | gave_up);`
+    fn outcomes(&mut self, node: &Node) {
+        let mut flags = node.children_of(SyntaxKind::Flag);
+        let Some(first) = flags.next() else { return };
+        if let Some(second) = flags.next() {
+            self.report(twice("statement", "done", second.span(), first.span()));
+        }
+        let mut outcomes = Vec::new();
+        declare::outcomes(&first, &mut outcomes, &mut self.group.reader());
+        self.interface.outcomes = outcomes;
+    }
+
+    /// Reports an activity whose states can complete without one of its outcomes.
+    fn check_outcomes(&mut self, chart: &StateChart, span: Span) {
+        if !self.interface.outcomes.is_empty() && chart.completes() {
+            let message = "the states of this activity can complete, and then it ends without an outcome";
+            let diagnostic = Diagnostic::new(Code::E0902, span, message);
+            self.report(diagnostic.help("lead to `-> done(OUTCOME)` instead of a `final state`"));
         }
     }
 

@@ -8,6 +8,7 @@ mod ros_action;
 pub(super) mod silent;
 mod template;
 
+pub(super) use module::outcomes;
 pub(super) use template::Templates;
 
 use super::diagnostics::Diagnostics;
@@ -166,7 +167,7 @@ fn within(places: &[Span], span: Span) -> &[Span] {
 }
 
 /// The type of a parameter, field, port or outcome; nothing if there is none.
-fn kind(node: &Node, reader: &mut Reader<'_>) -> Option<Kind> {
+pub(super) fn kind(node: &Node, reader: &mut Reader<'_>) -> Option<Kind> {
     let node = node.child(Type)?;
     let fields = node.child(RecordType).map(|fields| params(&fields, "field", reader));
     let kind = Kind { text: node.compact_text(), span: node.span(), fields };

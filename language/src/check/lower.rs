@@ -4,6 +4,7 @@ mod data;
 pub(crate) mod exclusivity;
 mod expression;
 mod external;
+mod messages;
 mod on_boot;
 mod overlap;
 mod places;
@@ -40,11 +41,12 @@ pub(super) fn lower(
     }
     let mut tree = tree::Tree::new(spec, root, diagnostics);
     let mut wires = wires::Wires::default();
-    let mut topics = topics::Topics::new(&tree);
+    let messages = messages::Messages::new(&tree, spec);
+    let mut topics = topics::Topics::new(&tree, messages.count());
     let mut misfits = Vec::new();
     for group in 0..tree.groups.len() {
         let process = &spec.processes[tree.process_of[group]];
-        let sets = wires.sets(&tree, spec, group);
+        let sets = wires.sets(&tree, spec, &messages, group);
         wires::connect_keys(&mut tree, spec, group);
         topics.connect(&tree, spec, group, &mut wires);
         let always = (0_u32..).zip(&process.sets).filter(|(_, set)| set.owner.is_none()).map(|(index, _)| index);
@@ -70,6 +72,7 @@ pub(super) fn lower(
     let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();
     diagnostics.extend(on_boot::check(spec, root, &claims));
     let mut plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims, on_boot };
+    messages.add(&mut plan, spec, &process_of);
     diagnostics.extend(topics.bridge(&mut plan));
     match plan.validate() {
         Ok(()) => Some(plan),

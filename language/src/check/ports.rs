@@ -2,6 +2,7 @@
 
 mod calls;
 mod keys;
+mod messages;
 mod topics;
 
 use super::diagnostics::Diagnostics;
@@ -21,7 +22,7 @@ pub(super) use topics::type_of;
 
 /// The result of the search for a port.
 enum Found<'a> {
-    /// Declared by a module, here.
+    /// Declared by a module or an activity, here.
     Port(&'a Port),
     /// Its module has no interface, or a part of the text is damaged.
     Unknown,
@@ -91,6 +92,8 @@ impl OutsideEnd {
 struct Interfaces<'a> {
     modules: Vec<BTreeMap<&'a str, &'a Port>>,
     exports: Vec<BTreeMap<&'a str, &'a Endpoint>>,
+    /// Where activities declare their ports.
+    messages: BTreeSet<Span>,
 }
 
 impl<'a> Interfaces<'a> {
@@ -101,6 +104,7 @@ impl<'a> Interfaces<'a> {
         Self {
             modules: spec.modules.iter().map(of_module).collect(),
             exports: spec.processes.iter().map(of_group).collect(),
+            messages: messages::declared(spec),
         }
     }
 }
@@ -142,18 +146,35 @@ impl<'a> Ports<'a> {
         let found = if keys::is_program(connection) {
             keys::check_program(connection)
         } else {
-            self.look_up(&connection.endpoint).and_then(|port| keys::check(connection, port))
+            let port = self.look_up(&connection.endpoint);
+            port.and_then(|port| {
+                let activity = self.interfaces.outside(port, &connection.endpoint, Code::E0308);
+                activity.or_else(|| keys::check(connection, port))
+            })
         };
         self.diagnostics.extend(found);
     }
 
     fn check_topic(&mut self, connection: &'a TopicConnection) {
-        let found = self.look_up(&connection.endpoint).and_then(|port| topics::check(connection, port));
+        let found = self.look_up(&connection.endpoint).and_then(|port| {
+            let activity = self.interfaces.outside(port, &connection.endpoint, Code::E0309);
+            activity.or_else(|| topics::check(connection, port))
+        });
         self.diagnostics.extend(found);
     }
 
     fn check_connection(&mut self, connection: &'a Connection) {
         let (from, to) = (self.look_up(&connection.from), self.look_up(&connection.to));
+        if let (Some(from), Some(to)) = (from, to)
+            && self.interfaces.is_message_call(from, to)
+        {
+            self.calls.push(connection.span);
+            return self.diagnostics.extend(calls::not_plain(connection));
+        }
+        if let Some(diagnostic) = self.interfaces.pulled(connection, to) {
+            self.diagnostics.push(diagnostic);
+            return;
+        }
         if from.or(to).is_some_and(|port| port.call.is_some()) {
             self.calls.push(connection.span);
         }
@@ -224,7 +245,11 @@ impl<'a> Ports<'a> {
             };
             let group = &self.spec.processes[target];
             let Some(inner) = self.interfaces.exports[target].get(port.as_str()) else {
-                let known = group.exports.iter().map(|export| &export.name).collect();
+                if let Some(port) = group.message_port(port) {
+                    return Found::Port(port);
+                }
+                let messages = group.chart().into_iter().flat_map(|chart| &chart.ports).map(|port| &port.name);
+                let known = group.exports.iter().map(|export| &export.name).chain(messages).collect();
                 let is_known = is_direct && !group.damage.external && !group.damage.instances;
                 return if is_known { Found::Missing { owner: &group.name, known } } else { Found::Unknown };
             };

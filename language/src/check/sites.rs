@@ -13,7 +13,11 @@ pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Prope
     let mut open = vec![(0, root)];
     while let Some((group, process)) = open.pop() {
         let source = &spec.processes[process];
-        let members = source.instances.iter().map(|instance| instance.name.span).collect();
+        let mut members: Vec<_> = source.instances.iter().map(|instance| instance.name.span).collect();
+        if source.chart().is_some() {
+            // The ports of an activity are its last member, and have no instance in the text.
+            members.resize(plan.groups[group].members.len(), source.name.span);
+        }
         let nodes = source.actions.as_ref().map_or_else(|| vec![source.name.span], places);
         let first = |set: &super::spec::Set| set.connections.first().map_or(source.name.span, |first| first.span);
         let sets = source.sets.iter().map(first).collect();

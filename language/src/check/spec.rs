@@ -98,6 +98,36 @@ pub(crate) struct Process {
     pub(crate) open: Vec<Name>,
 }
 
+impl Spec {
+    /// The normal ends with names of each module and activity.
+    pub(crate) fn outcomes(&self) -> impl Iterator<Item = (&Name, &[Outcome])> {
+        let modules = self.modules.iter().map(|module| (&module.name, module.outcomes.as_slice()));
+        let charts = self.processes.iter().filter_map(|process| Some((&process.name, process.chart()?)));
+        modules.chain(charts.map(|(name, chart)| (name, chart.outcomes.as_slice())))
+    }
+
+    /// The normal ends with names of the type of an instance.
+    pub(crate) fn outcomes_of(&self, target: Target) -> &[Outcome] {
+        match target {
+            Target::Module(module) => &self.modules[module].outcomes,
+            Target::Process(process) => self.processes[process].chart().map_or(&[], |chart| &chart.outcomes),
+            Target::Unknown => &[],
+        }
+    }
+}
+
+impl Process {
+    /// Its states, if it is an activity.
+    pub(crate) fn chart(&self) -> Option<&ChartModel> {
+        if let ExprKind::Chart(model) = &self.actions.as_ref()?.kind { Some(model) } else { None }
+    }
+
+    /// Its port for messages of this name, if it is an activity.
+    pub(crate) fn message_port(&self, name: &str) -> Option<&Port> {
+        self.chart()?.ports.iter().find(|port| port.name.text == name)
+    }
+}
+
 /// The parts of a process that could not be read whole. Errors that follow from them are not reported.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Damage {
@@ -441,6 +471,10 @@ pub(crate) struct ChartModel {
     pub(crate) labels: Vec<String>,
     /// The expression of each run, as the text writes it.
     pub(crate) run_labels: Vec<String>,
+    /// Its ports for messages.
+    pub(crate) ports: Vec<Port>,
+    /// Its normal ends, when they have names.
+    pub(crate) outcomes: Vec<Outcome>,
 }
 
 impl ChartModel {

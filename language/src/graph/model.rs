@@ -82,6 +82,10 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
             Target::Module(_) | Target::Unknown => leaf(known, process, slot, &path),
         }
     });
+    let ports = process.exports.iter().map(|export| exported(known.spec, process, export));
+    let messages = process.chart().into_iter().flat_map(|chart| &chart.ports);
+    let messages =
+        messages.map(|port| Port { name: port.name.text.clone(), direction: port.direction, is_used: false });
     let mut unit = Unit {
         name: name.to_owned(),
         kind: process.name.text.clone(),
@@ -89,7 +93,7 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
         host: known.hosts.get(path).copied().unwrap_or(0),
         is_service: process.is_service,
         is_group: true,
-        ports: process.exports.iter().map(|export| exported(known.spec, process, export)).collect(),
+        ports: ports.chain(messages).collect(),
         resources: Vec::new(),
         units: units.collect(),
         links: Vec::new(),
@@ -153,8 +157,10 @@ fn direction(spec: &Spec, process: &Process, endpoint: &Endpoint) -> Option<Dire
         }
         Target::Process(target) => {
             let target = &spec.processes[target];
-            let export = target.exports.iter().find(|export| export.name.text == endpoint.port.text)?;
-            direction(spec, target, &export.endpoint)
+            match target.exports.iter().find(|export| export.name.text == endpoint.port.text) {
+                Some(export) => direction(spec, target, &export.endpoint),
+                None => target.message_port(&endpoint.port.text).map(|port| port.direction),
+            }
         }
         Target::Unknown => None,
     }

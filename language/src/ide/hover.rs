@@ -83,9 +83,9 @@ impl Analysis {
     fn outcome_text(&self, name: &str) -> String {
         let mut owners = Vec::new();
         let mut shown = name.to_owned();
-        for module in &self.model.modules {
-            let Some(outcome) = module.outcomes.iter().find(|outcome| outcome.name.text == name) else { continue };
-            owners.push(module.name.text.as_str());
+        for (owner, outcomes) in self.model.outcomes() {
+            let Some(outcome) = outcomes.iter().find(|outcome| outcome.name.text == name) else { continue };
+            owners.push(owner.text.as_str());
             if let Some(kind) = &outcome.kind {
                 shown = format!("{name}: {kind}");
             }

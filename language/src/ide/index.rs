@@ -82,6 +82,14 @@ impl Index {
             index.add(&mut tables, Kind::Process(number), &process.name);
             index.add_params(&mut tables, Target::Process(number), process.params.iter());
             index.add_process(&mut tables, number, process, text);
+            if let Some(chart) = process.chart() {
+                for port in &chart.ports {
+                    index.add(&mut tables, Kind::Variable, &port.name);
+                }
+                for outcome in &chart.outcomes {
+                    index.add_outcome(&mut tables, &outcome.name);
+                }
+            }
         }
         for (number, module) in model.modules.iter().enumerate() {
             index.add(&mut tables, Kind::Module(number), &module.name);

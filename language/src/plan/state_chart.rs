@@ -2,7 +2,9 @@
 
 use super::{Expression, PlanError};
 use crate::algebra::{Event, Value};
-use crate::automaton::{Automaton, Chart, ChartState, Configuration, Relation, StateKind, Target, Transition, Trigger};
+use crate::automaton::{
+    Automaton, Chart, ChartState, Configuration, Relation, StateKind, Target, Transition, Trigger, ValueSource,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -209,11 +211,15 @@ impl StateChart {
 
     /// Returns the message event of a text at the port of a number.
     pub fn message_at(&self, port: u32, text: &str, priority: u8) -> Option<Event> {
+        self.value_at(port, text_value(text), priority)
+    }
+
+    /// Returns the message event of a value at the port of a number; filters see the text that it is, if it is one.
+    pub fn value_at(&self, port: u32, value: Value, priority: u8) -> Option<Event> {
         self.inputs.get(port as usize)?;
-        let numbers = 0_u32..;
+        let (numbers, text) = (0_u32.., value.text().unwrap_or_default());
         let passed = numbers.zip(&self.filters).filter(|(_, filter)| filter.lets_through(text, priority));
         let filters = passed.map(|(number, _)| number).collect();
-        let value = text_value(text);
         Some(Event::Message { port, filters, priority, value })
     }
 
@@ -282,10 +288,23 @@ impl StateChart {
         })
     }
 
+    /// Returns the tags of its outcomes, in the order of the text.
+    pub fn outcomes(&self) -> impl Iterator<Item = &str> {
+        self.chart.transitions.iter().filter_map(|transition| match &transition.target {
+            Target::Done(ValueSource::Tagged { tag, .. }) => Some(tag.as_str()),
+            Target::Done(_) | Target::Stay | Target::States(_) | Target::Resume | Target::Abort(_) => None,
+        })
+    }
+
+    /// Returns whether the activity is done when its states inside are.
+    pub(crate) fn completes(&self) -> bool {
+        can_complete(&self.chart.states, 0)
+    }
+
     /// Returns whether no way leads to a normal end of the activity.
     pub fn is_service(&self) -> bool {
         let is_done = self.chart.transitions.iter().any(|transition| matches!(transition.target, Target::Done(_)));
-        !is_done && !can_complete(&self.chart.states, 0)
+        !is_done && !self.completes()
     }
 
     /// Checks that all numbers point to something, and that the chart is an automaton.

@@ -308,3 +308,59 @@ process main(){{
     // A text that nothing has is never taken.
     assert_eq!(codes(&text("c1", "\"no wayy\"")), ["E0812", "W0905"]);
 }
+
+/// A `match` around an activity knows its outcomes: each arm is taken, and one that no end leads to is dead.
+#[test]
+fn a_match_knows_the_outcomes_of_an_activity() {
+    let text = |ends: &str| {
+        format!(
+            "{MODULES}
+activity A(h: Host){{
+    done(held: Text | gave_up);
+    look instof Work(h);
+    initial state s {{ run look; {ends} }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); one instof Go(\"c1\"); two instof Go(\"c1\"); }}
+    internal_event_actions{{ a : match {{ held => one, gave_up => two }} }}
+    verify{{ can finish; }}
+}}"
+        )
+    };
+    let both = "on done(found p) -> done(held p); on done(missing) -> done(gave_up);";
+    assert_eq!(codes(&text(both)), Vec::<String>::new());
+    let one = "on done(found p) -> done(held p); on done(missing) -> done(held \"none\");";
+    assert_eq!(codes(&text(one)), ["E0812"], "`two` never begins");
+}
+
+/// The ports of an activity are a program that no event action runs: `verify` and `fmea` say nothing about it.
+#[test]
+fn connections_change_nothing_of_a_proof() {
+    let text = |connections: &str| {
+        format!(
+            "module Mic(host) {{ out Heard: Text; service; }}
+module Speaker(host) {{ in Words: Text optional; service; }}
+activity A(h: Host){{
+    in orders: Text;
+    out say: Text;
+    initial state s {{ on message orders -> done {{ say.send(\"bye\"); }} }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); mic instof Mic(\"c1\"); other instof Mic(\"c1\"); speaker instof Speaker(\"c1\"); }}
+    internal_connections{{ {connections} }}
+    internal_event_actions{{ a # mic # other # speaker }}
+    verify{{ can finish; }}
+}}"
+        )
+    };
+    let connected = text("mic.Heard -> a.orders; other.Heard -> a.orders; a.say -> speaker.Words;");
+    assert_eq!(codes(&connected), codes(&text("")));
+    let tables = [text(""), connected].map(|text| {
+        let (compiled, sites) = compile_with_sites(&Source::new("a.dca", text), &[], &Options::named("a"));
+        let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        verify::fmea(&plan, &sites, &LIMITS, verify::Faults::One).markdown()
+    });
+    assert_eq!(tables[0], tables[1]);
+}

@@ -3,9 +3,9 @@
 use super::ActivityReader;
 use super::domain::Domain;
 use super::formula::{Infix, infixes};
-use crate::automaton::{Action, Formula, Fragment};
+use crate::automaton::{Action, Formula, Fragment, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::SyntaxKind::{self, Constant, Dot, Equals, LeftParen, Minus, Plus, Text};
+use crate::syntax::SyntaxKind::{self, Constant, Dot, Equals, LeftParen, Minus, Number, Plus, Text};
 use crate::syntax::ast::{Name, Node};
 
 impl ActivityReader<'_, '_> {
@@ -22,11 +22,11 @@ impl ActivityReader<'_, '_> {
         let first = names.first()?;
         let formula = node.child(SyntaxKind::Formula);
         if node.token(Dot).is_some() {
-            let Some(output) = self.outputs.iter().position(|port| port.text == first.text) else {
+            let Some(output) = self.interface.outputs.iter().position(|port| port.name.text == first.text) else {
                 self.report_unknown_port(first, "output");
                 return None;
             };
-            let value = self.value_of(&formula?, event)?;
+            let value = self.sent(&formula?, output, event)?;
             return Some(Action::Send { output, value });
         }
         if node.token(LeftParen).is_some() {
@@ -55,6 +55,22 @@ impl ActivityReader<'_, '_> {
         Some(Action::Assign { variable, formula })
     }
 
+    /// A value that is sent: a kept one, the value of the event, a text that is put together, or a number.
+    fn sent(&mut self, node: &Node, output: usize, event: Option<&str>) -> Option<ValueSource> {
+        let name = node.names().next().filter(|_| node.children().next().is_none());
+        let is_handed_on =
+            name.is_some_and(|name| event == Some(name.text.as_str()) || !self.variables.contains_key(&name.text));
+        let is_computed = !infixes(node).is_empty() || !is_handed_on && node.child(Constant).is_none();
+        let kind = self.interface.outputs[output].kind.as_ref().map(|kind| kind.text.as_str());
+        match kind {
+            Some("Number") if is_computed || node.child(Constant).is_some_and(|it| it.token(Number).is_some()) => {
+                Some(ValueSource::Number(self.formula(node)?.0))
+            }
+            Some("Text") if is_computed => Some(ValueSource::Text(self.fragments(node)?)),
+            _ => self.value_of(node, event),
+        }
+    }
+
     /// The names of the values of a variable, if a formula is such a variable alone.
     fn names_of(&self, node: &Node) -> Option<Vec<String>> {
         let (_, domain) = self.variables.get(&node.compact_text())?;
@@ -81,11 +97,9 @@ impl ActivityReader<'_, '_> {
     fn fragments(&mut self, node: &Node) -> Option<Vec<Fragment>> {
         let operators = infixes(node);
         let is_text = |node: &Node| node.child(Constant).is_some_and(|constant| constant.token(Text).is_some());
-        let parts: Vec<Node> = match operators.iter().all(|operator| *operator == Infix::Plus) && !operators.is_empty()
-        {
-            true => node.children_of(SyntaxKind::Formula).collect(),
-            false => vec![node.clone()],
-        };
+        let parts: Vec<Node> = node.children_of(SyntaxKind::Formula).collect();
+        let is_joined = operators.iter().all(|operator| *operator == Infix::Plus) && parts.iter().any(is_text);
+        let parts = if is_joined { parts } else { vec![node.clone()] };
         let fragment = |part: &Node| {
             if is_text(part) {
                 let text = part.child(Constant)?.token(Text)?.content();

@@ -244,7 +244,7 @@ impl ActivityReader<'_, '_> {
             let is_truth = matches!(name.text.as_str(), "true" | "false");
             return Some((Formula::Number(number), if is_truth { Sort::Truth } else { Sort::Number }));
         }
-        if self.kept(&name.text).is_some() || self.inputs.iter().any(|(port, _)| port.text == name.text) {
+        if self.kept(&name.text).is_some() || self.interface.inputs.iter().any(|port| port.name.text == name.text) {
             let message = format!("nothing here can look into `{}`", name.text);
             let help = "a variable with a range, of type `bool` or with names can be looked at";
             self.report(Diagnostic::new(Code::E0904, name.span, message).help(help));

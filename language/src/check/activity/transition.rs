@@ -1,8 +1,7 @@
 //! Transitions: the trigger and the target of each.
 
-use super::{ActivityReader, TransitionText, formula, notice, question};
-use crate::algebra::Value;
-use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
+use super::{ActivityReader, TransitionText, formula, notice, outcome, question};
+use crate::automaton::{Failure, StateKind, Target, Transition, Trigger};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::TIMER_LEAST;
 use crate::source::Span;
@@ -126,11 +125,12 @@ impl ActivityReader<'_, '_> {
             }
             "message" => {
                 let name = trigger.names().nth(1)?;
-                let Some(port) = self.inputs.iter().position(|(port, _)| port.text == name.text) else {
+                let Some(port) = self.interface.inputs.iter().position(|port| port.name.text == name.text) else {
                     self.report_unknown_port(&name, "input");
                     return None;
                 };
-                let kind = self.inputs[port].1.clone();
+                let kind = self.interface.inputs[port].kind.as_ref();
+                let kind = kind.map(|kind| kind.text.clone()).unwrap_or_default();
                 let filter = trigger.child(SyntaxKind::Guard).and_then(|guard| guard.child(SyntaxKind::Formula));
                 let filter = match filter {
                     Some(filter) => Some(self.filter(&filter, &kind)?),
@@ -185,9 +185,8 @@ impl ActivityReader<'_, '_> {
     }
 
     pub(super) fn report_unknown_port(&mut self, name: &Name, what: &str) {
-        let inputs = self.inputs.iter().map(|(port, _)| port.text.clone());
-        let outputs = self.outputs.iter().map(|port| port.text.clone());
-        let known: Vec<String> = if what == "input" { inputs.collect() } else { outputs.collect() };
+        let ports = if what == "input" { &self.interface.inputs } else { &self.interface.outputs };
+        let known: Vec<String> = ports.iter().map(|port| port.name.text.clone()).collect();
         let message = format!("this activity has no {what} port `{}`", name.text);
         let diagnostic = Diagnostic::new(Code::E0903, name.span, message);
         let near = self.group.diagnostics().near(&name.text, known.iter().map(String::as_str));
@@ -241,11 +240,7 @@ impl ActivityReader<'_, '_> {
             }
             "resume" => return Some(Target::Resume),
             "done" if !self.names.contains_key("done") => {
-                let source = match node.child(SyntaxKind::Formula) {
-                    Some(formula) => self.value_of(&formula, value)?,
-                    None => ValueSource::Constant(Value::EMPTY),
-                };
-                return Some(Target::Done(source));
+                return outcome::target(self, node, value);
             }
             "abort" => return node.token(Text).map(|text| Target::Abort(text.content())),
             _ => {}

@@ -61,7 +61,7 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
         module.is_service |= word == "service";
         module.has_end |= word == "done";
         module.remembers |= word == "remembers";
-        add_outcomes(module, item, reader);
+        outcomes(item, &mut module.outcomes, reader);
         if word == "plain" {
             module.kind = LeafKind::Plain;
         }
@@ -104,17 +104,18 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     }
 }
 
-fn add_outcomes(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
+/// Reads `done(found: Pose | missing);`.
+pub(in crate::check) fn outcomes(item: &Node, known: &mut Vec<Outcome>, reader: &mut Reader<'_>) {
     for outcome in item.children_of(SyntaxKind::Outcome) {
         let Some(name) = outcome.names().next() else { continue };
-        if let Some(first) = module.outcomes.iter().find(|other| other.name.text == name.text) {
+        if let Some(first) = known.iter().find(|other| other.name.text == name.text) {
             reader.diagnostics.push(twice("outcome", &name.text, name.span, first.name.span));
         } else if name.text.len() > TAG_MAX {
             let message = format!("the name of an outcome has at most {TAG_MAX} bytes");
             reader.diagnostics.push(Diagnostic::new(Code::E0009, name.span, message));
         } else {
             let kind = super::kind(&outcome, reader);
-            module.outcomes.push(Outcome { name, kind });
+            known.push(Outcome { name, kind });
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
-use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
+use crate::check::spec::{Arm, Expr, ExprKind, Outcome, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::source::Span;
 use crate::syntax::ast::Name;
@@ -27,6 +27,11 @@ impl Ends {
 
     fn untagged(span: Span) -> Self {
         Self { untagged: Some(span), ..Self::default() }
+    }
+
+    fn declared(outcomes: &[Outcome]) -> Self {
+        let tags = outcomes.iter().map(|outcome| (outcome.name.text.clone(), outcome.name.span)).collect();
+        Self { tags, ..Self::default() }
     }
 
     fn or(mut self, other: Self) -> Self {
@@ -78,13 +83,14 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
             Target::Module(module) if spec.modules[module].is_damaged => Ends::open(),
             Target::Module(module) => {
                 let outcomes = &spec.modules[module].outcomes;
-                let tags = outcomes.iter().map(|outcome| (outcome.name.text.clone(), outcome.name.span)).collect();
                 let untagged = outcomes.is_empty().then_some(expr.span);
-                Ends { tags, untagged, is_open: false }
+                Ends { untagged, ..Ends::declared(outcomes) }
             }
         },
         ExprKind::Skip | ExprKind::Wait(_) => Ends::untagged(expr.span),
         ExprKind::Never | ExprKind::Fail(_) | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => Ends::default(),
+        ExprKind::Chart(model) if !model.outcomes.is_empty() => Ends::declared(&model.outcomes),
+        // An end can hand on the value of a run, with its tag.
         ExprKind::Chart(_) | ExprKind::Broken => Ends::open(),
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
         ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),

@@ -2,7 +2,7 @@
 //! value that `look` has found.
 
 use crate::check::diagnostics::Diagnostics;
-use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
+use crate::check::spec::{Expr, ExprKind, Outcome, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeSet;
@@ -70,10 +70,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
     let all = |parts: Vec<&Expr>| parts.into_iter().flat_map(rest).collect();
     match &expr.kind {
         ExprKind::Run(slot, _) => match process.instances[*slot].target {
-            Target::Module(module) => {
-                let outcomes = spec.modules[module].outcomes.iter().filter(|outcome| outcome.kind.is_some());
-                outcomes.map(|outcome| outcome.name.text.clone()).collect()
-            }
+            Target::Module(module) => with_value(&spec.modules[module].outcomes),
             Target::Process(inner) => {
                 let inner = &spec.processes[inner];
                 inner.actions.as_ref().map(|actions| valued(spec, inner, actions)).unwrap_or_default()
@@ -95,8 +92,8 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Shield(..)
         | ExprKind::Using(..)
         | ExprKind::With(..) => all(expr.parts()),
+        ExprKind::Chart(model) => with_value(&model.outcomes),
         ExprKind::Tagged(..)
-        | ExprKind::Chart(_)
         | ExprKind::AnyOf(..)
         | ExprKind::Skip
         | ExprKind::Never
@@ -108,6 +105,12 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Asynchronous(..)
         | ExprKind::Broken => BTreeSet::new(),
     }
+}
+
+/// The names of outcomes that have a value.
+fn with_value(outcomes: &[Outcome]) -> BTreeSet<String> {
+    let valued = outcomes.iter().filter(|outcome| outcome.kind.is_some());
+    valued.map(|outcome| outcome.name.text.clone()).collect()
 }
 
 /// The part of a step that is started with one of these outcomes and drops its value.

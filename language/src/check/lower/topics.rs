@@ -43,8 +43,9 @@ struct Bridge {
 }
 
 impl Topics {
-    pub(super) fn new(tree: &Tree) -> Self {
-        Self { leaves: number(tree.leaves.len()), bridges: Vec::new(), wires: Vec::new(), problems: Vec::new() }
+    /// Bridges stand behind the leaves of the tree and `more` leaves.
+    pub(super) fn new(tree: &Tree, more: u32) -> Self {
+        Self { leaves: number(tree.leaves.len()) + more, bridges: Vec::new(), wires: Vec::new(), problems: Vec::new() }
     }
 
     /// Makes a wire of each connection of a group with a topic.

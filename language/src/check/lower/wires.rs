@@ -1,5 +1,6 @@
 //! Resolves connections through the borders of groups, in either direction, to wires between leaves.
 
+use super::messages::Messages;
 use super::tree::Tree;
 use crate::check::spec::{Endpoint, Spec};
 use crate::plan::{ConnectionSet, KeyBinding, LeafPort, MemberKind, Quality, Transfer, Wire};
@@ -14,12 +15,15 @@ pub(super) struct Wires {
 
 impl Wires {
     /// Returns the sets of a group and adds their wires.
-    pub(super) fn sets(&mut self, tree: &Tree, spec: &Spec, group: usize) -> Vec<ConnectionSet> {
+    pub(super) fn sets(&mut self, tree: &Tree, spec: &Spec, messages: &Messages, group: usize) -> Vec<ConnectionSet> {
         let process = &spec.processes[tree.process_of[group]];
+        let port = |endpoint: &Endpoint| match end(tree, spec, group, endpoint)? {
+            End::Leaf(port) => Some(port),
+            End::Activity { group, port } => Some(LeafPort { leaf: messages.leaf(group)?, port: port.to_owned() }),
+        };
         let sets = process.sets.iter().map(|set| {
             let wires = set.connections.iter().filter_map(|connection| {
-                let from = leaf_port(tree, spec, group, &connection.from)?;
-                let to = leaf_port(tree, spec, group, &connection.to)?;
+                let (from, to) = (port(&connection.from)?, port(&connection.to)?);
                 Some(self.add(Wire { from, to, transfer: connection.transfer, quality: connection.quality }))
             });
             let mut wires: Vec<u32> = wires.collect();
@@ -57,19 +61,41 @@ pub(super) fn connect_keys(tree: &mut Tree, spec: &Spec, group: usize) {
     }
 }
 
-/// Follows a port of a group's member down to the leaf that has it.
-pub(super) fn leaf_port(tree: &Tree, spec: &Spec, group: usize, endpoint: &Endpoint) -> Option<LeafPort> {
+/// The owner of a port, behind all groups that show it.
+pub(super) enum End<'e> {
+    /// A port of a leaf.
+    Leaf(LeafPort),
+    /// A port for messages of a group that is an activity.
+    Activity {
+        /// The group.
+        group: usize,
+        /// The port.
+        port: &'e str,
+    },
+}
+
+/// Follows a port of a group's member down to the leaf or the activity that has it.
+pub(super) fn end<'e>(tree: &Tree, spec: &'e Spec, group: usize, endpoint: &'e Endpoint) -> Option<End<'e>> {
     let (mut group, mut endpoint) = (group, endpoint);
     loop {
         match tree.groups[group].members[endpoint.slot].kind {
-            MemberKind::Leaf(leaf) => return Some(LeafPort { leaf, port: endpoint.port.text.clone() }),
+            MemberKind::Leaf(leaf) => return Some(End::Leaf(LeafPort { leaf, port: endpoint.port.text.clone() })),
             MemberKind::Group(inner) => {
                 group = inner as usize;
-                let exports = &spec.processes[tree.process_of[group]].exports;
-                endpoint = &exports.iter().find(|export| export.name.text == endpoint.port.text)?.endpoint;
+                let process = &spec.processes[tree.process_of[group]];
+                let port = endpoint.port.text.as_str();
+                match process.exports.iter().find(|export| export.name.text == port) {
+                    Some(export) => endpoint = &export.endpoint,
+                    None => return process.message_port(port).map(|_| End::Activity { group, port }),
+                }
             }
         }
     }
+}
+
+/// Follows a port of a group's member down to the leaf that has it.
+pub(super) fn leaf_port(tree: &Tree, spec: &Spec, group: usize, endpoint: &Endpoint) -> Option<LeafPort> {
+    if let Some(End::Leaf(port)) = end(tree, spec, group, endpoint) { Some(port) } else { None }
 }
 
 fn number(index: usize) -> u32 {

@@ -30,8 +30,14 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
     if is_wrong(to, Direction::Out) {
         return Some(error(format!("nothing is called here: `{to_name}` calls, too")));
     }
+    not_plain(connection)
+}
+
+/// Returns why a call cannot be connected in this way: only values have a quality.
+pub(super) fn not_plain(connection: &Connection) -> Option<Diagnostic> {
     let is_plain = connection.transfer != Transfer::Pull && connection.quality == Quality::default();
-    (!is_plain).then(|| error("a call has no `pull`, `latch`, `queue` or `rate`".to_owned()))
+    let message = "a call has no `pull`, `latch`, `queue` or `rate`";
+    (!is_plain).then(|| Diagnostic::new(Code::E0307, connection.span, message))
 }
 
 /// Compares the types of the argument and of the result.

@@ -7,7 +7,7 @@
 //! A name has the meaning of its own text's declaration, else of the spec's: programs know nothing of each other's
 //! types.
 
-use super::{Param, Spec, Value, ValueKind};
+use super::{Param, Process, Spec, Value, ValueKind};
 use crate::plan::Constant;
 use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
@@ -205,7 +205,11 @@ impl Spec {
             let params = module.declared().filter_map(|param| param.kind.as_ref());
             params.chain(ports).chain(outcomes)
         });
-        let processes = self.processes.iter().flat_map(|process| of_params(&process.params));
+        let charts = self.processes.iter().filter_map(Process::chart).flat_map(|chart| {
+            let ports = chart.ports.iter().filter_map(|port| port.kind.as_ref());
+            ports.chain(chart.outcomes.iter().filter_map(|outcome| outcome.kind.as_ref()))
+        });
+        let processes = self.processes.iter().flat_map(|process| of_params(&process.params)).chain(charts);
         let mut kinds: Vec<&Kind> =
             self.types.iter().map(|named| &named.kind).chain(processes).chain(modules).collect();
         let mut next = 0;

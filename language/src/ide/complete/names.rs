@@ -2,7 +2,7 @@
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind, inside, keywords};
-use crate::check::spec::{Direction, Instance, Param, Process, Shape, Target, ValueKind};
+use crate::check::spec::{Direction, Instance, Outcome, Param, Process, Shape, Target, ValueKind};
 use crate::ide::Analysis;
 use crate::ide::hover::interface;
 use crate::ide::words::Place;
@@ -108,7 +108,9 @@ impl Analysis {
             Target::Process(target) => {
                 let process = &self.model.processes[target];
                 let exports = process.exports.iter();
-                exports.filter_map(|it| offer(&it.name.text, self.port_behind(process, &it.endpoint))).collect()
+                let exports = exports.filter_map(|it| offer(&it.name.text, self.port_behind(process, &it.endpoint)));
+                let messages = process.chart().into_iter().flat_map(|chart| &chart.ports);
+                exports.chain(messages.filter_map(|port| offer(&port.name.text, Some(port)))).collect()
             }
             Target::Unknown => Vec::new(),
         }
@@ -283,14 +285,14 @@ impl Analysis {
     /// The outcomes of a process of this name; of every module if it is not known.
     fn outcomes_named(&self, at: &Cursor, process: Option<&Name>) -> Vec<Completion> {
         let source = process.and_then(|name| self.instance_at(at, &name.text)).map(|instance| instance.target);
-        let modules = self.model.modules.iter().enumerate();
-        let modules = modules.filter(|(index, _)| match source {
-            Some(Target::Module(module)) => module == *index,
-            Some(Target::Process(_) | Target::Unknown) | None => true,
-        });
-        let tags: BTreeMap<&str, &str> = modules
-            .flat_map(|(_, module)| {
-                module.outcomes.iter().map(move |it| (it.name.text.as_str(), module.name.text.as_str()))
+        let declared = source.map(|source| self.model.outcomes_of(source)).unwrap_or_default();
+        let is_meant =
+            |outcome: &Outcome| declared.is_empty() || declared.iter().any(|it| it.name.span == outcome.name.span);
+        let all = self.model.outcomes();
+        let tags: BTreeMap<&str, &str> = all
+            .flat_map(|(owner, outcomes)| {
+                let meant = outcomes.iter().filter(|outcome| is_meant(outcome));
+                meant.map(|it| (it.name.text.as_str(), owner.text.as_str()))
             })
             .collect();
         let offer = |(tag, owner): (&str, &str)| {

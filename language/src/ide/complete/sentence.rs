@@ -114,9 +114,8 @@ impl Analysis {
     }
 
     fn outcomes_of(&self, target: Option<Target>) -> Vec<Completion> {
-        let Some(Target::Module(module)) = target else { return Vec::new() };
-        let outcomes = self.model.modules[module].outcomes.iter();
-        outcomes.map(|outcome| Completion::new(CompletionKind::Outcome, &outcome.name.text)).collect()
+        let outcomes = target.map(|target| self.model.outcomes_of(target)).unwrap_or_default();
+        outcomes.iter().map(|outcome| Completion::new(CompletionKind::Outcome, &outcome.name.text)).collect()
     }
 }
 

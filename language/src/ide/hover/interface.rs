@@ -115,7 +115,10 @@ impl Analysis {
                 Target::Process(target) => {
                     process = &self.model.processes[target];
                     let mut exports = process.exports.iter();
-                    endpoint = &exports.find(|export| export.name.text == endpoint.port.text)?.endpoint;
+                    let Some(export) = exports.find(|export| export.name.text == endpoint.port.text) else {
+                        return process.message_port(&endpoint.port.text);
+                    };
+                    endpoint = &export.endpoint;
                 }
                 Target::Unknown => return None,
             }

@@ -226,8 +226,10 @@ impl Walk<'_> {
         let spec = self.spec;
         let declared = match self.target(symbol) {
             Target::Process(process) => {
-                let exports = &spec.processes[process].exports;
-                exports.iter().map(|export| &export.name).find(|name| name.text == port.text)
+                let process = &spec.processes[process];
+                let ports = process.chart().into_iter().flat_map(|chart| &chart.ports).map(|port| &port.name);
+                let mut names = process.exports.iter().map(|export| &export.name).chain(ports);
+                names.find(|name| name.text == port.text)
             }
             Target::Module(module) => {
                 let ports = &spec.modules[module].ports;

@@ -27,6 +27,7 @@ impl Parser<'_> {
         match self.word(0) {
             "in" | "out" => self.activity_port(),
             "var" => self.state_variable(),
+            "done" => self.flag(),
             _ => self.state_item(),
         }
     }
@@ -249,7 +250,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `approach`, `left, right`, `resume`, `done(v)`, `abort("why")`
+    /// `approach`, `left, right`, `resume`, `done(v)`, `done(held v)`, `abort("why")`
     fn target(&mut self) {
         self.start(SyntaxKind::Target);
         let (is_done, is_abort) = (self.at_word("done"), self.at_word("abort"));
@@ -260,6 +261,10 @@ impl Parser<'_> {
             }
             self.expect(RightParen);
         } else if is_done && self.eat(LeftParen) {
+            let has_outcome = self.at(Ident) && (matches!(self.kind(1), Ident | Text | LeftParen));
+            if has_outcome && !self.at_word("in") && !self.at_word("not") {
+                self.bump();
+            }
             if !self.at(RightParen) {
                 self.formula();
             }

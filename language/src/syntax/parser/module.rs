@@ -110,7 +110,7 @@ impl Parser<'_> {
     }
 
     /// `service;`, `plain;`, `remembers;`, `done;`, `done(found: Pose | missing);`
-    fn flag(&mut self) {
+    pub(super) fn flag(&mut self) {
         self.start(SyntaxKind::Flag);
         let has_outcomes = self.at_word("done");
         self.bump();

@@ -121,6 +121,10 @@ impl Maker<'_> {
         let guard = (is_free || self.random.one_in(3)).then(|| self.formula(2));
         let target = match self.random.below(24) {
             0..=3 => Target::Stay,
+            4 if self.random.below(2) == 0 => {
+                let of = Box::new(self.value());
+                Target::Done(ValueSource::Tagged { tag: "held".to_owned(), of })
+            }
             4 => Target::Done(self.value()),
             5 => Target::Abort("enough".into()),
             6..=8 if self.chart.states[source].kind != StateKind::Suspended => self.target(),
@@ -195,9 +199,11 @@ impl Maker<'_> {
     }
 
     fn value(&mut self) -> ValueSource {
-        match self.random.below(3) {
+        match self.random.below(5) {
             0 => ValueSource::Event,
             1 => ValueSource::Slot(self.random.below(SLOTS)),
+            2 => ValueSource::Text(vec![Fragment::Text("n ".into()), Fragment::Number(self.formula(2))]),
+            3 => ValueSource::Number(self.formula(2)),
             _ => ValueSource::Constant(Value::new(b"k")),
         }
     }

@@ -426,23 +426,25 @@ impl<'a> Machine<'a> {
                     let value = self.value(value, event);
                     self.commands.push(Command::Send { output: *output, value });
                 }
-                Action::Log(fragments) => {
-                    let mut line = String::new();
-                    for fragment in fragments {
-                        line += &match fragment {
-                            Fragment::Text(text) => text.clone(),
-                            Fragment::Number(formula) => self.place().number(formula).to_string(),
-                            Fragment::Name(formula, names) => {
-                                let number = self.place().number(formula);
-                                let name = names.iter().zip(0..).find(|(_, other)| *other == number);
-                                name.map_or_else(|| number.to_string(), |(name, _)| name.clone())
-                            }
-                        };
-                    }
-                    self.commands.push(Command::Log(line));
-                }
+                Action::Log(fragments) => self.commands.push(Command::Log(self.line(fragments))),
             }
         }
+    }
+
+    fn line(&self, fragments: &[Fragment]) -> String {
+        let mut line = String::new();
+        for fragment in fragments {
+            line += &match fragment {
+                Fragment::Text(text) => text.clone(),
+                Fragment::Number(formula) => self.place().number(formula).to_string(),
+                Fragment::Name(formula, names) => {
+                    let number = self.place().number(formula);
+                    let name = names.iter().zip(0..).find(|(_, other)| *other == number);
+                    name.map_or_else(|| number.to_string(), |(name, _)| name.clone())
+                }
+            };
+        }
+        line
     }
 
     fn value(&self, source: &ValueSource, event: &Value) -> Value {
@@ -450,6 +452,18 @@ impl<'a> Machine<'a> {
             ValueSource::Constant(value) => value.clone(),
             ValueSource::Slot(slot) => self.slots[*slot].clone(),
             ValueSource::Event => event.clone(),
+            ValueSource::Tagged { tag, of } => {
+                let mut bytes = vec![u8::try_from(tag.len()).unwrap()];
+                bytes.extend(tag.as_bytes());
+                bytes.extend(self.value(of, event).bytes());
+                Value::new(&bytes)
+            }
+            ValueSource::Text(fragments) => {
+                let line = self.line(fragments);
+                Value::new(&[&[u8::try_from(line.len()).unwrap()], line.as_bytes()].concat())
+            }
+            #[expect(clippy::cast_precision_loss, reason = "the numbers of the charts are small")]
+            ValueSource::Number(formula) => Value::new(&(self.place().number(formula) as f64).to_le_bytes()),
         }
     }
 }

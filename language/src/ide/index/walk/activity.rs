@@ -27,10 +27,13 @@ impl Walk<'_> {
             };
             let is_new = |name: &Name| self.variables.iter().all(|(known, _)| *known != name.text);
             if let Some(name) = declared.filter(is_new) {
-                let symbol = self.index.symbols.len();
-                let declaration = name.span;
-                self.index.symbols.push(Symbol { kind: Kind::Variable, name: name.text.clone(), declaration });
-                self.add(&name, symbol);
+                // The ports are known already, since other groups name them.
+                let symbol = self.tables.declared.get(&name.span).copied().unwrap_or_else(|| {
+                    let (symbol, declaration) = (self.index.symbols.len(), name.span);
+                    self.index.symbols.push(Symbol { kind: Kind::Variable, name: name.text.clone(), declaration });
+                    self.add(&name, symbol);
+                    symbol
+                });
                 self.variables.push((name.text, symbol));
             }
             if [SyntaxKind::State, SyntaxKind::Transition].contains(&part.kind()) {
@@ -55,6 +58,11 @@ impl Walk<'_> {
     /// The names of one part of an activity.
     pub(super) fn activity_names(&mut self, node: &Node, names: &[Name]) {
         match node.kind() {
+            SyntaxKind::Target if names.first().is_some_and(|word| word.text == "done") => {
+                // A name alone is the outcome, or a value.
+                let alone = node.child(SyntaxKind::Formula).and_then(|formula| formula.names().next());
+                self.outcome(names.get(1).or(alone.as_ref()));
+            }
             SyntaxKind::Target | SyntaxKind::Formula | SyntaxKind::Statement => {
                 names.iter().for_each(|name| self.variable(Some(name)));
             }

@@ -1,0 +1,106 @@
+//! Adds the ports of activities: one program beside each activity that has connections, whose ports are those of the activity.
+//!
+//! It is a member of the activity that no state runs: its program is there, linked and idle, for as long as the deployment.
+
+use super::tree::Tree;
+use super::wires::{End, end};
+use crate::check::spec::{Direction, Spec};
+use crate::plan::{
+    Argument, Constant, Environment, Group, Leaf, LeafKind, LinkLoss, Member, MemberKind, PORTS, Plan, Policy, Restart,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// The argument that lists the ports.
+const LIST: &str = "ports";
+/// The name of the program within the activity.
+const NAME: &str = "ports";
+/// How long the program may take to stop.
+const STOP_WITHIN: Duration = Duration::from_secs(2);
+
+/// The activities of a plan whose ports are connected.
+pub(super) struct Messages {
+    /// The leaf that has the ports of each such group.
+    leaves: BTreeMap<usize, u32>,
+}
+
+impl Messages {
+    /// Finds the activities that a connection leads to or from.
+    pub(super) fn new(tree: &Tree, spec: &Spec) -> Self {
+        let mut found = BTreeSet::new();
+        for group in 0..tree.groups.len() {
+            let sets = &spec.processes[tree.process_of[group]].sets;
+            for connection in sets.iter().flat_map(|set| &set.connections) {
+                for endpoint in [&connection.from, &connection.to] {
+                    if let Some(End::Activity { group, .. }) = end(tree, spec, group, endpoint) {
+                        found.insert(group);
+                    }
+                }
+            }
+        }
+        let first = number(tree.leaves.len());
+        Self { leaves: found.into_iter().zip(first..).collect() }
+    }
+
+    /// Returns the leaf with the ports of a group.
+    pub(super) fn leaf(&self, group: usize) -> Option<u32> {
+        self.leaves.get(&group).copied()
+    }
+
+    /// Returns how many leaves they are.
+    pub(super) fn count(&self) -> u32 {
+        number(self.leaves.len())
+    }
+
+    /// Adds the leaves to a plan, behind all that the text has.
+    pub(super) fn add(&self, plan: &mut Plan, spec: &Spec, process_of: &[usize]) {
+        for (&group, &leaf) in &self.leaves {
+            let own = &mut plan.groups[group];
+            let mut name = NAME.to_owned();
+            while own.members.iter().any(|member| member.name == name) {
+                name.push('_');
+            }
+            let path = format!("{}/{name}", own.path);
+            own.members.push(Member { name, kind: MemberKind::Leaf(leaf), service: true });
+            let list = list(spec, process_of[group]);
+            let added = ports(path, list, own);
+            plan.leaves.push(added);
+        }
+    }
+}
+
+/// Returns the ports of an activity, as its program reads them: `in speech 8 Text;out say Text`.
+fn list(spec: &Spec, process: usize) -> String {
+    let Some(model) = spec.processes[process].chart() else { return String::new() };
+    let mut limits = model.chart.chart.ports.iter();
+    let ports = model.ports.iter().map(|port| {
+        let kind = port.kind.as_ref().map_or("?", |kind| kind.text.as_str());
+        match port.direction {
+            Direction::In => format!("in {} {} {kind}", port.name.text, limits.next().copied().unwrap_or(1)),
+            Direction::Out => format!("out {} {kind}", port.name.text),
+        }
+    });
+    ports.collect::<Vec<_>>().join(";")
+}
+
+fn ports(path: String, list: String, group: &Group) -> Leaf {
+    Leaf {
+        path,
+        module: PORTS.to_owned(),
+        host: group.host,
+        arguments: vec![Argument { name: Some(LIST.to_owned()), value: Constant::Text(list) }],
+        exec: None,
+        parameters: Some(Vec::new()),
+        environment: Environment::default(),
+        kind: LeafKind::Controller,
+        stop_within: STOP_WITHIN,
+        outcomes: Vec::new(),
+        policy: Policy { restart: Restart::Transient, link_loss: LinkLoss::Leave, ..Policy::default() },
+        keys: Vec::new(),
+        external: None,
+    }
+}
+
+fn number(index: usize) -> u32 {
+    u32::try_from(index).expect("a plan has fewer than 2^32 leaves")
+}

@@ -1,0 +1,46 @@
+//! The ports of activities as ends of connections: values and queue messages come to them, and values leave them.
+
+use super::Interfaces;
+use crate::check::spec::{CallRole, Connection, Direction, Endpoint, Kind, Port, Process, Spec};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Transfer;
+use crate::source::Span;
+use std::collections::BTreeSet;
+
+/// The types of a call that hands a message to a queue.
+const MESSAGE: &str = "QueueMessage";
+const RECEIPT: &str = "Receipt";
+
+/// Returns where activities declare their ports.
+pub(super) fn declared(spec: &Spec) -> BTreeSet<Span> {
+    let charts = spec.processes.iter().filter_map(Process::chart);
+    charts.flat_map(|chart| &chart.ports).map(|port| port.name.span).collect()
+}
+
+impl Interfaces<'_> {
+    /// Returns whether a call hands queue messages to an input of an activity.
+    pub(super) fn is_message_call(&self, from: &Port, to: &Port) -> bool {
+        let is = |kind: Option<&Kind>, name: &str| kind.is_some_and(|kind| kind.text == name);
+        let sends = |port: &Port| {
+            let call = port.call.as_ref().filter(|call| call.role == CallRole::Caller);
+            call.is_some_and(|call| is(call.argument.as_ref(), MESSAGE)) && is(port.kind.as_ref(), RECEIPT)
+        };
+        sends(from) && to.direction == Direction::In && self.messages.contains(&to.name.span)
+    }
+
+    /// Returns why an activity cannot fetch values: each message is an event, and comes once.
+    pub(super) fn pulled(&self, connection: &Connection, to: Option<&Port>) -> Option<Diagnostic> {
+        let to = to.filter(|to| connection.transfer == Transfer::Pull && self.messages.contains(&to.name.span))?;
+        let message = format!("`{}` takes messages as they come, and an activity fetches nothing", to.name.text);
+        let diagnostic = Diagnostic::new(Code::E0304, connection.span, message);
+        Some(diagnostic.reason(to.name.span, "declared here").help("leave `pull` away"))
+    }
+
+    /// Returns why a port cannot be connected with the database or with ROS 2, if it is one of an activity.
+    pub(super) fn outside(&self, port: &Port, endpoint: &Endpoint, code: Code) -> Option<Diagnostic> {
+        let message = || format!("`{}` is a port of an activity, which only other processes reach", port.name.text);
+        let found =
+            self.messages.contains(&port.name.span).then(|| Diagnostic::new(code, endpoint.port.span, message()))?;
+        Some(found.reason(port.name.span, "declared here").help("connect a program between the two"))
+    }
+}
