@@ -15,10 +15,13 @@ A field is declared to other programs as a spec spells it, and has the bytes of 
     a dataclass         { ... }         a struct
     dca.ros.std.Header  ros.std.Header  a struct of controllers::ros
     list[M], M a message M[]            Vec<M>
+
+A port may also have the plain type `str` or `float`: `Heard = dca.Out(str)` is `out Heard: Text;`.
 """
 
 import dataclasses
 import enum
+import functools
 import types
 import typing
 from collections.abc import Callable
@@ -117,12 +120,21 @@ def decode(cls: type[T], data: bytes) -> T:
 
 
 def message_type(cls: Any) -> _dca.MessageType:
-    """Returns the message type of a class; raises `TypeError` if it is none."""
+    """Returns the message type of a class, of `str` or of `float`; raises `TypeError` if it is none."""
+    if cls is str or cls is float:
+        return _plain(cls)
     found = cls.__dict__.get(_MESSAGE) if isinstance(cls, type) else None
     if found is None:
         shown = getattr(cls, "__name__", repr(cls))
         raise TypeError(f"`{shown}` is not a message: write @dca.message above its @dataclass")
     return found
+
+
+@functools.cache
+def _plain(cls: type[Any]) -> _dca.MessageType:
+    """Returns the message type of a value that is no record, as the ports of activities have it."""
+    form, text = _PLAIN[cls]
+    return _dca.MessageType(_Described(text, "", None, False, []), form)
 
 
 def _record(cls: type[Any], path: str, depth: int, inner: _Inner) -> tuple[Any, str]:

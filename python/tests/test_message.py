@@ -86,6 +86,14 @@ def test_bytes_are_those_of_the_same_type_in_rust():
     assert back.mode is Mode.HARD and type(back.count) is int
 
 
+def test_a_text_and_a_number_alone_are_messages():
+    assert dca.encode("go") == b"\x02go"
+    assert dca.decode(str, b"\x02go") == "go"
+    assert dca.decode(float, dca.encode(2.5)) == 2.5
+    with pytest.raises(ValueError):
+        dca.decode(str, b"\x09go")
+
+
 def test_a_long_text_has_a_long_length():
     assert dca.encode(everything(who="a" * 300)).count(b"\xac\x02" + b"a" * 300) == 1
 
