@@ -19,6 +19,7 @@ extern crate self as controllers;
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
+mod activity_ports;
 pub mod control;
 pub mod library;
 pub mod message;
@@ -39,6 +40,16 @@ pub use ::ros::typed as ros;
 /// Returns every controller type of this crate: Appendix A of the paper, its CompliantMotion, and the plant.
 pub fn registry() -> sdk::Registry {
     library::registry()
+}
+
+/// Returns the type that has the ports of an activity. Specs do not name it, so it is not among the others.
+pub fn activity_ports() -> sdk::Registry {
+    let mut registry = sdk::Registry::default();
+    registry.add_module(activity_ports::interface(), |_, arguments| {
+        let ports = activity_ports::ActivityPorts::new(arguments)?;
+        Ok(Box::new(ports) as Box<dyn sdk::Module>)
+    });
+    registry
 }
 
 /// Returns the type that stands in for a process whose values were recorded. Specs do not name it, so it is not among the others.

@@ -93,11 +93,12 @@ fn stand_in(plan: &Plan, recorded: &BTreeMap<String, u64>, index: u32, leaf: &Le
     StandIn { leaf: index, outputs: played.into_iter().chain(silent).map(str::to_owned).collect(), recorded }
 }
 
-/// Returns whether a leaf only sends. The bridge to ROS 2 stands for sensors as well as for actuators, and counts as a sensor.
+/// Returns whether a leaf only sends. The bridge to ROS 2 stands for sensors as well as for actuators, and counts as a sensor. An activity
+/// decides again what it sends.
 fn is_source(plan: &Plan, index: u32) -> bool {
     let is_bridge = plan.leaves.get(index as usize).is_some_and(|leaf| leaf.module == BRIDGE);
     let hears = |wire: &Wire| wire.to.leaf == index && wire.transfer != Transfer::Call;
-    is_bridge || !plan.wires.iter().any(hears)
+    is_bridge || !plan.has_ports(index) && !plan.wires.iter().any(hears)
 }
 
 /// Has a stand-in take the place of its process in the plan.

@@ -285,7 +285,8 @@ mod tests {
     use super::*;
     use crate::logic::bytes::{Bytes, SecretBytes};
     use crate::logic::control::{
-        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, UserCall,
+        CallRoute, Device, Dial, Incoming, KeyPort, Location, MessageFate, Outgoing, Partner, PortMessage, Shape,
+        UserCall,
     };
     use crate::logic::direct::{Challenge, Claim, Confirmation, Hello, Welcome};
     use crate::logic::object::{Access, TypeForm, Warrant};
@@ -394,6 +395,20 @@ mod tests {
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
         assert!(!Order::Vouch { delegation: vec![] }.is_counted());
+    }
+
+    #[test]
+    fn golden_messages_of_activities() {
+        check(&Order::Received { number: 300, fate: MessageFate::Full }, "44430100010014ac0201");
+        let send = Order::Send { number: 300, port: "p".into(), value: vec![7] };
+        check(&send, "44430100010015ac0201700107");
+        let (number, port, value) = (300, "p".to_owned(), vec![7]);
+        let message = PortMessage { number, port, value, priority: 9, has_receipt: true, lost: 300 };
+        let message = Notice::Message(message);
+        check(&message, "44430100020010ac02017001070901ac02");
+        let sent = Notice::Sent { number: 300 };
+        check(&sent, "44430100020011ac02");
+        assert!(send.is_counted() && message.is_counted() && sent.is_counted());
     }
 
     #[test]

@@ -296,6 +296,50 @@ pub enum Order {
         /// Why not, for a person; none if the user may.
         refusal: Option<String>,
     },
+    /// The fate of a [`Notice::Message`].
+    Received {
+        /// The number of the message.
+        number: u64,
+        /// Its fate.
+        fate: MessageFate,
+    },
+    /// Send a value through an output, then answer [`Notice::Sent`].
+    Send {
+        /// Echoed in the answer.
+        number: u64,
+        /// The output.
+        port: String,
+        /// The value, encoded.
+        value: Vec<u8>,
+    },
+}
+
+/// A message for a port of an activity, from the program that has its ports.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PortMessage {
+    /// The program gives each number once; the answer bears it.
+    pub number: u64,
+    /// The port.
+    pub port: String,
+    /// The value, encoded.
+    pub value: Vec<u8>,
+    /// A greater one goes first.
+    pub priority: u8,
+    /// Whether its sender waits for a receipt.
+    pub has_receipt: bool,
+    /// How many values of this port have found no room since the last message.
+    pub lost: u64,
+}
+
+/// The fate of a message for an activity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MessageFate {
+    /// The activity has it.
+    Taken,
+    /// Too many messages wait already.
+    Full,
+    /// The activity does not run.
+    Idle,
 }
 
 impl Order {
@@ -431,6 +475,13 @@ pub enum Notice {
         activation: u32,
         /// The work that may go on, for a person.
         reason: String,
+    },
+    /// A message for the activity whose ports this program has. Answered by [`Order::Received`].
+    Message(PortMessage),
+    /// A value of [`Order::Send`] was sent.
+    Sent {
+        /// As ordered.
+        number: u64,
     },
 }
 

@@ -9,6 +9,7 @@
 //! - [`lock`]: a [`ResourceLock`](lock::ResourceLock) lets one client at a time use a resource, for the time of a
 //!   lease; a [`FencingCheck`](fencing::FencingCheck) at the resource refuses everybody else. [`lock_client`] is the
 //!   client's side.
+//! - [`port`]: a [`PortInbox`](port::PortInbox) keeps the messages for an activity until its node has taken them.
 //! - [`wire`]: the messages between programs about all of these.
 //!
 //! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing
@@ -18,6 +19,7 @@ pub mod fencing;
 pub mod header;
 pub mod lock;
 pub mod lock_client;
+pub mod port;
 pub mod queue;
 pub mod request;
 pub mod router;

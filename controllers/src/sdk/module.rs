@@ -9,7 +9,7 @@ use super::interface::{Direction, Interface};
 use super::key_ports::KeyPorts;
 use super::port::{AnyIn, InputSet, OutputSet, Unfit};
 use comms::io::direct::Filler;
-use comms::logic::control::KeyPort;
+use comms::logic::control::{KeyPort, MessageFate, PortMessage};
 use comms::logic::database::DatabaseAnswer;
 use comms::logic::decode::Source;
 use comms::logic::object::ObjectError;
@@ -121,6 +121,21 @@ pub trait Module: Send {
     /// Takes what wakes its loop when something comes to it that is not from a port; before it is activated.
     fn take_waker(&mut self, waker: Waker) {
         drop(waker);
+    }
+
+    /// Returns whether it takes samples while it does not run.
+    fn hears_idle(&self) -> bool {
+        false
+    }
+
+    /// Takes the messages that the node of its activity may have, in order: of the program that has the ports of one.
+    fn drain_messages(&mut self, now: Time, hand: &mut dyn FnMut(PortMessage)) {
+        let _ = (now, hand);
+    }
+
+    /// Hands over the fate of such a message.
+    fn received(&mut self, number: u64, fate: MessageFate) {
+        let _ = (number, fate);
     }
 
     /// Takes what the last call wants of the database, in order.

@@ -43,6 +43,16 @@ impl Message for () {
     const TYPE: &'static str = "";
 }
 
+/// A text alone, as the ports of activities have it.
+impl Message for String {
+    const TYPE: &'static str = "Text";
+}
+
+/// A number alone.
+impl Message for f64 {
+    const TYPE: &'static str = "Number";
+}
+
 /// Returns whether a message may go through a port.
 pub(super) fn is_fit<T: Message>(value: &T) -> bool {
     T::ALLOW_NAN || is_finite(value)

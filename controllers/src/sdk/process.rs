@@ -360,6 +360,12 @@ impl Program {
                 hand_over(inbox, Command::Activate { activation, value })?;
             }
             Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
+            Order::Received { number, fate } => hand_over(inbox, Command::Received { number, fate })?,
+            Order::Send { number, port, value } => {
+                // At once, so that an order to close its wires does not overtake it.
+                links.send(&port, value);
+                self.notices.send(&Notice::Sent { number })?;
+            }
             Order::Configure { parameters } => {
                 self.overlay = parameters;
                 let mut arguments = self.arguments.clone();

@@ -131,6 +131,8 @@ async fn hear(
         | Notice::StopUnconfirmed { .. }
         | Notice::Expecting { .. }
         | Notice::Taken { .. }
+        | Notice::Message(_)
+        | Notice::Sent { .. }
         | Notice::Database { .. }
         | Notice::Losses { .. }
         | Notice::Refused { .. }
@@ -166,7 +168,9 @@ async fn hear(
             | Notice::StopUnconfirmed { .. }
             | Notice::Resume { .. }
             | Notice::Expecting { .. }
-            | Notice::Taken { .. }) => Some(Event::Control(connection.clone(), said)),
+            | Notice::Taken { .. }
+            | Notice::Message(_)
+            | Notice::Sent { .. }) => Some(Event::Control(connection.clone(), said)),
         };
         if let Some(event) = event
             && events.send(event).await.is_err()

@@ -262,6 +262,7 @@ impl Attachment {
                 | Notice::Stopped { activation },
                 Order::Activate { activation: ordered, .. },
             ) => activation == ordered,
+            (Notice::Sent { number }, Order::Send { number: ordered, .. }) => number == ordered,
             _ => false,
         };
         if let Some(last) = self.kept.iter().rposition(is_answered) {

@@ -13,6 +13,7 @@ mod lost;
 mod places;
 #[cfg(test)]
 mod planted;
+mod ports;
 mod succession;
 mod supervision;
 mod switching;
@@ -21,7 +22,7 @@ mod wires;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::Timed;
-use activity::News;
+use activity::Outside;
 pub use activity::Taking;
 use clock::Clock;
 use comms::logic::time::Time;
@@ -30,6 +31,7 @@ use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Rea
 use language::plan::{Plan, TIMER_LEAST, text_value};
 pub use places::{group_host, leaf_host, member_path};
 use places::{member_host, member_target};
+pub use ports::Sending;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -122,7 +124,7 @@ pub struct Executer {
     values: BTreeMap<u32, Vec<u8>>,
     /// Members whose place others are about to take.
     succession: Option<Succession>,
-    news: News,
+    outside: Outside,
     /// The fault that a test plants.
     #[cfg(test)]
     #[serde(skip)]
@@ -173,7 +175,7 @@ impl Executer {
             acting_next: BTreeMap::new(),
             values: BTreeMap::new(),
             succession: None,
-            news: News::default(),
+            outside: Outside::default(),
             #[cfg(test)]
             planted: None,
         })
@@ -326,8 +328,8 @@ impl Executer {
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
         #[cfg(test)]
         let outcome = self.go_wrong(&event, &mut commands, outcome);
-        self.news.steps.push(StepRecord::new(event.clone(), commands.clone(), outcome.clone()));
-        if outcome.is_some() || self.news.steps.len() >= STEPS_MAX {
+        self.outside.news.steps.push(StepRecord::new(event.clone(), commands.clone(), outcome.clone()));
+        if outcome.is_some() || self.outside.news.steps.len() >= STEPS_MAX {
             self.record(context, out);
         }
         self.connect(&commands, context, out);
@@ -355,8 +357,9 @@ impl Executer {
 
     /// Has its steps recorded, for a later comparison with the spec: several at once, since nothing waits for them.
     fn record(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let (group, number, steps) = (self.group, self.news.recorded, std::mem::take(&mut self.news.steps));
-        self.news.recorded += steps.len() as u64;
+        let (group, number, steps) =
+            (self.group, self.outside.news.recorded, std::mem::take(&mut self.outside.news.steps));
+        self.outside.news.recorded += steps.len() as u64;
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Stepped { group, number, steps }));
     }
 

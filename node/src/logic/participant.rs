@@ -403,6 +403,8 @@ impl Participant {
             Note::Switched(ticket) => self.confirm_switch(leaf, ticket, out),
             Note::Expecting(ticket) => self.confirm_expecting(ticket, out),
             Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, lost, late, missing, out),
+            Note::Message(message) => self.take_message(leaf, message, out),
+            Note::Sent(number) => self.value_sent(leaf, number, out),
             Note::Ended(activation, ending) => {
                 if self.begins_again(leaf, &ending, out) {
                     return;
@@ -422,6 +424,7 @@ impl Participant {
                 if matches!(change, Change::Died(_) | Change::Restarting { .. } | Change::Renewing { .. }) {
                     self.forget_switches(leaf, out);
                     self.forget_linking(leaf, out);
+                    self.ports_lost(leaf, out);
                 }
                 if let Change::Restarting { cause, .. } = &change {
                     self.tell_restart(target, cause, out);
@@ -451,9 +454,13 @@ impl Participant {
         act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
         let context = self.site.context(self.since_go(out.now), self.together.start());
-        let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
+        let acted = self
+            .executers
+            .with(group, |executer| (act(executer, context, out), executer.activation(), executer.take_sendings()));
         self.report_handover(out);
-        let Some((Some(ending), activation)) = acted else { return };
+        let Some((ending, activation, sendings)) = acted else { return };
+        self.send_values(group, sendings, out);
+        let Some(ending) = ending else { return };
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);
         self.tell_supervisor(target, activation, ending, out);

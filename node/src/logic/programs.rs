@@ -2,7 +2,7 @@
 
 use crate::logic::effect::{ProcessId, SecretArgument, SpawnOrder};
 use language::Source;
-use language::plan::{Argument, BRIDGE, BRIDGE_PROGRAM, Constant, Leaf, Parameter, Plan, words};
+use language::plan::{Argument, BRIDGE, BRIDGE_PROGRAM, Constant, Leaf, PORTS, PORTS_PROGRAM, Parameter, Plan, words};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -89,6 +89,9 @@ impl Programs {
     fn unknown(&self, module: &str) -> String {
         if module == BRIDGE {
             return format!("ROS 2 needs `{BRIDGE_PROGRAM}` of the same build beside `dca-node`");
+        }
+        if module == PORTS {
+            return format!("the ports of an activity need `{PORTS_PROGRAM}` of the same build beside `dca-node`");
         }
         let lower = module.to_lowercase();
         let near = self.types.keys().find(|name| {

@@ -20,6 +20,7 @@ mod large;
 mod leaving;
 mod listening;
 mod losses;
+mod messages;
 mod names;
 mod namesakes;
 mod network;

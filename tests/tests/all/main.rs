@@ -33,6 +33,7 @@ mod killed_nodes;
 mod kills;
 mod manual_runs;
 mod many;
+mod messages;
 mod mission;
 mod names;
 mod new;

@@ -124,6 +124,7 @@ impl Cycle {
             self.serve();
             self.notices.tell(self.inbox.take_refused());
             let triggered = self.take_samples();
+            self.hand_messages();
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
                     self.heartbeat.enter(Spends::Waiting);
@@ -157,6 +158,13 @@ impl Cycle {
         self.inbox.wake();
     }
 
+    /// Hands the node messages for the activity whose ports the program has.
+    fn hand_messages(&mut self) {
+        let mut messages = Vec::new();
+        self.call(|module| module.drain_messages(now(), &mut |message| messages.push(message)));
+        messages.into_iter().for_each(|message| self.tell(&Notice::Message(message)));
+    }
+
     fn wait(&self, until: Option<Time>) {
         self.heartbeat.enter(Spends::Waiting);
         self.inbox.wait(until);
@@ -175,6 +183,7 @@ impl Cycle {
             Command::Stop { .. } => {}
             Command::Configure(arguments) => self.configure(arguments),
             Command::Connect(ports) => drop(self.call(|module| module.connect_keys(ports))),
+            Command::Received { number, fate } => drop(self.call(|module| module.received(number, fate))),
             Command::Leave => {
                 self.leaving = true;
                 self.end(Ending::Stopped);
@@ -241,14 +250,15 @@ impl Cycle {
     /// sample of each latched wire waits for its next activation.
     fn take_samples(&mut self) -> bool {
         let mut triggered = self.inbox.take_call();
+        let hears = !matches!(self.phase, Phase::Idle) || self.module.hears_idle();
         for item in self.inbox.take_items() {
             match item {
-                Item::Sample(sample) if !matches!(self.phase, Phase::Idle) => triggered |= self.deliver(&sample),
+                Item::Sample(sample) if hears => triggered |= self.deliver(&sample),
                 Item::Sample(sample) if sample.is_latched => {
                     self.latched.retain(|other| other.port != sample.port);
                     self.latched.push(sample);
                 }
-                Item::Lost(port, count) if !matches!(self.phase, Phase::Idle) => {
+                Item::Lost(port, count) if hears => {
                     self.lost += count;
                     self.call(|module| module.lose(port, count));
                 }

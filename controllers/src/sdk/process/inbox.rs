@@ -8,7 +8,7 @@ use crate::sdk::module::{Delivery, DeliveryError, Module};
 use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
 use comms::io::direct::{Inlets, Value};
-use comms::logic::control::{KeyPort, Notice, Shape};
+use comms::logic::control::{KeyPort, MessageFate, Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
 use comms::logic::seal::{Refusal, Refusals};
 use comms::logic::switch::{Arrival, Expect, Flip, Gaps, Intake, Passed, Sequence};
@@ -33,6 +33,8 @@ pub(super) enum Command {
     Configure(Arguments),
     /// These ports are connected with keys of the database.
     Connect(Vec<KeyPort>),
+    /// The fate of a message for the activity whose ports the program has.
+    Received { number: u64, fate: MessageFate },
     /// Stop whatever runs, then end.
     Leave,
 }

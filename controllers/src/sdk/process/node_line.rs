@@ -26,8 +26,8 @@ const DIAL_FIRST: Duration = Duration::from_millis(5);
 const DIAL_EVERY: Duration = Duration::from_millis(100);
 /// How long a node has to answer before it is dialled once more: it may be suspended, or another one in its place.
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
-/// How many notices are kept at most.
-const KEPT_MAX: usize = 64;
+/// How many notices are kept at most: those about messages of an activity, 144, and room for others.
+const KEPT_MAX: usize = 256;
 /// How many bytes of the newest notices are kept at least; the notice in which they begin is also kept.
 const KEPT_SIZE: usize = 4 << 20;
 
@@ -313,7 +313,7 @@ mod tests {
     fn the_newest_notices_are_kept() {
         let numbers = |kept: &Kept| kept.frames.iter().map(Vec::len).collect::<Vec<_>>();
         assert_eq!(numbers(&kept([])), Vec::<usize>::new());
-        assert_eq!(numbers(&kept(1..=100)), (37..=100).collect::<Vec<_>>());
+        assert_eq!(numbers(&kept(1..=300)), (45..=300).collect::<Vec<_>>());
         // A large one stays as long as less than the whole allowance has come after it.
         assert_eq!(numbers(&kept([7, KEPT_SIZE, 9])), vec![KEPT_SIZE, 9]);
         assert_eq!(numbers(&kept([3 * KEPT_SIZE, KEPT_SIZE - 1])), vec![3 * KEPT_SIZE, KEPT_SIZE - 1]);
@@ -323,15 +323,15 @@ mod tests {
 
     #[test]
     fn what_was_missed_is_all_there_or_nothing_is() {
-        let kept = kept(1..=100);
+        let kept = kept(1..=300);
         let after = |has| kept.after(has).map(|missed| missed.map(Vec::len).collect::<Vec<_>>());
         let cases: BTreeMap<u64, Option<Vec<usize>>> = BTreeMap::from([
             (0, None),
-            (35, None),
-            (36, Some((37..=100).collect())),
-            (98, Some(vec![99, 100])),
-            (100, Some(vec![])),
-            (101, None),
+            (43, None),
+            (44, Some((45..=300).collect())),
+            (298, Some(vec![299, 300])),
+            (300, Some(vec![])),
+            (301, None),
             (u64::MAX, None),
         ]);
         for (has, missed) in cases {

@@ -27,7 +27,7 @@ use anyhow::Context;
 use comms::io::session::{NodeOptions, Reach};
 use comms::io::{clock, file};
 use comms::logic::key::HostName;
-use language::plan::{BRIDGE, BRIDGE_PROGRAM};
+use language::plan::{BRIDGE, BRIDGE_PROGRAM, PORTS, PORTS_PROGRAM};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -154,6 +154,10 @@ pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
     let bridge = programs::beside(BRIDGE_PROGRAM);
     if bridge.is_file() {
         offered.offer(&bridge.display().to_string(), [BRIDGE.to_owned()]);
+    }
+    let ports = programs::beside(PORTS_PROGRAM);
+    if ports.is_file() {
+        offered.offer(&ports.display().to_string(), [PORTS.to_owned()]);
     }
     Ok(offered)
 }

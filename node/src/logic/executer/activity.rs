@@ -1,13 +1,15 @@
 //! The reports of an activity to people: its states, its questions, its lines, the values that it sends, the messages that it
 //! loses. And the messages and orders that it gets.
 
+use super::ports::{PortLine, Sending};
 use super::{ExecContext, Executer};
 use crate::logic::effect::Out;
 use crate::logic::printable::printable;
 use crate::logic::protocol::{
     ActivityInput, ActivityStatus, Change, Ending, OpenQuestion, Taken, Target, ToCoordinator,
 };
-use language::algebra::{Command, Event, StepRecord};
+use comms::logic::control::{MessageFate, PortMessage};
+use language::algebra::{Command, Event, StepRecord, Value};
 use language::automaton::{Configuration, Trigger};
 use language::plan::{DefaultAnswer, Expression, Notice, Plan, Question, StateChart};
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,15 @@ pub(super) struct News {
     asked: u64,
     /// The number of each open question, by its place in the chart.
     open: BTreeMap<u32, u64>,
+}
+
+/// The links of a supervisor with the world outside of its group.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Outside {
+    /// For its home.
+    pub(super) news: News,
+    /// To the program that has the ports, if the group is an activity with connections.
+    pub(super) ports: PortLine,
 }
 
 /// The result of an order for an activity.
@@ -61,7 +72,7 @@ impl Executer {
             let question = chart.questions.get(*place as usize)?;
             Some(OpenQuestion { number: *number, text: question.to_string(), options: question.options.clone() })
         };
-        let questions = self.news.open.iter().filter_map(question).collect();
+        let questions = self.outside.news.open.iter().filter_map(question).collect();
         Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
     }
 
@@ -126,7 +137,8 @@ impl Executer {
                 chart.notice(notice).ok_or_else(|| format!("`{path}` has no transition `on {notice}`"))
             }
             ActivityInput::Answer { question, option } => {
-                let open = self.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
+                let open =
+                    self.outside.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
                 let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
                 let event = notice.and_then(|notice| chart.notice(&notice));
                 event.ok_or_else(|| format!("question {question} of `{path}` is not open"))
@@ -146,6 +158,67 @@ impl Executer {
             _ => Taken::Ignored,
         };
         Taking { ending: self.react(event, context, out), taken: Ok(taken) }
+    }
+
+    /// Takes a message for a port. Returns how the activity ended by it, if it did.
+    pub fn take_message(
+        &mut self,
+        message: PortMessage,
+        context: ExecContext<'_>,
+        out: &mut Out<'_>,
+    ) -> (MessageFate, Option<Ending>) {
+        let PortMessage { port, value, priority, has_receipt, lost, .. } = message;
+        if lost > 0 {
+            let text = format!("loses {lost} values at `{port}`: they find no room, or cannot be read");
+            self.tell_people(text, context, out);
+        }
+        let place = self.program.automaton().zip(self.state.chart()).filter(|_| self.running);
+        let event = chart(context.plan, self.group).and_then(|chart| {
+            let number = chart.inputs.iter().position(|name| *name == port)?;
+            chart.value_at(u32::try_from(number).ok()?, Value::new(&value), priority)
+        });
+        let (Some((automaton, place)), Some(event)) = (place, event) else { return (MessageFate::Idle, None) };
+        if let Event::Message { port, .. } = &event
+            && has_receipt
+            && place.has_no_room(automaton, *port as usize, priority)
+        {
+            return (MessageFate::Full, None);
+        }
+        (MessageFate::Taken, self.react(event, context, out))
+    }
+
+    /// Returns the values that the program that has the ports is to send now.
+    pub fn take_sendings(&mut self) -> Vec<Sending> {
+        self.outside.ports.take()
+    }
+
+    /// Takes note that a value was sent.
+    pub fn value_sent(&mut self, number: u64) {
+        self.outside.ports.sent(number);
+    }
+
+    /// Takes note that a value cannot be sent.
+    pub fn not_sent(&self, port: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
+        self.tell_people(format!("loses a value at `{port}`: the program of its ports does not take it"), context, out);
+    }
+
+    /// Takes note that the program that has the ports is gone, with the values that it had to send.
+    pub fn ports_lost(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let count = self.outside.ports.lost();
+        if count > 0 {
+            let text = format!("may have lost {count} values that it was sending: the program of its ports is gone");
+            self.tell_people(text, context, out);
+        }
+    }
+
+    /// Has a value sent, if its output leads somewhere.
+    fn send(&mut self, port: &str, value: &Value, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let plan = context.plan;
+        let Some((_, leaf)) = plan.ports_of(self.group) else { return };
+        let leads = plan.wires.iter().any(|wire| wire.from.leaf == leaf && wire.from.port == port);
+        if leads && !self.outside.ports.send(port, value.bytes()) {
+            self.not_sent(port, context, out);
+        }
     }
 
     /// The names of the active states without active inner states. While a transition waits for a stop, there are none.
@@ -188,7 +261,7 @@ impl Executer {
         let place = self.state.chart().filter(|_| self.running);
         let open: BTreeSet<u32> =
             place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect();
-        let news = &mut self.news;
+        let news = &mut self.outside.news;
         let closed = news.open.extract_if(.., |question, _| !open.contains(question)).collect();
         let mut asked = BTreeMap::new();
         for question in open.into_iter().filter(|question| !news.open.contains_key(question)).collect::<Vec<_>>() {
@@ -200,14 +273,16 @@ impl Executer {
     }
 
     /// Tells the people who watch of a command that is seen outside.
-    pub(super) fn say(&self, command: &Command, context: ExecContext<'_>, out: &mut Out<'_>) {
+    pub(super) fn say(&mut self, command: &Command, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(chart) = chart(context.plan, self.group) else { return };
         let named = |names: &[String], number: u32| names.get(number as usize).cloned().unwrap_or_default();
         let text = if let Command::Log { text } = command {
             format!("says: {text}")
         } else if let Command::Send { output, value } = command {
             let shown = value.text().map_or_else(|| format!("{} bytes", value.bytes().len()), str::to_owned);
-            format!("sends through `{}`: {shown}", named(&chart.outputs, *output))
+            let port = named(&chart.outputs, *output);
+            self.send(&port, value, context, out);
+            format!("sends through `{port}`: {shown}")
         } else if let Command::Lost { port } = command {
             format!("loses a message at `{}`: too many wait", named(&chart.inputs, *port))
         } else {

@@ -33,6 +33,9 @@ impl Executer {
         out: &mut Out<'_>,
     ) -> Option<Ending> {
         let group = context.plan.groups.get(self.group as usize).filter(|_| self.running)?;
+        if context.plan.ports_of(self.group).is_some_and(|(ports, _)| ports == slot) {
+            return None;
+        }
         if self.supervised.escalated.is_some() {
             return None;
         }

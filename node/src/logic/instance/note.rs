@@ -1,6 +1,7 @@
 //! The reports of an instance to its deployment.
 
 use crate::logic::protocol::{Change, Ending, LeafFacts};
+use comms::logic::control::PortMessage;
 
 /// A report of an instance to its deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,6 +27,10 @@ pub enum Note {
         /// Wires that nothing was heard of.
         missing: Vec<u32>,
     },
+    /// A message for the activity whose ports the program has.
+    Message(PortMessage),
+    /// The program has sent the value of this number for its activity.
+    Sent(u64),
     /// An activation ended.
     Ended(u32, Ending),
     /// The program of an activation has ended whose stop could not be confirmed.

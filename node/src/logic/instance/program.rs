@@ -39,6 +39,8 @@ impl Instance {
             Notice::Connected if self.is_linked() => context.notes.push(Note::Linked(Ok(()))),
             Notice::ConnectFailed { reason } if self.is_linked() => context.notes.push(Note::Linked(Err(reason))),
             Notice::Switched { generation } => context.notes.push(Note::Switched(generation)),
+            Notice::Message(message) => context.notes.push(Note::Message(message)),
+            Notice::Sent { number } => context.notes.push(Note::Sent(number)),
             Notice::Expecting { ticket } => context.notes.push(Note::Expecting(ticket)),
             Notice::Taken { ticket, lost, late, missing } => {
                 context.notes.push(Note::Taken { ticket, lost, late, missing });
@@ -101,8 +103,8 @@ impl Instance {
         }
     }
 
-    /// Passes an order to open or close wires on. Returns whether the program will answer.
-    pub fn switch(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
+    /// Gives the program an order that it answers. Returns whether it will answer.
+    pub fn ask(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
         let answers = self.is_linked();
         if answers {
             self.tell(order, context);

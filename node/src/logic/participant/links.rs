@@ -196,7 +196,7 @@ impl Participant {
             let order = Order::Flip { ticket: self.links.ticket, flip };
             // Nothing waits for the answer.
             self.with_instance(producer, out, |instance, moment| {
-                instance.switch(order, moment);
+                instance.ask(order, moment);
             });
         }
     }
@@ -227,7 +227,7 @@ impl Participant {
         for (leaf, flip) in by_producer {
             let order = Order::Flip { ticket, flip };
             self.with_instance(leaf, out, |instance, moment| {
-                if instance.switch(order, moment) {
+                if instance.ask(order, moment) {
                     waiting.insert(leaf);
                 }
             });
@@ -299,7 +299,7 @@ impl Participant {
         }
         let order = Order::Expect { ticket, expect, then };
         let mut is_there = false;
-        self.with_instance(leaf, out, |instance, context| is_there = instance.switch(order, context));
+        self.with_instance(leaf, out, |instance, context| is_there = instance.ask(order, context));
         if !is_there {
             self.confirm_taken(ticket, 0, 0, Vec::new(), out);
         }

@@ -3,12 +3,13 @@
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
-use crate::logic::executer::{Taking, wants_restarts};
+use crate::logic::executer::{Sending, Taking, wants_restarts};
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{
     ActivityInput, Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant,
 };
 use crate::logic::table::counted;
+use comms::logic::control::{MessageFate, Order, PortMessage};
 use language::plan::{Expression, Notice, Plan};
 use std::collections::BTreeSet;
 
@@ -69,6 +70,56 @@ impl Participant {
                 consequences.rotate_right(1);
             }
         }
+    }
+
+    /// Hands a message to the activity whose ports a program has, and reports its fate to the program.
+    pub(super) fn take_message(&mut self, leaf: u32, message: PortMessage, out: &mut Out<'_>) {
+        let (number, mut fate) = (message.number, MessageFate::Idle);
+        if let Some(group) = self.activity_of(leaf) {
+            self.with_executer(group, out, |executer, at, out| {
+                let (said, ending) = executer.take_message(message, at, out);
+                fate = said;
+                ending
+            });
+        }
+        self.with_instance(leaf, out, |instance, context| {
+            instance.ask(Order::Received { number, fate }, context);
+        });
+    }
+
+    /// Takes note that a program has sent a value of an activity.
+    pub(super) fn value_sent(&mut self, leaf: u32, number: u64, out: &mut Out<'_>) {
+        if let Some(group) = self.activity_of(leaf) {
+            self.tell_executer(group, out, |executer, _, _| executer.value_sent(number));
+        }
+    }
+
+    /// Takes note that a program is gone, which may have had the ports of an activity.
+    pub(super) fn ports_lost(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if let Some(group) = self.activity_of(leaf) {
+            self.tell_executer(group, out, |executer, at, out| executer.ports_lost(at, out));
+        }
+    }
+
+    /// Has a program send the values of an activity.
+    pub(super) fn send_values(&mut self, group: u32, sendings: Vec<Sending>, out: &mut Out<'_>) {
+        let Some((_, leaf)) = self.site.plan.ports_of(group) else { return };
+        for Sending { number, port, value } in sendings {
+            let (order, mut is_there) = (Order::Send { number, port: port.clone(), value }, false);
+            self.with_instance(leaf, out, |instance, context| is_there = instance.ask(order, context));
+            if !is_there {
+                self.tell_executer(group, out, |executer, at, out| {
+                    executer.value_sent(number);
+                    executer.not_sent(&port, at, out);
+                });
+            }
+        }
+    }
+
+    /// Returns the activity whose ports a program has.
+    fn activity_of(&self, leaf: u32) -> Option<u32> {
+        let (group, _) = self.site.supervisors.get(&Target::Leaf(leaf))?;
+        self.site.plan.ports_of(*group).filter(|(_, ports)| *ports == leaf).map(|_| *group)
     }
 
     /// Tells the activity that supervises a program of a parameter with another value, if it waits for that.

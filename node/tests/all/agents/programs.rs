@@ -142,6 +142,11 @@ impl World {
             | Order::Secret { .. }
             | Order::Vouch { .. }
             | Order::Judged { .. } => {}
+            Order::Received { number, fate } => self.fates.push((number, fate)),
+            Order::Send { number, port, value } => {
+                self.sent.push((port, value));
+                self.notice(1, host, process, Notice::Sent { number });
+            }
             Order::Rejoin => {
                 self.rejoining.insert(process.clone());
             }

@@ -2,9 +2,9 @@
 
 use super::adoption::Written;
 use super::switching::{Data, Traffic};
-use comms::logic::control::Notice;
+use comms::logic::control::{MessageFate, Notice};
 use comms::logic::time::Time;
-use language::plan::{Plan, Policy};
+use language::plan::{PORTS, Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
@@ -30,6 +30,8 @@ module Owner(host) { done; }
 module Server(host) { proc Drive(Number) -> Number; service; claims wheels; }
 module Client(host) { calls Go(Number) -> Number; service; }
 module Tuned(host, way: Text = good) { in In: Number; in Other: Number; out Out: Number; service; }
+module Mic(host) { out Heard: Text; service; }
+module Speaker(host) { in Words: Text; service; }
 module Script(host) { exec \"sh Script\"; plain; done; }
 ";
 
@@ -149,6 +151,10 @@ pub(super) struct World {
     pub(super) ahead: BTreeMap<String, Duration>,
     /// When each program has begun for the first time.
     pub(super) begun: BTreeMap<ProcessId, Time>,
+    /// The values that programs have sent for activities, with their outputs.
+    pub(super) sent: Vec<(String, Vec<u8>)>,
+    /// The fates of messages for activities, by their numbers.
+    pub(super) fates: Vec<(u64, MessageFate)>,
 }
 
 impl World {
@@ -410,6 +416,7 @@ pub(super) fn offered() -> Programs {
     let mut programs = Programs::default();
     let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned", "Server", "Client", "Walker"];
     programs.offer("controllers", types.map(str::to_owned));
+    programs.offer("controllers", ["Mic", "Speaker", PORTS].map(str::to_owned));
     programs
 }
 
