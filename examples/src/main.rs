@@ -20,6 +20,8 @@ mod ratios;
 mod requests;
 #[path = "../serial/serial.rs"]
 mod serial;
+#[path = "../talk/talk.rs"]
+mod talk;
 
 use controllers::sdk::{Registry, Signal, process};
 
@@ -40,5 +42,6 @@ fn main() -> std::process::ExitCode {
     ratios::add(&mut registry);
     requests::add(&mut registry);
     serial::add(&mut registry);
+    talk::add(&mut registry);
     process::run(&registry)
 }

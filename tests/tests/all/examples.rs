@@ -79,6 +79,17 @@ fn orders_wait_in_a_queue() {
     check_done(&run("post", |text, _| text), "post");
 }
 
+/// A guest hears an answer to each word, and the bell has a receipt of the activity. Without a wire for the answers the guest waits.
+#[test]
+fn programs_talk_to_an_activity() {
+    check_done(&run("talk", |text, _| text), "talk");
+    let unheard = run("talk", |text, _| {
+        let text = changed(&text, "        shop.say -> guest.Heard;\n", "");
+        changed(&text, "(guest ; bell)", "(guest within 1 s else bell)")
+    });
+    check_done(&unheard, "talk");
+}
+
 /// A program built on the exports of another takes its place; other programs notice only the speed.
 #[test]
 fn a_guard_takes_the_place_of_the_wheels() {
