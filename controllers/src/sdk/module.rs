@@ -129,9 +129,7 @@ pub trait Module: Send {
     }
 
     /// Takes the messages that the node of its activity may have, in order: of the program that has the ports of one.
-    fn drain_messages(&mut self, now: Time, hand: &mut dyn FnMut(PortMessage)) {
-        let _ = (now, hand);
-    }
+    fn drain_messages(&mut self, _: Time, _: &mut dyn FnMut(PortMessage)) {}
 
     /// Hands over the fate of such a message.
     fn received(&mut self, number: u64, fate: MessageFate) {
