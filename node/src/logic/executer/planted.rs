@@ -179,7 +179,7 @@ fn recorded(plan: &Plan, planted: Option<Fault>) -> Vec<StepRecord> {
     }
     world.let_it(|executer, at, out| executer.stop(1, at, out));
     // The steps that would be recorded with the next ones.
-    world.steps.append(&mut world.executer.news.steps);
+    world.steps.append(&mut world.executer.outside.news.steps);
     world.steps
 }
 
