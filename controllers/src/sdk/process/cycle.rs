@@ -128,6 +128,8 @@ impl Cycle {
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
                     self.heartbeat.enter(Spends::Waiting);
+                    // Its own end comes first: after SIGTERM the process leaves as soon as the inbox is left.
+                    drop(self.module);
                     return self.inbox.leave();
                 }
                 self.wait(self.inbox.deadline());
