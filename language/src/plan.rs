@@ -54,6 +54,8 @@ pub const BRIDGE: &str = "RosBridge";
 pub const PORTS: &str = "ActivityPorts";
 /// The program that offers it, beside that of the node.
 pub const PORTS_PROGRAM: &str = "dca-controller";
+/// The controller type that runs a program of ROS 2. The bridge offers it.
+pub const ROS_NODE: &str = "RosNode";
 /// The variables of ROS 2 that say which network is meant.
 pub(crate) const ROS_VARIABLES: [&str; 3] = ["ROS_DISTRO", "ROS_DOMAIN_ID", "ZENOH_CONFIG_OVERRIDE"];
 /// The program of the bridge, beside that of the node. A leaf whose `exec` begins with this word is started by it.

@@ -5,6 +5,7 @@ mod module;
 mod process;
 mod python;
 mod ros_action;
+pub(super) mod ros_node;
 pub(super) mod silent;
 mod template;
 

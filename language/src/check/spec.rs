@@ -342,6 +342,8 @@ pub(crate) struct Times {
     pub(crate) stop_within: Duration,
     /// The shortest and the longest time from its start to its end, if declared.
     pub(crate) takes: Option<(Duration, Duration)>,
+    /// How long its program may take until it can run, if that follows from the module.
+    pub(crate) ready_within: Option<Duration>,
 }
 
 impl Module {

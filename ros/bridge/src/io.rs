@@ -1,5 +1,8 @@
 //! The session with the router of ROS 2: publishers, subscribers and the tokens by which others see them.
 
+pub(crate) mod installation;
+pub(crate) mod managed;
+pub(crate) mod program;
 pub(crate) mod services;
 
 use crate::logic::arrivals::{Arrivals, Told};

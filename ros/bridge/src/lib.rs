@@ -2,16 +2,20 @@
 //!
 //! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it, and each
 //! service an export or a call. The bytes of a value are not changed: both sides have CDR. `logic` decides which values and calls
-//! pass; `io` has the session with the router. An action of ROS 2 is another controller of the same program.
+//! pass; `io` has the session with the router. An action of ROS 2, and a program of
+//! ROS 2, are other controllers of the same program.
 
 mod action;
 mod carried;
 mod io;
 mod logic;
 mod module;
+mod node;
 mod setup;
 
 use controllers::sdk::Registry;
+use controllers::sdk::process::{Embedding, run_in};
+use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
 /// The lines of the log, unless `RUST_LOG` says otherwise. Zenoh reports each failed attempt to reach a router; the bridge says the
@@ -26,8 +30,13 @@ pub fn log() {
     lines.try_init().unwrap_or_default();
 }
 
-/// Returns the controller types of the program: the bridge, and an action as a task.
+/// Returns the controller types of the program: the bridge, an action as a task, and a program of ROS 2.
 pub fn registry() -> Registry {
+    registry_with(Vec::new())
+}
+
+/// Returns the same; `rest` are the arguments of the program behind `--`, for a program of ROS 2.
+fn registry_with(rest: Vec<String>) -> Registry {
     let mut registry = Registry::default();
     registry.add_module(module::interface(), |_, arguments| {
         let bridge = module::Bridge::new(arguments)?;
@@ -37,5 +46,17 @@ pub fn registry() -> Registry {
         let action = action::Action::new(arguments)?;
         Ok(Box::new(action) as Box<dyn controllers::sdk::Module>)
     });
+    registry.add_module(node::interface(), move |_, arguments| {
+        let node = node::RosNode::new(arguments, &rest)?;
+        Ok(Box::new(node) as Box<dyn controllers::sdk::Module>)
+    });
     registry
+}
+
+/// Runs this process as its command line says. The arguments behind `--` are those of a program of ROS 2.
+pub fn run() -> ExitCode {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let place = arguments.iter().position(|argument| argument == "--");
+    let rest = place.map_or_else(Vec::new, |place| arguments.split_off(place).split_off(1));
+    run_in(&registry_with(rest), &Embedding { arguments, around: |run| run() })
 }

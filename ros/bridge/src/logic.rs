@@ -1,7 +1,10 @@
-//! The decisions of the bridge, as pure functions: values, losses, calls, goals, and the network.
+//! The decisions of the bridge, as pure functions: values, losses, calls, goals, nodes, and the network.
 
 pub(crate) mod arrivals;
+pub(crate) mod command;
+pub(crate) mod ending;
 pub(crate) mod goal;
+pub(crate) mod lifecycle;
 pub(crate) mod network;
 pub(crate) mod others;
 pub(crate) mod parts;

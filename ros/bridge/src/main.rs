@@ -2,5 +2,5 @@
 
 fn main() -> std::process::ExitCode {
     bridge::log();
-    controllers::sdk::process::run(&bridge::registry())
+    bridge::run()
 }

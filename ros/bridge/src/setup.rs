@@ -22,8 +22,19 @@ const NODE_NAME_MAX: usize = 200;
 /// # Errors
 /// A sentence for a person.
 pub(crate) fn network(arguments: &Arguments) -> Result<Network, String> {
+    network_of(arguments, |variable| std::env::var(variable).ok())
+}
+
+/// Returns the network that is meant in an environment.
+///
+/// # Errors
+/// A sentence for a person.
+pub(crate) fn network_of(
+    arguments: &Arguments,
+    environment: impl Fn(&str) -> Option<String>,
+) -> Result<Network, String> {
     let given = |argument: &str, variable: &str| match arguments.text(argument) {
-        "" => std::env::var(variable).unwrap_or_default(),
+        "" => environment(variable).unwrap_or_default(),
         text => text.to_owned(),
     };
     let (domain, settings) = (given("domain", "ROS_DOMAIN_ID"), given("settings", "ZENOH_CONFIG_OVERRIDE"));

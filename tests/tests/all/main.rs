@@ -55,6 +55,7 @@ mod refused_programs;
 mod replay;
 mod rooms;
 mod ros_calls;
+mod ros_nodes;
 mod ros_topics;
 mod scouting;
 mod seals;

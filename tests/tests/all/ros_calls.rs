@@ -30,17 +30,17 @@ process main() {
 /// The key of a service behind its name.
 const TRIGGER: &str =
     "std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
-const SEND: &str = "7/fib/_action/send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/RIHS01_d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557";
-const RESULT: &str = "7/fib/_action/get_result/example_interfaces::action::dds_::Fibonacci_GetResult_/RIHS01_1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57";
-const CANCEL: &str = "7/fib/_action/cancel_goal/action_msgs::srv::dds_::CancelGoal_/RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a";
+pub(super) const SEND: &str = "7/fib/_action/send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/RIHS01_d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557";
+pub(super) const RESULT: &str = "7/fib/_action/get_result/example_interfaces::action::dds_::Fibonacci_GetResult_/RIHS01_1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57";
+pub(super) const CANCEL: &str = "7/fib/_action/cancel_goal/action_msgs::srv::dds_::CancelGoal_/RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a";
 
-fn serve(ros: &Ros, key: &str) -> (Queryable<()>, Receiver<Query>) {
+pub(super) fn serve(ros: &Ros, key: &str) -> (Queryable<()>, Receiver<Query>) {
     let (tx, queries) = sync_channel(64);
     let hear = move |query| drop(tx.try_send(query));
     (ros.session.declare_queryable(key.to_owned()).complete(true).callback(hear).wait().expect("a peer"), queries)
 }
 
-fn reply(query: &Query, response: &[u8]) {
+pub(super) fn reply(query: &Query, response: &[u8]) {
     let told = query.attachment().expect("each request has one").clone();
     query.reply(query.key_expr().clone(), response).attachment(told).wait().expect("a peer");
 }

@@ -1,6 +1,6 @@
 //! Reads the interfaces of controller modules.
 
-use super::{environment, python, ros_action};
+use super::{environment, python, ros_action, ros_node};
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
 use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Param, Port, Times};
@@ -35,7 +35,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         is_asked: false,
         environment: Environment::default(),
         kind: LeafKind::Controller,
-        times: Times { stop_within: STOP_WITHIN, takes: None },
+        times: Times { stop_within: STOP_WITHIN, takes: None, ready_within: None },
         claims: Vec::new(),
         is_damaged,
     };
@@ -44,6 +44,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
     }
     python::program(&mut module, node, reader);
     ros_action::read(&mut module, node, reader);
+    ros_node::read(&mut module, node, reader);
     Some(module)
 }
 

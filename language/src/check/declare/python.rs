@@ -55,7 +55,7 @@ fn path(node: &Node, kind: SyntaxKind) -> Option<(String, Span)> {
 }
 
 /// Returns a text as one word of an `exec`.
-fn word(text: &str) -> Option<String> {
+pub(super) fn word(text: &str) -> Option<String> {
     let quote = if text.contains('\'') { '"' } else { '\'' };
     (!text.contains(quote)).then(|| format!("{quote}{text}{quote}"))
 }

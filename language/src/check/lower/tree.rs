@@ -1,6 +1,7 @@
 //! Makes the groups and leaves of the plan: paths, hosts, arguments.
 
 use super::data::{Data, data, filled, flatten};
+use crate::check::declare::ros_node::{is_ros, restarting};
 use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::interface::parameters_of;
 use crate::check::spec::{Arg, ExprKind, Instance, Module, Param, Process, Spec, Target, Value};
@@ -222,18 +223,21 @@ impl Builder<'_> {
         let arguments = self.arguments(params, &rest, values);
         let leaf = number(self.tree.leaves.len());
         let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
+        let policy = policy(instance, module, &self.spec.processes[self.tree.process_of[group]]);
+        let exec = module.and_then(|module| module.exec.clone());
+        let is_started_again = policy.restart != Restart::Temporary;
         self.tree.leaves.push(Leaf {
             path,
             module: module.map_or_else(|| kind_of(instance), |module| module.name.text.clone()),
             host: 0,
             arguments,
-            exec: module.and_then(|module| module.exec.clone()),
+            exec: exec.map(|exec| if is_started_again { restarting(&exec) } else { exec }),
             parameters: module.and_then(|module| self.parameters(module)),
             environment: module.map(|module| module.environment.clone()).unwrap_or_default(),
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.times.stop_within),
             outcomes: outcomes.collect(),
-            policy: policy(instance, module, &self.spec.processes[self.tree.process_of[group]]),
+            policy,
             keys: Vec::new(),
             external: instance.policies.runs_in.as_ref().map(|runs_in| External {
                 deployment: runs_in.deployment.clone(),
@@ -245,9 +249,11 @@ impl Builder<'_> {
         MemberKind::Leaf(leaf)
     }
 
-    /// The parameters of a controller that the spec starts by itself, of which its node knows nothing.
+    /// The parameters of a controller that the spec starts by itself, of which its node knows nothing. The parameters of a program
+    /// of ROS 2 are not those of its controller.
     fn parameters(&self, module: &Module) -> Option<Vec<Parameter>> {
-        let is_started = module.exec.is_some() && module.kind == LeafKind::Controller;
+        let is_started =
+            module.kind == LeafKind::Controller && module.exec.as_deref().is_some_and(|exec| !is_ros(exec));
         module.params.as_deref().filter(|_| is_started).and_then(|params| parameters_of(self.spec, params))
     }
 
@@ -336,6 +342,7 @@ fn policy(instance: &Instance, module: Option<&Module>, group: &Process) -> Poli
     if policy.restart != Restart::Temporary {
         policy.backoff = policy.backoff.or(group.backoff);
     }
+    policy.ready_within = policy.ready_within.or(module.and_then(|module| module.times.ready_within));
     policy
 }
 

@@ -2,7 +2,7 @@
 
 use super::Parser;
 use crate::diagnostic::Code;
-use crate::syntax::SyntaxKind::{self, Colon, Ident, LeftBrace, LeftParen, Semicolon, Text};
+use crate::syntax::SyntaxKind::{self, Arrow, Colon, Ident, LeftBrace, LeftParen, Semicolon, Text};
 
 impl Parser<'_> {
     /// `module Name ( params ) { items }`
@@ -28,6 +28,12 @@ impl Parser<'_> {
             "python" => self.text_item(SyntaxKind::Python, "a string with the path of a Python program"),
             "venv" => self.text_item(SyntaxKind::Venv, "a string with the path of a virtual environment"),
             "action" => self.ros_action(),
+            "ros" => self.text_item(SyntaxKind::RosProgram, "a string with a package of ROS 2 and an executable"),
+            "setup" => self.text_item(SyntaxKind::RosSetup, "a string with the path of a setup file of ROS 2"),
+            "node" => self.text_item(SyntaxKind::RosName, "a string with the name of a node of ROS 2"),
+            "params" => self.text_item(SyntaxKind::RosParams, "a string with the path of a file of parameters"),
+            "remap" => self.ros_remap(),
+            "lifecycle" => self.lifecycle(),
             "env" => self.environment(),
             "inherit" => self.inherit(),
             "directory" => self.text_item(SyntaxKind::Folder, "a string with the path of a folder"),
@@ -41,7 +47,8 @@ impl Parser<'_> {
             _ => {
                 self.expected(
                     "`in`, `out`, `proc`, `state`, `calls`, `init`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, \
-                     `python`, `venv`, `action`, `env`, `inherit`, `directory`, `plain` or `stop within`",
+                     `python`, `venv`, `action`, `ros`, `setup`, `node`, `remap`, `params`, `lifecycle`, `env`, `inherit`, \
+                     `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -78,7 +85,7 @@ impl Parser<'_> {
             self.expect(SyntaxKind::RightParen);
         }
         self.finish();
-        if self.eat(SyntaxKind::Arrow) {
+        if self.eat(Arrow) {
             self.type_name();
         }
         self.eat_word(if is_call { "optional" } else { "idle" });
@@ -159,7 +166,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `exec "program arg";`, `python "keep.py";`, `venv ".venv";`, `directory "/opt/robot";`
+    /// `exec "program arg";`, `python "keep.py";`, `venv ".venv";`, `ros "package executable";`, `directory "/opt/robot";`
     fn text_item(&mut self, kind: SyntaxKind, expected: &str) {
         self.start(kind);
         self.bump();
@@ -179,6 +186,31 @@ impl Parser<'_> {
         }
         if self.expect(Colon) {
             self.type_name();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `remap "/cmd_vel" -> "/robot1/cmd_vel";`
+    fn ros_remap(&mut self) {
+        self.start(SyntaxKind::RosRemap);
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("a string with the name that the program uses");
+        }
+        if self.expect(Arrow) && !self.eat(Text) {
+            self.expected("a string with the name that it gets");
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `lifecycle;`, `lifecycle within 30 s;`
+    fn lifecycle(&mut self) {
+        self.start(SyntaxKind::Lifecycle);
+        self.bump();
+        if self.eat_word("within") {
+            self.constant();
         }
         self.end_statement();
         self.finish();

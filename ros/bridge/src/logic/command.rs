@@ -1,0 +1,205 @@
+//! The command line of a program of ROS 2, as a spec declares it.
+//!
+//! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`), whose values of parameters are YAML.
+
+use ros::logic::key::GraphName;
+use std::collections::BTreeMap;
+
+/// A program of ROS 2.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Declared {
+    pub(crate) package: String,
+    pub(crate) what: What,
+    pub(crate) node: Option<GraphName>,
+    /// Other names, each as `from:=to`.
+    pub(crate) remaps: Vec<String>,
+    /// Files of parameters.
+    pub(crate) files: Vec<String>,
+    /// The types of the parameters, by name.
+    pub(crate) kinds: BTreeMap<String, Written>,
+    /// The arguments in the text behind `ros`.
+    pub(crate) words: Vec<String>,
+    /// The arguments of the process, each as `name=value`.
+    pub(crate) given: Vec<String>,
+}
+
+/// The part of a package that is started.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum What {
+    Executable(String),
+    LaunchFile(String),
+}
+
+/// The form of a value as YAML.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Written {
+    /// A floating point number, also if it is whole: ROS 2 refuses an integer for such a parameter.
+    Number,
+    Text,
+    /// As it is.
+    Plain,
+}
+
+impl Declared {
+    /// Returns the arguments of its program: of the executable, or behind `ros2`.
+    pub(crate) fn arguments(&self) -> Vec<String> {
+        match &self.what {
+            What::Executable(_) => self.of_executable(),
+            What::LaunchFile(file) => {
+                let launch = ["launch", "--noninteractive", &self.package, file].map(str::to_owned);
+                let given = self.given().map(|(name, value)| format!("{name}:={value}"));
+                launch.into_iter().chain(self.words.iter().cloned()).chain(given).collect()
+            }
+        }
+    }
+
+    fn of_executable(&self) -> Vec<String> {
+        let mut ros = Vec::new();
+        let mut add = |option: &str, value: String| ros.extend([option.to_owned(), value]);
+        if let Some((namespace, name)) = self.node.as_ref().and_then(|node| node.as_str().rsplit_once('/')) {
+            add("-r", format!("__ns:={}", if namespace.is_empty() { "/" } else { namespace }));
+            add("-r", format!("__node:={name}"));
+        }
+        self.remaps.iter().for_each(|remap| add("-r", remap.clone()));
+        self.files.iter().for_each(|file| add("--params-file", file.clone()));
+        for (name, value) in self.given() {
+            let written = self.kinds.get(name).copied().unwrap_or(Written::Plain);
+            add("-p", format!("{name}:={}", written.yaml(value)));
+        }
+        let mut all = self.words.clone();
+        if !ros.is_empty() {
+            all.push("--ros-args".to_owned());
+            all.append(&mut ros);
+        }
+        all
+    }
+
+    fn given(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.given.iter().filter_map(|given| given.split_once('='))
+    }
+}
+
+impl Written {
+    /// Returns the form of a parameter of this type.
+    pub(crate) fn of(kind: &str) -> Self {
+        match kind {
+            "Number" => Self::Number,
+            "Text" => Self::Text,
+            _ => Self::Plain,
+        }
+    }
+
+    fn yaml(self, value: &str) -> String {
+        match self {
+            Self::Plain => value.to_owned(),
+            Self::Number if value.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-') => format!("{value}.0"),
+            Self::Number => value.to_owned(),
+            Self::Text => quoted(value),
+        }
+    }
+}
+
+/// Returns a text as a YAML scalar in double quotes, so that `7` or `yes` stays a text. Source: YAML 1.1, 5.6.
+fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for character in text.chars() {
+        match character {
+            '"' | '\\' => quoted.extend(['\\', character]),
+            control if control.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(control))),
+            other => quoted.push(other),
+        }
+    }
+    quoted.push('"');
+    quoted
+}
+
+/// Returns the variables in the output of `env -0`.
+pub(crate) fn variables(output: &[u8]) -> Vec<(String, String)> {
+    let entries = output.split(|byte| *byte == 0);
+    let entries = entries.filter_map(|entry| std::str::from_utf8(entry).ok()?.split_once('='));
+    entries.map(|(name, value)| (name.to_owned(), value.to_owned())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn strings(all: &[&str]) -> Vec<String> {
+        all.iter().map(|one| (*one).to_owned()).collect()
+    }
+
+    fn declared() -> Declared {
+        Declared {
+            package: "demo".to_owned(),
+            what: What::Executable("talker".to_owned()),
+            node: None,
+            remaps: Vec::new(),
+            files: Vec::new(),
+            kinds: BTreeMap::new(),
+            words: Vec::new(),
+            given: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn arguments_of_ros_follow_the_own_ones() {
+        assert_eq!(declared().arguments(), Vec::<String>::new());
+        let kinds = [("speed", "Number"), ("label", "Text"), ("on", "Truth")];
+        let all = Declared {
+            node: GraphName::parse("/robot1/arm/talker"),
+            remaps: strings(&["/a:=/b"]),
+            files: strings(&["nav 2.yaml"]),
+            kinds: kinds.map(|(name, kind)| (name.to_owned(), Written::of(kind))).into(),
+            words: strings(&["--fast", ""]),
+            given: strings(&["speed=2", "label=7 = \"x\"\n", "on=true", "depth=5", "speed=-0.5"]),
+            ..declared()
+        };
+        let expected = [
+            "--fast",
+            "",
+            "--ros-args",
+            "-r",
+            "__ns:=/robot1/arm",
+            "-r",
+            "__node:=talker",
+            "-r",
+            "/a:=/b",
+            "--params-file",
+            "nav 2.yaml",
+            "-p",
+            "speed:=2.0",
+            "-p",
+            "label:=\"7 = \\\"x\\\"\\u000A\"",
+            "-p",
+            "on:=true",
+            "-p",
+            "depth:=5",
+            "-p",
+            "speed:=-0.5",
+        ];
+        assert_eq!(all.arguments(), strings(&expected));
+        let root = Declared { node: GraphName::parse("/talker"), ..declared() };
+        assert_eq!(root.arguments(), strings(&["--ros-args", "-r", "__ns:=/", "-r", "__node:=talker"]));
+    }
+
+    #[test]
+    fn a_launch_file_has_arguments_of_its_own() {
+        let launch = Declared {
+            what: What::LaunchFile("up.launch.py".to_owned()),
+            words: strings(&["slam:=true"]),
+            given: strings(&["map=/maps/a b.yaml", "rate=2"]),
+            ..declared()
+        };
+        let expected =
+            ["launch", "--noninteractive", "demo", "up.launch.py", "slam:=true", "map:=/maps/a b.yaml", "rate:=2"];
+        assert_eq!(launch.arguments(), strings(&expected));
+    }
+
+    #[test]
+    fn variables_may_have_any_text() {
+        let found = variables(b"A=1\0B=x=y\nz\0C=\0BASH_FUNC_f%%=() { :; }\0broken\0\xff=1\0");
+        let expected = [("A", "1"), ("B", "x=y\nz"), ("C", ""), ("BASH_FUNC_f%%", "() { :; }")];
+        assert_eq!(found, expected.map(|(name, value)| (name.to_owned(), value.to_owned())));
+        assert!(variables(b"").is_empty());
+    }
+}

@@ -1,0 +1,440 @@
+//! A program of ROS 2 as a process: this program starts it, passes its end on, and brings its node through its lifecycle.
+//!
+//! Without a lifecycle, the program of ROS 2 runs while the process runs. With one, it is started and configured before this program
+//! says hello to the node of the host, so a mission begins only if it can. The process is then started and stopped by `activate` and
+//! `deactivate`. If the program of ROS 2 ends without a request, this program ends in the same way where the spec has it started again
+//! after a failure, and also while the process does not run. The node of the host thus treats both as one program.
+
+use crate::io::installation::{self, Environment, Prepared};
+use crate::io::lock;
+use crate::io::managed::{Bell, Managed};
+use crate::io::program::{self, End, Program};
+use crate::logic::command::{Declared, What, Written};
+use crate::logic::ending::{Ending, TERMINATE_WITHIN};
+use crate::logic::lifecycle::{Effect, Input, Lifecycle, Standing, State, Wanted};
+use crate::setup;
+use comms::io::clock::now;
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use controllers::sdk::{
+    About, Arguments, Configured, Delivery, DeliveryError, Interface, Kind, Module, Parameter, Progress, Stopping,
+    Waker,
+};
+use ros::logic::key::GraphName;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// The controller type, which plans name.
+const TYPE: &str = "RosNode";
+/// How often it looks after its node.
+const PERIOD: Duration = Duration::from_millis(100);
+const SIGNALS_EVERY: Duration = Duration::from_millis(500);
+/// How long SIGTERM and SIGKILL may take behind the time of a stop.
+const FORCE_WITHIN: Duration = Duration::from_millis(2500);
+/// How long a process may take that does not end by SIGKILL.
+const KILL_WITHIN: Duration = Duration::from_secs(1);
+/// The only middleware of ROS 2 whose services this program can call.
+const MIDDLEWARE: &str = "rmw_zenoh_cpp";
+const PARAMETERS: &[Parameter] = &[
+    Parameter::new("package", Kind::Text(&[])),
+    Parameter::new("executable", Kind::Text(&[])).or(""),
+    Parameter::new("launch", Kind::Text(&[])).or(""),
+    Parameter::new("setup", Kind::Text(&[])).or(""),
+    Parameter::new("node", Kind::Text(&[])).or(""),
+    Parameter::new("remaps", Kind::Text(&[])).or(""),
+    Parameter::new("files", Kind::Text(&[])).or(""),
+    Parameter::new("kinds", Kind::Text(&[])).or(""),
+    Parameter::new("lifecycle_ms", Kind::Text(&[])).or(""),
+    Parameter::new("stop_ms", Kind::Text(&[])).or("5000"),
+    Parameter::new("ends", Kind::Truth).or("false"),
+    Parameter::new("restarts", Kind::Truth).or("false"),
+];
+
+/// Returns the interface of a program of ROS 2.
+pub(crate) fn interface() -> Interface {
+    let about = About::service("Runs a program of ROS 2. `dca` makes it of a module with `ros`.");
+    let about = about.every(PERIOD).with(PARAMETERS).signals_every(SIGNALS_EVERY);
+    Interface { type_name: TYPE, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
+}
+
+/// Which part looks after the end of the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Care {
+    /// The loop does.
+    Loop,
+    /// None does: the process does not run, so this program ends with the program of ROS 2.
+    Nothing,
+}
+
+/// The lifecycle of a node, and its services.
+#[derive(Debug)]
+struct Life {
+    lifecycle: Lifecycle,
+    managed: Managed,
+    within: Duration,
+}
+
+/// How a program comes to rest when its process stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rest {
+    /// It goes on, and its node is not active.
+    Stays,
+    /// Its node is being deactivated.
+    Waits,
+    /// It has to end, and has this time after SIGINT.
+    Ends(Duration),
+}
+
+/// The meaning of an end of the program that was not asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Rules {
+    /// Whether exit code 0 is the end of its work.
+    ends: bool,
+    /// Whether its process is started again after a failure.
+    restarts: bool,
+}
+
+/// A program of ROS 2.
+#[derive(Debug)]
+pub(crate) struct RosNode {
+    interface: Interface,
+    prepared: Prepared,
+    stop: Duration,
+    rules: Rules,
+    life: Option<Life>,
+    program: Option<Program>,
+    care: Arc<Mutex<Care>>,
+    ending: Option<Ending>,
+    is_stopping: bool,
+    /// Why the program could not be started.
+    trouble: Option<String>,
+    bell: Arc<Bell>,
+}
+
+impl RosNode {
+    /// Makes an idle node: its program is found, and started and configured if it has a lifecycle. Blocks for that time.
+    ///
+    /// # Errors
+    /// A sentence for a person.
+    pub(crate) fn new(arguments: &Arguments, rest: &[String]) -> Result<Self, String> {
+        let declared = declared(arguments, rest)?;
+        let stop = millis(arguments, "stop_ms")?;
+        let rules = Rules { ends: arguments.truth("ends"), restarts: arguments.truth("restarts") };
+        let prepared = installation::prepare(&declared, installation::environment(arguments.text("setup"))?)?;
+        let bell = Arc::new(Bell::default());
+        let life = match arguments.text("lifecycle_ms") {
+            "" => None,
+            _ => Some(Life::new(arguments, &declared, &prepared.environment, &bell)?),
+        };
+        let about = interface().about.stop_within(stop + FORCE_WITHIN);
+        let interface = Interface { about, ..interface() };
+        let care = Arc::new(Mutex::new(Care::Loop));
+        let mut node = Self {
+            interface,
+            prepared,
+            stop,
+            rules,
+            life,
+            program: None,
+            care,
+            ending: None,
+            is_stopping: false,
+            trouble: None,
+            bell,
+        };
+        program::handle_interrupts()?;
+        node.get_ready().inspect_err(|_| node.end(TERMINATE_WITHIN))?;
+        Ok(node)
+    }
+
+    /// Brings a node with a lifecycle as far as it can go before its process runs.
+    fn get_ready(&mut self) -> Result<(), String> {
+        while let Some(Life { lifecycle, .. }) = &self.life {
+            match lifecycle.standing() {
+                Standing::Reached => break,
+                Standing::Failed(why) => return Err(why.clone()),
+                Standing::Underway => {}
+            }
+            self.step(now(), None);
+            if let Some(why) = self.trouble.take() {
+                return Err(why);
+            }
+            self.has_gone()?;
+            self.bell.wait(now() + PERIOD);
+        }
+        *lock(&self.care) = Care::Nothing;
+        // It may have ended just before.
+        self.has_gone()
+    }
+
+    fn has_gone(&mut self) -> Result<(), String> {
+        self.take_end().map_or(Ok(()), |end| {
+            Err(format!("its program `{}` has ended with {end} before it was configured", self.shown()))
+        })
+    }
+
+    /// From now on the loop does not look after the program.
+    fn rest(&mut self) {
+        *lock(&self.care) = Care::Nothing;
+        // A program that has ended at a stop is started again with the next activation.
+        self.take_end();
+    }
+
+    fn start(&mut self) -> Result<(), String> {
+        let (care, bell) = (Arc::clone(&self.care), Arc::clone(&self.bell));
+        let shown = self.shown();
+        let ended = move |end: End| match *lock(&care) {
+            Care::Loop => bell.ring(),
+            Care::Nothing => {
+                tracing::error!(%end, "the program of ROS 2 `{shown}` has ended");
+                end.take_over()
+            }
+        };
+        self.program = Some(Program::start(&self.prepared, ended)?);
+        Ok(())
+    }
+
+    /// Returns the end of the program, once nothing of it is left.
+    fn take_end(&mut self) -> Option<End> {
+        let end = self.program.as_ref().and_then(Program::end)?;
+        self.forget_program(now());
+        Some(end)
+    }
+
+    /// Hands over the news of the node, then another state that is wanted, and does what follows.
+    fn step(&mut self, now: Time, want: Option<Input>) {
+        let Some(Life { lifecycle, managed, .. }) = &mut self.life else { return };
+        let mut effects = Vec::new();
+        for input in managed.news().into_iter().chain(want) {
+            lifecycle.handle(now, input, &mut effects);
+        }
+        for effect in effects {
+            match effect {
+                Effect::Start => {
+                    self.trouble = self.start().err();
+                    if self.trouble.is_some() {
+                        self.forget_program(now);
+                    }
+                }
+                Effect::Change { .. } | Effect::Ask { .. } => {
+                    self.life.iter_mut().for_each(|life| life.managed.perform(effect));
+                }
+            }
+        }
+    }
+
+    /// Takes note that the program is gone.
+    fn forget_program(&mut self, now: Time) {
+        self.program = None;
+        if let Some(Life { lifecycle, .. }) = &mut self.life {
+            lifecycle.handle(now, Input::Ended, &mut Vec::new());
+        }
+    }
+
+    /// Returns the end of the process after that of the program.
+    fn over(&self, end: End) -> Progress {
+        let Rules { ends, restarts } = self.rules;
+        if end == End::Exit(0) && ends {
+            return Progress::Done(Vec::new());
+        }
+        let why = format!("its program `{}` has ended with {end}", self.shown());
+        if restarts {
+            tracing::error!("{why}");
+            end.take_over();
+        }
+        Progress::Aborted(why)
+    }
+
+    /// Returns how the program comes to rest.
+    fn rest_of_program(&self) -> Rest {
+        let Some(Life { lifecycle, .. }) = &self.life else { return Rest::Ends(self.stop) };
+        let why = match lifecycle.standing() {
+            Standing::Underway => return Rest::Waits,
+            Standing::Reached if lifecycle.state() == Some(State::Finalized) => "it has been shut down",
+            Standing::Reached if lifecycle.may_activate() => {
+                "a request to activate it has no answer, and it may still be carried out"
+            }
+            Standing::Reached => return Rest::Stays,
+            Standing::Failed(why) => why,
+        };
+        tracing::warn!(why, "the program of ROS 2 is ended");
+        Rest::Ends(TERMINATE_WITHIN)
+    }
+
+    /// Goes on with the end of the program; returns whether nothing of it is left.
+    fn has_ended(&mut self, now: Time) -> bool {
+        if let (Some(ending), Some(program)) = (&mut self.ending, &self.program) {
+            while let Some(step) = ending.due(now) {
+                program.take(step);
+            }
+        }
+        self.take_end().is_some() || self.program.is_none()
+    }
+
+    /// Brings the program to its end, and waits until nothing of it is left. Blocks for a limited time.
+    fn end(&mut self, patience: Duration) {
+        *lock(&self.care) = Care::Loop;
+        let begin = now();
+        self.ending = Some(Ending::new(begin, patience));
+        let until = begin + patience + TERMINATE_WITHIN + KILL_WITHIN;
+        while !self.has_ended(now()) && now() < until {
+            self.bell.wait(now() + PERIOD);
+        }
+    }
+
+    /// Returns the program for a person.
+    fn shown(&self) -> String {
+        self.prepared.path.display().to_string()
+    }
+}
+
+impl Life {
+    fn new(
+        arguments: &Arguments,
+        declared: &Declared,
+        environment: &Environment,
+        bell: &Arc<Bell>,
+    ) -> Result<Self, String> {
+        let name = declared.node.as_ref().ok_or("a node with a lifecycle needs a name")?;
+        let middleware = environment.get("RMW_IMPLEMENTATION").map_or("", String::as_str);
+        if middleware != MIDDLEWARE {
+            return Err(format!(
+                "`RMW_IMPLEMENTATION` is `{middleware}`: a lifecycle can only be controlled with `{MIDDLEWARE}`"
+            ));
+        }
+        let network = setup::network_of(arguments, |name| environment.get(name).cloned())?;
+        let managed = Managed::open(name, &network, setup::node_name(arguments), Arc::clone(bell))?;
+        let within = millis(arguments, "lifecycle_ms")?;
+        Ok(Self { lifecycle: Lifecycle::new(name.to_string(), within, now()), managed, within })
+    }
+}
+
+/// Returns the program that the arguments declare. `rest` has the number of its own arguments, these, and those of the process.
+fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> {
+    let count = rest.first().map_or(Ok(0), |count| count.parse::<usize>());
+    let count = count.map_err(|error| format!("behind `--` is the number of arguments: {error}"))?;
+    let rest = rest.get(1..).unwrap_or_default();
+    let (words, given) = rest.split_at_checked(count).ok_or("there are fewer arguments than `--` says")?;
+    let name = |parameter: &str| {
+        let text = arguments.text(parameter);
+        let is_fit = !text.contains('/') && !text.starts_with('.');
+        is_fit.then(|| text.to_owned()).ok_or_else(|| format!("`{text}` is not a name of a {parameter}"))
+    };
+    let what = match (name("executable")?, name("launch")?) {
+        (executable, launch) if launch.is_empty() && !executable.is_empty() => What::Executable(executable),
+        (executable, launch) if executable.is_empty() && !launch.is_empty() => What::LaunchFile(launch),
+        _ => return Err("a program of ROS 2 is an executable or a launch file".to_owned()),
+    };
+    let node = match arguments.text("node") {
+        "" => None,
+        text => Some(GraphName::parse(text).ok_or_else(|| format!("`{text}` is not a name of a node of ROS 2"))?),
+    };
+    let list = |parameter: &str, separator: char| {
+        let parts = arguments.text(parameter).split(separator).filter(|part| !part.is_empty());
+        parts.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let kinds = list("kinds", ' ').into_iter();
+    let kinds = kinds.filter_map(|kind| kind.split_once(':').map(|(name, of)| (name.to_owned(), Written::of(of))));
+    Ok(Declared {
+        package: name("package")?,
+        what,
+        node,
+        remaps: list("remaps", ' '),
+        files: list("files", ':'),
+        kinds: kinds.collect(),
+        words: words.to_vec(),
+        given: given.to_vec(),
+    })
+}
+
+fn millis(arguments: &Arguments, name: &str) -> Result<Duration, String> {
+    let millis = arguments.text(name).parse().map_err(|error| format!("`{name}`: {error}"))?;
+    Ok(Duration::from_millis(millis))
+}
+
+impl Module for RosNode {
+    fn interface(&self) -> &Interface {
+        &self.interface
+    }
+
+    fn deliver(&mut self, port: &str, _: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
+        Err(DeliveryError::NoInput { type_name: TYPE, port: port.to_owned() })
+    }
+
+    fn init(&mut self, _: &[u8], now: Time) -> Result<(), String> {
+        if self.life.is_none() && self.program.is_some() {
+            return Err(format!("its earlier program `{}` is still there", self.shown()));
+        }
+        *lock(&self.care) = Care::Loop;
+        (self.ending, self.is_stopping, self.trouble) = (None, false, None);
+        let Some(Life { within, .. }) = self.life else { return self.start() };
+        self.step(now, Some(Input::Want { wanted: Wanted::Active, within }));
+        Ok(())
+    }
+
+    fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
+        Err("a program of ROS 2 has no parameters that DCA changes".to_owned())
+    }
+
+    fn calculate(&mut self, now: Time) -> Progress {
+        self.step(now, None);
+        if let Some(end) = self.take_end() {
+            return self.over(end);
+        }
+        if let Some(why) = self.trouble.take() {
+            return Progress::Aborted(why);
+        }
+        match self.life.as_ref().map(|life| life.lifecycle.standing()) {
+            Some(Standing::Failed(why)) => Progress::Aborted(why.clone()),
+            Some(Standing::Underway | Standing::Reached) | None => Progress::Continue,
+        }
+    }
+
+    fn stop(&mut self, now: Time) -> Stopping {
+        let is_first = !std::mem::replace(&mut self.is_stopping, true);
+        self.step(now, is_first.then_some(Input::Want { wanted: Wanted::Resting, within: self.stop }));
+        if self.ending.is_none() && self.program.is_some() {
+            match self.rest_of_program() {
+                Rest::Stays => {
+                    self.rest();
+                    return Stopping::Finished;
+                }
+                Rest::Waits => {}
+                Rest::Ends(patience) => self.ending = Some(Ending::new(now, patience)),
+            }
+        }
+        if self.has_ended(now) {
+            self.rest();
+            return Stopping::Finished;
+        }
+        Stopping::Again
+    }
+
+    fn unconfirmed(&mut self) -> Option<String> {
+        let is_there = self.ending.is_some() && self.program.is_some();
+        is_there.then(|| format!("the program of ROS 2 `{}` has not ended by SIGKILL", self.shown()))
+    }
+
+    fn drain(&mut self, _: &mut dyn FnMut(&'static str, Vec<u8>)) {}
+
+    fn signals(&self) -> Vec<Signal> {
+        let state = self.life.as_ref().map(|life| life.lifecycle.state().map_or(0, State::number));
+        state.into_iter().map(|state| setup::signal("lifecycle state".to_owned(), u64::from(state))).collect()
+    }
+
+    fn take_waker(&mut self, waker: Waker) {
+        self.bell.take_waker(waker);
+    }
+}
+
+impl Drop for RosNode {
+    /// The node of the host lets this program leave: the program of ROS 2 gets the time of a stop.
+    fn drop(&mut self) {
+        if self.program.is_some() {
+            self.end(self.stop);
+        }
+        if let Some(Life { managed, .. }) = self.life.take() {
+            managed.close();
+        }
+    }
+}
