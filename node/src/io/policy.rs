@@ -12,6 +12,7 @@ use crate::logic::effect::SpawnOrder;
 use crate::logic::protocol::PolicyInUse;
 use anyhow::{Context, anyhow, ensure};
 use comms::io::file;
+use language::plan::ROS_NODE;
 use rustix::fs::{Mode, OFlags};
 use rustix::process::getuid;
 use shim::protocol::{Judged, JudgedBy, Limits, Sandbox, SandboxLevel, Stamp};
@@ -180,8 +181,7 @@ impl ExecutionPolicy {
             return Ok(Admitted { limits: asked.clone(), ..Admitted::default() });
         };
         let looked = Looked::open(program).with_context(|| format!("finding `{}`", program.display()))?;
-        let by = if policy.needs_hash(&looked.path) { JudgedBy::Hash } else { JudgedBy::Folder };
-        let hash = (by == JudgedBy::Hash).then(|| self.hash(&looked)).transpose()?;
+        let (by, hash) = self.judged(&policy, &looked)?;
         let secrets: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
         let environment = &order.environment;
         let variables: Vec<String> = environment.variables.keys().chain(&environment.inherited).cloned().collect();
@@ -194,7 +194,7 @@ impl ExecutionPolicy {
         let only = only_own(own.is_root());
         let other = other.filter(|_| only.is_empty());
         let user = other.as_ref().or(mine.as_ref()).map_or_else(users::own_name, |user| user.name.clone());
-        let admitted = policy.admit(&Start {
+        let start = Start {
             program: &looked.path,
             hash,
             user: &user,
@@ -204,7 +204,18 @@ impl ExecutionPolicy {
             secrets: &secrets,
             variables: &variables,
             limits: words_of(asked),
+        };
+        // The setup file of a program of ROS 2 decides which program runs.
+        let setup = setup_file(order)?.map(|setup| {
+            let setup =
+                Looked::open(&setup).with_context(|| format!("finding the setup file `{}`", setup.display()))?;
+            let (_, hash) = self.judged(&policy, &setup)?;
+            anyhow::Ok((setup.path, hash))
         });
+        let admitted_setup = setup
+            .transpose()?
+            .map_or(Ok(()), |(program, hash)| policy.admit(&Start { program: &program, hash, ..start }).map(drop));
+        let admitted = admitted_setup.and_then(|()| policy.admit(&start));
         match admitted {
             Ok(limits) => Ok(Admitted {
                 limits: with(asked.clone(), &limits),
@@ -225,6 +236,14 @@ impl ExecutionPolicy {
                 Err(anyhow!("the policy of this node refuses it: {}", reasons.join("; ")))
             }
         }
+    }
+
+    /// Returns how a policy judges a file, and its hash if that needs one.
+    fn judged(&self, policy: &Policy, looked: &Looked) -> anyhow::Result<(JudgedBy, Option<[u8; 32]>)> {
+        if !policy.needs_hash(&looked.path) {
+            return Ok((JudgedBy::Folder, None));
+        }
+        Ok((JudgedBy::Hash, Some(self.hash(looked)?)))
     }
 
     /// Returns the hash of a program, which is computed once until the file changes.
@@ -256,6 +275,28 @@ impl ExecutionPolicy {
             member.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
         }
     }
+}
+
+/// Returns the setup file of a program of ROS 2. A relative path begins at the folder of the program.
+///
+/// # Errors
+/// An argument without a name could be a setup file as well.
+fn setup_file(order: &SpawnOrder) -> anyhow::Result<Option<PathBuf>> {
+    let [_, kind, arguments @ ..] = order.command.as_slice() else { return Ok(None) };
+    if kind != ROS_NODE {
+        return Ok(None);
+    }
+    let mut setup = None;
+    for argument in arguments.iter().take_while(|argument| *argument != "--") {
+        let named = argument.split_once('=').map(|(name, value)| (name.trim(), value));
+        let named = named.filter(|(name, _)| name.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_'));
+        let (name, value) = named.ok_or_else(|| anyhow!("`{argument}` has no name: write `NAME={argument}`"))?;
+        if name == "setup" && !value.is_empty() {
+            let folder = order.environment.directory.as_deref().map_or_else(PathBuf::new, PathBuf::from);
+            setup = Some(folder.join(value));
+        }
+    }
+    Ok(setup)
 }
 
 /// Returns why a program can run only as the user of its node, for a sentence; empty if it can run as another.
@@ -334,6 +375,8 @@ fn with(asked: Limits, admitted: &policy::Limits) -> Limits {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::effect::ProcessId;
+    use crate::logic::protocol::Deployment;
     use std::os::unix::fs::PermissionsExt;
 
     fn folder(name: &str) -> PathBuf {
@@ -365,6 +408,45 @@ mod tests {
         fs::remove_file(&file).unwrap();
         std::os::unix::fs::symlink("/nowhere", &file).unwrap();
         assert!(find(Some(&folder)).is_err(), "a link that leads nowhere is not the same as no policy");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn the_setup_file_of_a_program_of_ros_is_judged_as_well() {
+        let folder = folder("setup").canonicalize().unwrap();
+        fs::create_dir_all(folder.join("opt")).unwrap();
+        for name in ["dca-ros", "opt/setup.bash", "setup.bash"] {
+            fs::write(folder.join(name), "#!/bin/sh\n").unwrap();
+            fs::set_permissions(folder.join(name), fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        let own_root = if getuid().is_root() { "root = true" } else { "root = false" };
+        fs::create_dir_all(folder.join("bin")).unwrap();
+        fs::rename(folder.join("dca-ros"), folder.join("bin/dca-ros")).unwrap();
+        let rules =
+            format!("{own_root}\nfolders = [\"{0}/bin\", \"{0}/opt\"]\nenvironment = [\"ROS_*\"]", folder.display());
+        fs::write(folder.join(FILE), rules).unwrap();
+        let policy = ExecutionPolicy::open(Some(folder.clone()), None).unwrap();
+        let admitted = |arguments: &[&str]| {
+            let text = "module A(host) { exec \"a\"; done; }
+                process main(){ host{c1} instantiated_processes{ a instof A(c1); } internal_event_actions{ a } }";
+            let plan = language::compile(&language::Source::new("a.dca", text), &[], &language::Options::named("a"));
+            let plan = plan.plan.unwrap();
+            let process = ProcessId { deployment: Deployment { name: "a".to_owned(), epoch: 1 }, leaf: 0 };
+            let program = folder.join("bin/dca-ros").display().to_string();
+            let command =
+                [program, ROS_NODE.to_owned()].into_iter().chain(arguments.iter().map(|one| (*one).to_owned()));
+            let order = crate::logic::programs::order(process, command.collect(), &plan, &plan.leaves[0]);
+            policy.admit(&order).map(drop).map_err(|error| format!("{error:#}"))
+        };
+        let setup = |name: &str| format!("setup={}/{name}", folder.display());
+        assert_eq!(admitted(&["package=a", &setup("opt/setup.bash"), "--", "0"]), Ok(()));
+        assert_eq!(admitted(&["package=a"]), Ok(()));
+        for arguments in [&[&*setup("setup.bash")][..], &[&format!(" {}", setup("setup.bash"))]] {
+            let refused = admitted(arguments).unwrap_err();
+            assert!(refused.contains("setup.bash` is in none of the folders of programs"), "{refused}");
+        }
+        let unnamed = admitted(&["a", "b", "", &folder.join("setup.bash").display().to_string()]).unwrap_err();
+        assert!(unnamed.contains("`a` has no name"), "{unnamed}");
         fs::remove_dir_all(&folder).unwrap();
     }
 
