@@ -6,9 +6,9 @@
 use clap::{Arg, ArgAction, Command};
 
 /// The verbs that get the option here. Of `ctl`, `export` and `team`, all verbs below them get it.
-const TEXTS: [&str; 17] = [
-    "add", "audit", "check", "conform", "ctl", "export", "fix", "fmt", "graph", "new", "remove", "replace", "report",
-    "sim", "team", "test", "types",
+const TEXTS: [&str; 18] = [
+    "add", "audit", "check", "conform", "ctl", "export", "fix", "fmt", "graph", "import", "new", "remove", "replace",
+    "report", "sim", "team", "test", "types",
 ];
 
 /// Returns a command line in which every verb that answers has `--json`.

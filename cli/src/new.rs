@@ -45,7 +45,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 39] = [
+const TAKEN: [&str; 41] = [
     "alloc",
     "bridge",
     "build",
@@ -67,9 +67,11 @@ const TAKEN: [&str; 39] = [
     "dca-ros",
     "dca-shim",
     "dca-starter",
+    "dca-talking",
     "dca-tests",
     "deps",
     "examples",
+    "import",
     "incremental",
     "language",
     "main",

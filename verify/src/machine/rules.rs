@@ -226,7 +226,7 @@ impl Writer<'_> {
         self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
         self.rule(node, REPORT, &[runs.clone(), goes_on.clone()], self.start(inner, Term::Number(0)));
         self.passes_on(node, &[runs.clone(), Test::Fails(Box::new(goes_on))]);
-        self.passes_on(node, &[is_stopped.clone()]);
+        self.passes_on(node, std::slice::from_ref(&is_stopped));
         self.rule(node, STOP, &[runs], [vec![self.enter(node, 2)], self.stop(inner)].concat());
         self.rule(node, STOP, &[is_stopped], self.reports(node, RUNS));
     }
