@@ -443,6 +443,10 @@ mod tests {
             "`main/left/a` is not a member of exactly one group below `main`",
         );
         check(|plan| drop(plan.groups[0].members.pop()), "`main` points to member 1, which is not there");
+    }
+
+    #[test]
+    fn each_broken_expression_is_named() {
         check(
             |plan| plan.groups[0].expression = Expression::Run { member: 2, sets: vec![] },
             "`main` points to member 2, which is not there",

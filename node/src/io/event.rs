@@ -139,9 +139,7 @@ async fn hear(
         | Notice::Judge { .. } => anyhow::bail!("a program did not say who it is"),
     };
     let mut requests = database.open(&connection.deployment, &connection.instance, channel.clone());
-    if hello.is_some() {
-        requests.tell_ports();
-    }
+    hello.iter().for_each(|_| requests.tell_ports());
     requests.follow_secrets();
     // If the driver does not listen any more, it is gone.
     if events.send(event).await.is_err() {
