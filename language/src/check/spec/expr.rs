@@ -1,0 +1,222 @@
+//! Event actions, checked: expressions, and the charts of activities.
+
+use super::{Outcome, Port, Value};
+use crate::automaton::StateKind;
+use crate::plan::StateChart;
+use crate::source::Span;
+use crate::syntax::ast::Name;
+use std::time::Duration;
+
+/// An event-action expression with slots for names.
+#[derive(Debug)]
+pub(crate) struct Expr {
+    pub(crate) span: Span,
+    pub(crate) kind: ExprKind,
+}
+
+#[derive(Debug)]
+pub(crate) enum ExprKind {
+    /// Slot, and indices into [`Process::sets`].
+    Run(usize, Vec<usize>),
+    Skip,
+    Never,
+    Fail(String),
+    Wait(Duration),
+    Concurrent(Vec<Expr>),
+    FailFast(Vec<Expr>),
+    AnyOf(u32, Vec<Expr>),
+    Disable(Vec<Expr>),
+    Sequence(Vec<Expr>),
+    Conditional(Vec<Expr>),
+    Otherwise(Vec<Expr>),
+    Recurrent(Box<Expr>, Box<Expr>),
+    /// How many times more, and the pause before each.
+    Retry(u32, Option<Duration>, Box<Expr>),
+    /// The outcomes that end it; any other one starts its operand again.
+    Repeat(Vec<Name>, Box<Expr>),
+    Within(Duration, Box<Expr>),
+    Match(Vec<Arm>),
+    Shield(Option<Duration>, Box<Expr>),
+    /// A process with the resources that it takes: indices into [`Process::resources`].
+    Using(Vec<usize>, Box<Expr>),
+    /// The source, and the pool written out.
+    Asynchronous(Box<Expr>, Vec<Expr>),
+    Finally(Box<Expr>, Box<Expr>),
+    /// The tag that its outcome gets.
+    Tagged(Name, Box<Expr>),
+    /// The value that it starts with.
+    With(StartValue, Box<Expr>),
+    /// The states of an activity.
+    Chart(Box<ChartModel>),
+    /// Could not be read or resolved; reported already.
+    Broken,
+}
+
+/// The value that an expression starts with.
+#[derive(Debug)]
+pub(crate) enum StartValue {
+    /// A value of the text, or a parameter of the group.
+    Known(Value),
+    /// The content of an opaque variable of the activity: its number, and its name.
+    Kept(usize, Name),
+}
+
+/// The states of an activity, with their runs.
+#[derive(Debug)]
+pub(crate) struct ChartModel {
+    /// Everything but the runs.
+    pub(crate) chart: StateChart,
+    /// The runs, each with the number of its state.
+    pub(crate) runs: Vec<(usize, Expr)>,
+    /// Where each notice of the chart is first waited for.
+    pub(crate) notices: Vec<Span>,
+    /// Where each transition stands.
+    pub(crate) places: Vec<Span>,
+    /// The trigger and the condition of each transition, as the text writes them.
+    pub(crate) labels: Vec<String>,
+    /// The expression of each run, as the text writes it.
+    pub(crate) run_labels: Vec<String>,
+    /// Its ports for messages.
+    pub(crate) ports: Vec<Port>,
+    /// Its normal ends, when they have names.
+    pub(crate) outcomes: Vec<Outcome>,
+}
+
+impl ChartModel {
+    /// The way from the activity to the run of a state, through the states around it. The run of a state and its inner
+    /// states are beside each other, and its inner states are beside each other if it is parallel.
+    fn way_to(&self, state: usize) -> Path {
+        let states = &self.chart.chart.states;
+        let mut way: Path = vec![(0, true)];
+        for state in self.chart.chart.upward(state) {
+            let Some(outer) = states.get(state).and_then(|it| states.get(it.parent?)) else { break };
+            way.extend([(state, outer.kind == StateKind::Parallel), (1, true)]);
+        }
+        way.reverse();
+        way
+    }
+}
+
+/// The operands that lead from the root of an expression to a place in it: which, and whether it runs beside the others.
+pub(crate) type Path = Vec<(usize, bool)>;
+
+/// Whether two places run in parallel: the first operator that joins them decides. Nothing if there is none, since
+/// they are one place, or one lies in the other.
+pub(crate) fn are_parallel(one: &Path, other: &Path) -> Option<bool> {
+    std::iter::zip(one, other).find(|((a, _), (b, _))| a != b).map(|((_, is_parallel), _)| *is_parallel)
+}
+
+/// One way on in a `match`.
+#[derive(Debug)]
+pub(crate) struct Arm {
+    /// `else` has no tag.
+    pub(crate) tag: Option<Name>,
+    pub(crate) body: Expr,
+}
+
+impl Expr {
+    /// Whether its direct parts run in parallel.
+    pub(crate) fn is_parallel(&self) -> bool {
+        match self.kind {
+            ExprKind::Concurrent(_)
+            | ExprKind::FailFast(_)
+            | ExprKind::AnyOf(..)
+            | ExprKind::Disable(_)
+            | ExprKind::Asynchronous(..) => true,
+            ExprKind::Run(..)
+            | ExprKind::Chart(_)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Sequence(_)
+            | ExprKind::Conditional(_)
+            | ExprKind::Otherwise(_)
+            | ExprKind::Recurrent(..)
+            | ExprKind::Retry(..)
+            | ExprKind::Repeat(..)
+            | ExprKind::Within(..)
+            | ExprKind::Match(_)
+            | ExprKind::Shield(..)
+            | ExprKind::Using(..)
+            | ExprKind::Finally(..)
+            | ExprKind::Tagged(..)
+            | ExprKind::With(..)
+            | ExprKind::Broken => false,
+        }
+    }
+
+    /// The way to one of its direct parts.
+    pub(crate) fn way_to(&self, index: usize) -> Path {
+        if let ExprKind::Chart(model) = &self.kind {
+            return model.runs.get(index).map(|(state, _)| model.way_to(*state)).unwrap_or_default();
+        }
+        vec![(index, self.is_parallel())]
+    }
+
+    /// Whether two of its direct parts can run at the same time.
+    pub(crate) fn runs_together(&self, one: usize, other: usize) -> bool {
+        are_parallel(&self.way_to(one), &self.way_to(other)).unwrap_or(false)
+    }
+
+    /// The direct parts that begin together with the expression, with its start value. An arm of a `match` gets a part of the value.
+    pub(crate) fn first_parts(&self) -> Vec<&Self> {
+        match &self.kind {
+            ExprKind::Concurrent(parts)
+            | ExprKind::FailFast(parts)
+            | ExprKind::AnyOf(_, parts)
+            | ExprKind::Disable(parts) => parts.iter().collect(),
+            ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+                parts.iter().take(1).collect()
+            }
+            ExprKind::Recurrent(part, _)
+            | ExprKind::Asynchronous(part, _)
+            | ExprKind::Finally(part, _)
+            | ExprKind::Retry(_, _, part)
+            | ExprKind::Repeat(_, part)
+            | ExprKind::Within(_, part)
+            | ExprKind::Shield(_, part)
+            | ExprKind::Using(_, part)
+            | ExprKind::Tagged(_, part) => vec![part],
+            ExprKind::Run(..)
+            | ExprKind::With(..)
+            | ExprKind::Match(_)
+            | ExprKind::Chart(_)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Broken => Vec::new(),
+        }
+    }
+
+    /// The direct parts, left to right.
+    pub(crate) fn parts(&self) -> Vec<&Self> {
+        match &self.kind {
+            ExprKind::Concurrent(parts)
+            | ExprKind::FailFast(parts)
+            | ExprKind::AnyOf(_, parts)
+            | ExprKind::Disable(parts)
+            | ExprKind::Sequence(parts)
+            | ExprKind::Conditional(parts)
+            | ExprKind::Otherwise(parts) => parts.iter().collect(),
+            ExprKind::Recurrent(first, second) | ExprKind::Finally(first, second) => vec![first, second],
+            ExprKind::Retry(_, _, part)
+            | ExprKind::Repeat(_, part)
+            | ExprKind::Within(_, part)
+            | ExprKind::Shield(_, part)
+            | ExprKind::Using(_, part)
+            | ExprKind::Tagged(_, part)
+            | ExprKind::With(_, part) => vec![part],
+            ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
+            ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
+            ExprKind::Chart(model) => model.runs.iter().map(|(_, run)| run).collect(),
+            ExprKind::Run(..)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Broken => Vec::new(),
+        }
+    }
+}
