@@ -453,14 +453,14 @@ impl<'a> Machine<'a> {
             ValueSource::Slot(slot) => self.slots[*slot].clone(),
             ValueSource::Event => event.clone(),
             ValueSource::Tagged { tag, of } => {
-                let mut bytes = vec![u8::try_from(tag.len()).unwrap()];
+                let mut bytes = vec![u8::try_from(tag.len()).expect("a name is short")];
                 bytes.extend(tag.as_bytes());
                 bytes.extend(self.value(of, event).bytes());
                 Value::new(&bytes)
             }
             ValueSource::Text(fragments) => {
                 let line = self.line(fragments);
-                Value::new(&[&[u8::try_from(line.len()).unwrap()], line.as_bytes()].concat())
+                Value::new(&[&[u8::try_from(line.len()).expect("a name is short")], line.as_bytes()].concat())
             }
             #[expect(clippy::cast_precision_loss, reason = "the numbers of the charts are small")]
             ValueSource::Number(formula) => Value::new(&(self.place().number(formula) as f64).to_le_bytes()),

@@ -7,6 +7,7 @@ use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Ter
 
 impl World {
     /// `v |- E ~> R`
+    #[expect(clippy::too_many_lines, reason = "one arm for each operator")]
     pub(super) fn start(&mut self, e: &Term, v: Value) -> R {
         match e {
             // [s-busy]
