@@ -6,6 +6,7 @@
 mod foxglove;
 mod page;
 mod serve;
+mod visitors;
 
 use crate::ConnectArgs;
 use crate::live::Live;
@@ -16,11 +17,13 @@ use comms::io::clock;
 use foxglove::Foxglove;
 use node::console::{self, Failure, block_on};
 use page::Page;
+use serve::ORDER_WITHIN;
 use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
+use tokio::time::timeout;
 use view::{Input, Model};
 
 /// How often the plans of new deployments are asked for.
@@ -125,6 +128,14 @@ async fn unlock(live: &Live) {
         {
             console::note(&format!("warning: this view gives no orders: {}", crate::client::words(&failure)));
         }
+    }
+}
+
+/// Waits for the results of the orders that are still being given when the command is left.
+async fn results(finished: impl Future<Output = ()>) {
+    console::note("waiting for the results of orders");
+    if timeout(ORDER_WITHIN, finished).await.is_err() {
+        console::note("left before the result of an order: it may have been carried out");
     }
 }
 

@@ -4,10 +4,10 @@ mod connection;
 mod orders;
 mod robots;
 
-use super::serve::{Guest, ORDER_WITHIN};
+use super::results;
+use super::visitors::{ANSWERED_WITHIN, Limits, Visitors};
 use crate::live::Live;
 use crate::logic::foxglove::{Entrance, Hub};
-use anyhow::Context as _;
 use comms::io::clock;
 use comms::logic::time::Time;
 use connection::Shared;
@@ -15,50 +15,39 @@ use node::console;
 use node::logic::protocol;
 use orders::Carried;
 use robots::{News, Robots};
-use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpStream;
 use tokio::sync::{Notify, watch};
-use tokio::task::{AbortHandle, JoinError, JoinSet};
-use tokio::time::timeout;
+use tokio::task::{JoinError, JoinSet};
 use view::Model;
 
-/// How many connections there may be at once, those included that have not finished their handshake.
-const CONNECTIONS_MAX: usize = 64;
-/// How many of them may not have finished their handshake. A further one takes the place of the oldest, so no stranger keeps a person
-/// from connecting.
-const STRANGERS_MAX: usize = 32;
+/// A client is let in when its handshake is finished.
+const LIMITS: Limits = Limits { connections: 64, strangers: 32 };
 /// How long after one look at the model the next may come: much often happens at once.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// How often programs are looked for, and how often the model is looked at, whether something has changed or not.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How long clients have to take the results of their orders when the command is left.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
 
 /// An event of the server.
 pub(super) struct FoxgloveEvent(Event);
 
 enum Event {
-    Accepted(TcpStream),
+    Accepted(anyhow::Result<TcpStream>),
     /// A client has asked for something.
     Asked,
     News(News),
     /// An order was carried out, or could not be.
     Given(Result<Carried, JoinError>),
-    /// A connection has ended.
-    Ended(Result<(), JoinError>),
     /// It is time to look at the model.
     Look,
 }
 
 /// The server.
 pub(super) struct Foxglove {
-    listener: TcpListener,
+    visitors: Visitors,
     shared: Arc<Shared>,
-    connections: JoinSet<()>,
-    strangers: VecDeque<(AbortHandle, Arc<Guest>)>,
     given: JoinSet<Carried>,
     robots: Robots,
     /// When the clock of the model began, since 1970.
@@ -70,8 +59,7 @@ pub(super) struct Foxglove {
 impl Foxglove {
     /// Begins to listen, and prints the address to open.
     pub(super) async fn open(address: SocketAddr, origins: Vec<String>, number: u64) -> anyhow::Result<Self> {
-        let listener = TcpListener::bind(address).await.with_context(|| format!("listening on `{address}`"))?;
-        let address = listener.local_addr()?;
+        let (visitors, address) = Visitors::listen(address, LIMITS).await?;
         let entrance = Entrance { key: super::secret()?, origins };
         let link =
             if address.is_ipv4() { format!("ws://localhost:{}", address.port()) } else { format!("ws://{address}") };
@@ -91,10 +79,8 @@ impl Foxglove {
         });
         let (now, since_1970) = (clock::now(), clock::unix_time());
         Ok(Self {
-            listener,
+            visitors,
             shared,
-            connections: JoinSet::new(),
-            strangers: VecDeque::new(),
             given: JoinSet::new(),
             robots: Robots::new(),
             origin: since_1970.saturating_sub(now.since(Time::ZERO)),
@@ -124,20 +110,12 @@ impl Foxglove {
 
     async fn next_event(&mut self) -> Event {
         let look = self.looked + if self.has_changed { LOOK_AGAIN } else { LOOK_EVERY };
-        loop {
-            tokio::select! {
-                accepted = self.listener.accept(), if self.connections.len() < CONNECTIONS_MAX => {
-                    // A client that has left before it was accepted is no reason to end.
-                    if let Ok((stream, _)) = accepted {
-                        return Event::Accepted(stream);
-                    }
-                }
-                () = self.shared.asked.notified() => return Event::Asked,
-                news = self.robots.next() => return Event::News(news),
-                Some(done) = self.given.join_next() => return Event::Given(done),
-                Some(ended) = self.connections.join_next() => return Event::Ended(ended),
-                () = clock::sleep_until(look) => return Event::Look,
-            }
+        tokio::select! {
+            accepted = self.visitors.next() => Event::Accepted(accepted),
+            () = self.shared.asked.notified() => Event::Asked,
+            news = self.robots.next() => Event::News(news),
+            Some(done) = self.given.join_next() => Event::Given(done),
+            () = clock::sleep_until(look) => Event::Look,
         }
     }
 
@@ -150,16 +128,9 @@ impl Foxglove {
     ) -> anyhow::Result<()> {
         let mut hub = self.shared.hub();
         match event {
-            Event::Accepted(stream) => {
-                self.strangers.retain(|(task, guest)| !task.is_finished() && !guest.is_known());
-                if self.strangers.len() >= STRANGERS_MAX
-                    && let Some((oldest, _)) = self.strangers.pop_front()
-                {
-                    oldest.abort();
-                }
-                let guest = Arc::new(Guest::default());
-                let connection = connection::run(stream, Arc::clone(&self.shared), Arc::clone(&guest));
-                self.strangers.push_back((self.connections.spawn(connection), guest));
+            Event::Accepted(accepted) => {
+                let (stream, shared) = (accepted?, Arc::clone(&self.shared));
+                self.visitors.serve(|guest| connection::run(stream, shared, guest));
             }
             Event::Asked => {
                 for given in hub.orders() {
@@ -173,9 +144,6 @@ impl Foxglove {
             Event::Given(done) => {
                 let Carried { viewer, ticket, answer } = done?;
                 hub.answer(viewer, &ticket, &answer);
-            }
-            Event::Ended(ended) => {
-                ended.or_else(|error| if error.is_cancelled() { Ok(()) } else { Err(error) })?;
             }
             Event::Look => {
                 (self.looked, self.has_changed) = (clock::now(), false);
@@ -193,23 +161,18 @@ impl Foxglove {
     /// Finishes the orders that were just given, and ends all connections.
     pub(super) async fn close(mut self) {
         if !self.given.is_empty() {
-            console::note("waiting for the results of orders");
-            let finished = async {
+            results(async {
                 while let Some(done) = self.given.join_next().await {
                     if let Ok(Carried { viewer, ticket, answer }) = done {
                         self.shared.hub().answer(viewer, &ticket, &answer);
                         self.shared.wake();
                     }
                 }
-            };
-            if timeout(ORDER_WITHIN, finished).await.is_err() {
-                console::note("left before the result of an order: it may have been carried out");
-            }
+            })
+            .await;
         }
         self.shared.end();
-        let ended = async { while self.connections.join_next().await.is_some() {} };
-        timeout(ANSWERED_WITHIN, ended).await.unwrap_or_default();
-        self.connections.shutdown().await;
+        self.visitors.close(ANSWERED_WITHIN).await;
         self.given.shutdown().await;
         self.robots.close().await;
     }

@@ -1,51 +1,41 @@
 //! The page of a view for browsers: its connections, and the orders that they give.
 
-use super::serve::{self, Guest, ORDER_WITHIN, Order, Shared};
+use super::results;
+use super::serve::{self, Order, Shared};
+use super::visitors::{ANSWERED_WITHIN, Limits, Visitors};
 use crate::live::Live;
 use crate::logic::http::Door;
 use crate::logic::top::{Action, GivenAnswer};
 use crate::orders;
-use anyhow::Context as _;
 use node::console;
 use serde_json::Value;
-use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpStream;
 use tokio::sync::{mpsc, watch};
-use tokio::task::{AbortHandle, JoinError, JoinSet};
-use tokio::time::timeout;
+use tokio::task::{JoinError, JoinSet};
 use view::Model;
 
-/// How long browsers have for the results of their orders when the command is left.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
-/// How many connections there may be at once: a browser has one for the stream, and a few for files.
-const CONNECTIONS_MAX: usize = 128;
-/// How many of them may not have shown the key yet. A further one takes the place of the oldest, so no stranger keeps a person from
-/// giving an order.
-const STRANGERS_MAX: usize = 64;
+/// A browser has one connection for the stream, and a few for files.
+const LIMITS: Limits = Limits { connections: 128, strangers: 64 };
 /// How many orders wait; further ones wait in their connections.
 const ORDERS_MAX: usize = 4;
 
 /// An event of the page.
 pub(super) enum PageEvent {
-    Accepted(TcpStream),
+    Accepted(anyhow::Result<TcpStream>),
     Ordered(Order),
     /// An order was given, or could not be.
     Given(Result<String, JoinError>),
-    /// A connection has ended.
-    Ended(Result<(), JoinError>),
 }
 
 /// A page.
 pub(super) struct Page {
-    listener: TcpListener,
+    visitors: Visitors,
     shared: Arc<Shared>,
     orders: mpsc::Receiver<Order>,
     given: JoinSet<String>,
-    tasks: JoinSet<()>,
-    strangers: VecDeque<(AbortHandle, Arc<Guest>)>,
 }
 
 impl Page {
@@ -55,16 +45,14 @@ impl Page {
         model: Arc<Mutex<Model>>,
         version: watch::Receiver<u64>,
     ) -> anyhow::Result<Self> {
-        let listener = TcpListener::bind(address).await.with_context(|| format!("listening on `{address}`"))?;
-        let address = listener.local_addr()?;
+        let (visitors, address) = Visitors::listen(address, LIMITS).await?;
         let (orders_tx, orders) = mpsc::channel(ORDERS_MAX);
         let door =
             Door { address: address.to_string(), port: address.port(), key: super::secret()?, token: super::secret()? };
         console::say(&format!("http://{address}/?key={}", door.key));
         console::note("open this link in a browser on this machine (Ctrl-C to leave)");
         let shared = Arc::new(Shared { door, model, version, orders: orders_tx });
-        let (given, tasks, strangers) = (JoinSet::new(), JoinSet::new(), VecDeque::new());
-        Ok(Self { listener, shared, orders, given, tasks, strangers })
+        Ok(Self { visitors, shared, orders, given: JoinSet::new() })
     }
 
     /// Returns the next event.
@@ -72,40 +60,22 @@ impl Page {
     /// # Cancellation
     /// Safe.
     pub(super) async fn next(&mut self) -> PageEvent {
-        loop {
-            tokio::select! {
-                accepted = self.listener.accept(), if self.tasks.len() < CONNECTIONS_MAX => {
-                    // A browser that has left before it was accepted is no reason to end.
-                    if let Ok((stream, _)) = accepted {
-                        return PageEvent::Accepted(stream);
-                    }
-                }
-                Some(order) = self.orders.recv() => return PageEvent::Ordered(order),
-                Some(done) = self.given.join_next() => return PageEvent::Given(done),
-                Some(ended) = self.tasks.join_next() => return PageEvent::Ended(ended),
-            }
+        tokio::select! {
+            accepted = self.visitors.next() => PageEvent::Accepted(accepted),
+            Some(order) = self.orders.recv() => PageEvent::Ordered(order),
+            Some(done) = self.given.join_next() => PageEvent::Given(done),
         }
     }
 
     /// Acts on an event.
     pub(super) fn take(&mut self, event: PageEvent, live: &Live) -> anyhow::Result<()> {
         match event {
-            PageEvent::Accepted(stream) => {
-                self.strangers.retain(|(task, guest)| !task.is_finished() && !guest.is_known());
-                if self.strangers.len() >= STRANGERS_MAX
-                    && let Some((oldest, _)) = self.strangers.pop_front()
-                {
-                    oldest.abort();
-                }
-                let guest = Arc::new(Guest::default());
-                let connection = serve::connection(stream, Arc::clone(&self.shared), Arc::clone(&guest));
-                self.strangers.push_back((self.tasks.spawn(connection), guest));
+            PageEvent::Accepted(accepted) => {
+                let (stream, shared) = (accepted?, Arc::clone(&self.shared));
+                self.visitors.serve(|guest| serve::connection(stream, shared, guest));
             }
             PageEvent::Ordered(order) => drop(self.given.spawn(give(order, live, &self.shared))),
             PageEvent::Given(done) => drop(done?),
-            PageEvent::Ended(ended) => {
-                ended.or_else(|error| if error.is_cancelled() { Ok(()) } else { Err(error) })?;
-            }
         }
         Ok(())
     }
@@ -116,27 +86,18 @@ impl Page {
         while let Ok(order) = self.orders.try_recv() {
             self.given.spawn(give(order, live, &self.shared));
         }
-        if !self.given.is_empty() {
-            finish(self.given).await;
-            // The browsers get the results. Their streams end, since nothing changes any more.
-            drop(changed);
-            let answered = async { while self.tasks.join_next().await.is_some() {} };
-            timeout(ANSWERED_WITHIN, answered).await.unwrap_or_default();
+        if self.given.is_empty() {
+            return self.visitors.close(Duration::ZERO).await;
         }
-        self.tasks.shutdown().await;
-    }
-}
-
-/// Waits for the orders that are still being given, and prints the results.
-async fn finish(mut given: JoinSet<String>) {
-    console::note("waiting for the results of orders");
-    let finished = async {
-        while let Some(done) = given.join_next().await {
-            console::note(&done.unwrap_or_else(|error| error.to_string()));
-        }
-    };
-    if timeout(ORDER_WITHIN, finished).await.is_err() {
-        console::note("left before the result of an order: it may have been carried out");
+        results(async {
+            while let Some(done) = self.given.join_next().await {
+                console::note(&done.unwrap_or_else(|error| error.to_string()));
+            }
+        })
+        .await;
+        // The browsers get the results. Their streams end, since nothing changes any more.
+        drop(changed);
+        self.visitors.close(ANSWERED_WITHIN).await;
     }
 }
 
