@@ -38,9 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = recorder::read(&record).map_err(anyhow::Error::from)?;
     let lacks = run.lacks();
     let go = run.go.ok_or_else(|| without_go(&run))?;
-    let mission = run.mission();
-    let deployment = mission.deployment().map_or_else(|| mission.name().to_owned(), ToString::to_string);
-    let text = trace::lines(&run, &deployment, go).join("\n") + "\n";
+    let text = trace::lines(&run, go).join("\n") + "\n";
     whole_file::put(&file, text.as_bytes()).context("writing the trace")?;
     console::say(&file.display().to_string());
     match lacks {

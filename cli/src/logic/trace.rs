@@ -108,24 +108,12 @@ impl Spans {
     }
 
     fn change(&mut self, path: &str, change: &Change, at: Duration) {
-        match change {
-            Change::Activated => self.begin(path, at),
-            Change::Ended(ending) => self.end(path, ending, at),
-            Change::Stopping
-            | Change::Died(_)
-            | Change::Started { .. }
-            | Change::Restarting { .. }
-            | Change::Resumed
-            | Change::Held { .. }
-            | Change::HeldBy { .. }
-            | Change::EndedLate
-            | Change::Switched(_)
-            | Change::Says { .. }
-            | Change::Entered { .. }
-            | Change::Configured { .. }
-            | Change::Replacing
-            | Change::Renewing { .. }
-            | Change::Reverting { .. } => self.event(path, change, at),
+        if let Change::Activated = change {
+            self.begin(path, at);
+        } else if let Change::Ended(ending) = change {
+            self.end(path, ending, at);
+        } else {
+            self.event(path, change, at);
         }
     }
 
@@ -143,14 +131,18 @@ impl Spans {
     }
 }
 
-/// Returns the lines of the trace of a record. `deployment` names the service. Times count from `go`, since 1970.
-pub(crate) fn lines(run: &Run, deployment: &str, go: Duration) -> Vec<String> {
+/// Returns the lines of the trace of a record. The deployment names the service. Times count from `go`, since 1970.
+pub(crate) fn lines(run: &Run, go: Duration) -> Vec<String> {
+    let accepted = |entry: &Entry| {
+        if let Entry::Report(Report::Accepted { deployment }) = entry { Some(deployment.to_string()) } else { None }
+    };
+    let deployment = run.entries.iter().find_map(accepted).unwrap_or_else(|| run.header.plan.name.clone());
     let spans = Spans::of(run);
     let hosts = hosts(&run.header.plan);
-    let trace = trace_id(deployment, go);
-    let context = Context { spans: &spans, hosts: &hosts, deployment, trace: &trace, go };
+    let trace = trace_id(&deployment, go);
+    let context = Context { spans: &spans, hosts: &hosts, deployment: &deployment, trace: &trace, go };
     let all: Vec<Value> = (0..spans.all.len()).map(|place| context.span(place)).collect();
-    let resource = json!({ "attributes": [text("service.name", deployment), text("dca.spec", &run.header.file)] });
+    let resource = json!({ "attributes": [text("service.name", &deployment), text("dca.spec", &run.header.file)] });
     let scope = json!({ "name": "dca", "version": env!("CARGO_PKG_VERSION") });
     let line = |spans: &[Value]| {
         let of_scope = json!([{ "scope": scope, "spans": spans }]);

@@ -4,7 +4,7 @@ use super::*;
 use crate::logic::record::Header;
 use language::plan::Plan;
 use language::{Options, Source, compile};
-use node::logic::protocol::{Failure, FailureCause};
+use node::logic::protocol::{Deployment, Failure, FailureCause};
 use std::collections::BTreeSet;
 
 const SPEC: &str = "module Step { done; }
@@ -27,10 +27,12 @@ fn change(path: &str, at: u64, change: Change) -> Entry {
     Entry::Report(Report::Process { path: path.to_owned(), change, at: Duration::from_secs(at) })
 }
 
-fn trace(entries: Vec<Entry>) -> Vec<Value> {
+fn trace(mut entries: Vec<Entry>) -> Vec<Value> {
+    let deployment = Deployment { name: "test".to_owned(), epoch: 3 };
+    entries.insert(0, Entry::Report(Report::Accepted { deployment }));
     let header = Header { file: "test.dca".to_owned(), text: SPEC.to_owned(), plan: plan(), started: None };
     let run = Run { header, go: None, entries, values: Vec::new(), damage: None };
-    let lines = lines(&run, "test@3", Duration::from_secs(1_000));
+    let lines = lines(&run, Duration::from_secs(1_000));
     let read = |line: &String| serde_json::from_str::<Value>(line).expect("a line is JSON");
     let spans =
         |line: Value| line["resourceSpans"][0]["scopeSpans"][0]["spans"].as_array().cloned().unwrap_or_default();
@@ -92,7 +94,7 @@ fn a_failure_is_linked_with_its_origin() {
     );
 }
 
-/// A process that runs many times has a span each time. What the record does not end is unfinished at its last moment.
+/// A process that runs many times has a span each time. A process without an end in the record is unfinished.
 #[test]
 fn each_activation_is_a_span_and_a_cut_record_has_unfinished_ones() {
     let rounds = 2_500;
