@@ -4,5 +4,6 @@ mod behavior;
 mod cases;
 mod hostile;
 mod manual;
+#[path = "../../../language/tests/all/random/numbers.rs"]
 mod random;
 mod scion;
