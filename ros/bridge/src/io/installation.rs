@@ -246,19 +246,6 @@ mod tests {
         }
     }
 
-    fn declared(what: What) -> Declared {
-        Declared {
-            package: "demo".to_owned(),
-            what,
-            node: None,
-            remaps: Vec::new(),
-            files: Vec::new(),
-            kinds: BTreeMap::new(),
-            words: Vec::new(),
-            given: Vec::new(),
-        }
-    }
-
     #[test]
     fn executables_are_found_as_ros_finds_them() {
         let folder = Folder::new("find");
@@ -268,7 +255,8 @@ mod tests {
                 ("PATH".to_owned(), folder.path("bin")),
             ])
         };
-        let find = |what: What| prepare(&declared(what), environment("")).map(|found| found.path.display().to_string());
+        let find =
+            |what: What| prepare(&Declared::demo(what), environment("")).map(|found| found.path.display().to_string());
         let executable = |name: &str| find(What::Executable(name.to_owned()));
         assert_eq!(executable("talker"), Ok(folder.path("lib/demo/talker")));
         assert_eq!(executable("deep"), Ok(folder.path("lib/demo/inner/deep")));
@@ -282,13 +270,13 @@ mod tests {
         folder.file("bin/ros2", "", 0o755);
         assert_eq!(launch("up.launch.py"), Ok(folder.path("bin/ros2")));
         assert!(launch("down.launch.py").unwrap_err().contains("has no launch file `down.launch.py` below"));
-        let other = Declared { package: "other".to_owned(), ..declared(What::Executable("talker".to_owned())) };
+        let other = Declared { package: "other".to_owned(), ..Declared::demo(What::Executable("talker".to_owned())) };
         let why = prepare(&other, environment(":")).unwrap_err();
         assert!(why.starts_with("ROS 2 has no package `other` in `/nowhere:"), "{why}");
         let why = prepare(&other, Environment::new()).unwrap_err();
         assert!(why.contains("`AMENT_PREFIX_PATH` is not set"), "{why}");
         let files = vec![folder.path("none.yaml")];
-        let missing = Declared { files, ..declared(What::Executable("talker".to_owned())) };
+        let missing = Declared { files, ..Declared::demo(What::Executable("talker".to_owned())) };
         assert!(prepare(&missing, environment("")).unwrap_err().contains("none.yaml` cannot be read"));
     }
 

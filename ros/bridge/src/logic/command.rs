@@ -121,6 +121,23 @@ pub(crate) fn variables(output: &[u8]) -> Vec<(String, String)> {
 }
 
 #[cfg(test)]
+impl Declared {
+    /// Returns a part of the package `demo` without anything else.
+    pub(crate) fn demo(what: What) -> Self {
+        Self {
+            package: "demo".to_owned(),
+            what,
+            node: None,
+            remaps: Vec::new(),
+            files: Vec::new(),
+            kinds: BTreeMap::new(),
+            words: Vec::new(),
+            given: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -129,16 +146,7 @@ mod tests {
     }
 
     fn declared() -> Declared {
-        Declared {
-            package: "demo".to_owned(),
-            what: What::Executable("talker".to_owned()),
-            node: None,
-            remaps: Vec::new(),
-            files: Vec::new(),
-            kinds: BTreeMap::new(),
-            words: Vec::new(),
-            given: Vec::new(),
-        }
+        Declared::demo(What::Executable("talker".to_owned()))
     }
 
     #[test]
