@@ -160,8 +160,11 @@ impl Cycle {
         self.inbox.wake();
     }
 
-    /// Hands the node messages for the activity whose ports the program has.
+    /// Hands the node messages for the activity whose ports the program has. Other programs have none, and calculate often.
     fn hand_messages(&mut self) {
+        if !self.module.hears_idle() {
+            return;
+        }
         let mut messages = Vec::new();
         self.call(|module| module.drain_messages(now(), &mut |message| messages.push(message)));
         messages.into_iter().for_each(|message| self.tell(&Notice::Message(message)));

@@ -103,6 +103,10 @@ impl Participant {
 
     /// Has a program send the values of an activity.
     pub(super) fn send_values(&mut self, group: u32, sendings: Vec<Sending>, out: &mut Out<'_>) {
+        // Most groups send nothing, and each group is asked at each event.
+        if sendings.is_empty() {
+            return;
+        }
         let Some((_, leaf)) = self.site.plan.ports_of(group) else { return };
         for Sending { number, port, value } in sendings {
             let (order, mut is_there) = (Order::Send { number, port: port.clone(), value }, false);
