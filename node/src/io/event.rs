@@ -112,34 +112,11 @@ async fn hear(
 ) -> anyhow::Result<()> {
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
     let channel = sender.clone();
-    let (event, hello) = match hello {
-        Notice::Hello { ref instance, .. } => {
-            connection.instance.clone_from(instance);
-            (Event::Program(connection.clone(), sender), Some(hello))
-        }
-        Notice::Resume { instance, version, orders, notices } => {
-            connection.instance = instance;
-            (Event::Resumed { connection: connection.clone(), sender, version, counts: (orders, notices) }, None)
-        }
-        Notice::Connected
-        | Notice::ConnectFailed { .. }
-        | Notice::Switched { .. }
-        | Notice::Running { .. }
-        | Notice::Done { .. }
-        | Notice::Aborted { .. }
-        | Notice::Stopped { .. }
-        | Notice::StopUnconfirmed { .. }
-        | Notice::Expecting { .. }
-        | Notice::Taken { .. }
-        | Notice::Message(_)
-        | Notice::Sent { .. }
-        | Notice::Database { .. }
-        | Notice::Losses { .. }
-        | Notice::Refused { .. }
-        | Notice::Judge { .. } => anyhow::bail!("a program did not say who it is"),
-    };
+    let (event, hello) = greeted(hello, &mut connection, sender)?;
     let mut requests = database.open(&connection.deployment, &connection.instance, channel.clone());
-    hello.iter().for_each(|_| requests.tell_ports());
+    if hello.is_some() {
+        requests.tell_ports();
+    }
     requests.follow_secrets();
     // If the driver does not listen any more, it is gone.
     if events.send(event).await.is_err() {
@@ -178,4 +155,38 @@ async fn hear(
         notice = receiver.recv().await?;
     }
     Ok(())
+}
+
+/// Returns what the first notice of a program means. The notice comes back if the driver has to hear it as well.
+fn greeted(
+    hello: Notice,
+    connection: &mut Connection,
+    sender: ControlSender,
+) -> anyhow::Result<(Event, Option<Notice>)> {
+    Ok(match hello {
+        Notice::Hello { ref instance, .. } => {
+            connection.instance.clone_from(instance);
+            (Event::Program(connection.clone(), sender), Some(hello))
+        }
+        Notice::Resume { instance, version, orders, notices } => {
+            connection.instance = instance;
+            (Event::Resumed { connection: connection.clone(), sender, version, counts: (orders, notices) }, None)
+        }
+        Notice::Connected
+        | Notice::ConnectFailed { .. }
+        | Notice::Switched { .. }
+        | Notice::Running { .. }
+        | Notice::Done { .. }
+        | Notice::Aborted { .. }
+        | Notice::Stopped { .. }
+        | Notice::StopUnconfirmed { .. }
+        | Notice::Expecting { .. }
+        | Notice::Taken { .. }
+        | Notice::Message(_)
+        | Notice::Sent { .. }
+        | Notice::Database { .. }
+        | Notice::Losses { .. }
+        | Notice::Refused { .. }
+        | Notice::Judge { .. } => anyhow::bail!("a program did not say who it is"),
+    })
 }

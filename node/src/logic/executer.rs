@@ -448,7 +448,11 @@ impl Executer {
             Command::Cancel { timer, activation: Activation(number) } => {
                 self.clock.cancel(timer, number);
             }
-            Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => self.say(&command, context, out),
+            Command::Send { output, ref value } => {
+                self.send(output, value, context, out);
+                self.say(&command, context, out);
+            }
+            Command::Log { .. } | Command::Lost { .. } => self.say(&command, context, out),
         }
     }
 

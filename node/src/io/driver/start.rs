@@ -151,13 +151,11 @@ pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
         let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
         offered.declare(&program.display().to_string(), interface);
     }
-    let bridge = programs::beside(BRIDGE_PROGRAM);
-    if bridge.is_file() {
-        offered.offer(&bridge.display().to_string(), [BRIDGE.to_owned()]);
-    }
-    let ports = programs::beside(PORTS_PROGRAM);
-    if ports.is_file() {
-        offered.offer(&ports.display().to_string(), [PORTS.to_owned()]);
+    for (program, module) in [(BRIDGE_PROGRAM, BRIDGE), (PORTS_PROGRAM, PORTS)] {
+        let program = programs::beside(program);
+        if program.is_file() {
+            offered.offer(&program.display().to_string(), [module.to_owned()]);
+        }
     }
     Ok(offered)
 }

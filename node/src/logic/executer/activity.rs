@@ -212,10 +212,11 @@ impl Executer {
     }
 
     /// Has a value sent, if its output leads somewhere.
-    fn send(&mut self, port: &str, value: &Value, context: ExecContext<'_>, out: &mut Out<'_>) {
+    pub(super) fn send(&mut self, output: u32, value: &Value, context: ExecContext<'_>, out: &mut Out<'_>) {
         let plan = context.plan;
-        let Some((_, leaf)) = plan.ports_of(self.group) else { return };
-        let leads = plan.wires.iter().any(|wire| wire.from.leaf == leaf && wire.from.port == port);
+        let port = chart(plan, self.group).and_then(|chart| chart.outputs.get(output as usize));
+        let Some(((_, leaf), port)) = plan.ports_of(self.group).zip(port) else { return };
+        let leads = plan.wires.iter().any(|wire| wire.from.leaf == leaf && wire.from.port == *port);
         if leads && !self.outside.ports.send(port, value.bytes()) {
             self.not_sent(port, context, out);
         }
@@ -273,16 +274,14 @@ impl Executer {
     }
 
     /// Tells the people who watch of a command that is seen outside.
-    pub(super) fn say(&mut self, command: &Command, context: ExecContext<'_>, out: &mut Out<'_>) {
+    pub(super) fn say(&self, command: &Command, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(chart) = chart(context.plan, self.group) else { return };
         let named = |names: &[String], number: u32| names.get(number as usize).cloned().unwrap_or_default();
         let text = if let Command::Log { text } = command {
             format!("says: {text}")
         } else if let Command::Send { output, value } = command {
             let shown = value.text().map_or_else(|| format!("{} bytes", value.bytes().len()), str::to_owned);
-            let port = named(&chart.outputs, *output);
-            self.send(&port, value, context, out);
-            format!("sends through `{port}`: {shown}")
+            format!("sends through `{}`: {shown}", named(&chart.outputs, *output))
         } else if let Command::Lost { port } = command {
             format!("loses a message at `{}`: too many wait", named(&chart.inputs, *port))
         } else {
