@@ -72,12 +72,13 @@ pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
 /// `robot[2]` as `robot_2`.
 pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Name> {
     let Some(&count) = names.arrays.get(&name.text) else {
-        if names.find(&name.text).is_some() {
-            let message = format!("`{}` is one instance, no array", name.text);
-            names.diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
+        let is_exact = names.find(&name.text).is_some();
+        if !is_exact && is_misspelt(name, names) {
             return None;
         }
-        if is_misspelt(name, names) {
+        if is_exact || names.means_one(&name.text) {
+            let message = format!("`{}` is one instance, no array", name.text);
+            names.diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
             return None;
         }
         // An unknown name is reported as such.

@@ -100,6 +100,12 @@ impl<'a> Names<'a> {
         None
     }
 
+    /// Whether a name that is not exact means one instance, by the lenient rules.
+    pub(super) fn means_one(&self, name: &str) -> bool {
+        let first = self.candidates(name).into_iter().map(|(_, slots)| slots).find(|slots| !slots.is_empty());
+        !self.is_damaged && first.is_some_and(|slots| slots.len() == 1)
+    }
+
     /// The candidates of each lenient step, in the order of the steps.
     fn candidates(&self, name: &str) -> [(Code, Vec<usize>); 3] {
         let by_type = self.by_type.get(name).cloned().unwrap_or_default();
