@@ -3,6 +3,7 @@
 use dca_tests::cluster::{Busy, Cluster, Host, Program, SOON, Stream, executable, pass, wait_until};
 use node::logic::protocol::{Change, ProcessStatus};
 use rustix::process::Signal;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -139,8 +140,18 @@ fn a_stop_by_the_loss_of_the_node_is_told_as_such() {
     end(&cluster, node);
 }
 
+/// Has this thread and the processes that it starts use one processor. The other processors stay free for the tests beside this one.
+fn use_one_processor() {
+    let allowed = sched_getaffinity(None).expect("a thread may ask for its own processors");
+    let first = (0..CpuSet::MAX_CPU).find(|processor| allowed.is_set(*processor)).expect("it runs on one");
+    let mut one = CpuSet::new();
+    one.set(first);
+    sched_setaffinity(None, &one).expect("a thread may give up processors");
+}
+
 #[test]
 fn a_starved_machine_raises_no_alarm() {
+    use_one_processor();
     let cluster = Cluster::new();
     let here = cluster.here();
     let names: Vec<String> = (0..20).map(|number| format!("p{number}")).collect();
