@@ -3,6 +3,7 @@
 use crate::logic::http::{self, Door, Entry, Head, Status};
 use crate::logic::live_page::{self, ICON, SCRIPT, STYLE};
 use comms::io::clock;
+use rustix::net::{RecvFlags, recv};
 use serde_json::{Value, json};
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -144,9 +145,9 @@ async fn answer(
     stream.write_all(&http::answer(Status::Ok, kind, "", file.as_bytes())).await
 }
 
-/// Returns whether the browser has closed its connection.
+/// Returns whether the browser has closed its connection. The kernel is asked: the runtime may not have heard of the end yet.
 fn is_left(stream: &TcpStream) -> bool {
-    matches!(stream.try_read(&mut [0]), Ok(0))
+    matches!(recv(stream, &mut [0], RecvFlags::PEEK | RecvFlags::DONTWAIT), Ok((_, 0)))
 }
 
 async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {
