@@ -1,4 +1,4 @@
-//! The connections of one server of a view. Those that have not been let in yet have a limit of their own.
+//! The connections of one server of a view. Connections that have not been let in yet have a limit of their own.
 
 use super::serve::Guest;
 use anyhow::Context as _;
