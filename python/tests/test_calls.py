@@ -175,12 +175,12 @@ def test_wrong_exports_are_named():
     def nothing(self) -> None:
         pass
 
-    def number(self, width: float) -> None:
+    def number(self, width: int) -> None:
         pass
 
     refused(untyped, "the type of `width` is missing")
     refused(two, "takes one message")
     refused(nothing, "is a state, so it returns a message", dca.state)
-    refused(number, "`float` is not a message")
+    refused(number, "`int` is not a message")
     with pytest.raises(TypeError, match="`all` is not a right"):
         dca.procedure(access="all")(nothing)
