@@ -47,8 +47,8 @@ fn a_loop_that_hangs_is_a_fault_that_says_so() {
     let policies = [
         ("main_calc", "watchdog 300 ms;", "its loop has not come round for 0.3 s"),
         ("main_calc", "", "its loop has not come round for 5 s"),
-        ("init", "ready within 400 ms;", "it was not ready within 0.4 s"),
-        ("init", "watchdog none; ready within 400 ms;", "it was not ready within 0.4 s"),
+        ("init", "ready within 2 s;", "it was not ready within 2 s"),
+        ("init", "watchdog none; ready within 2 s;", "it was not ready within 2 s"),
     ];
     for (place, policy, why) in policies {
         let ended = here.ask(&["run", &spec(&cluster, &[("a", place, policy)], "a")]);
@@ -100,7 +100,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let here = cluster.here();
     let instances = [("well", "none", "watchdog 500 ms; restart transient;"), ("hangs", "none", "watchdog 500 ms;")];
     let node = here.node("c1", &[]);
-    let mission = here.dca(&["deploy", &spec(&cluster, &instances, "well, hangs else skip")]);
+    let _deployed = here.dca(&["deploy", &spec(&cluster, &instances, "well, hangs else skip")]);
     wait_until(SOON, || are_running(&here, 2)).expect("they run");
     let before = states(&here)["main/well"].pid;
     node.signal(Signal::KILL);
@@ -113,6 +113,9 @@ fn a_hang_is_found_while_the_node_is_away() {
     let told = || states(&here).get("main/hangs").is_some_and(|process| process.state == hung);
     wait_until(SOON, told).unwrap_or_else(|| panic!("{:?}", states(&here)));
     assert_eq!(states(&here)["main/well"].pid, before);
+    // `dca deploy` gives a node up that is away for 5 s, and on a busy machine this one is.
+    let mission = here.dca(&["attach", "hanging"]);
+    mission.wait_for(Stream::Err, "hangs aborted", SOON);
     let stop = here.ask(&["stop", "hanging"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     let ended = mission.ended(SOON);

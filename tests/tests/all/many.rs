@@ -74,7 +74,7 @@ fn five_hundred_programs_stop_when_asked() {
     let here = cluster.here();
     let node = here.node("local", &[]);
     let deployed = here.dca(&["deploy", "--no-record", &cluster.file("crowd.dca", &crowd())]);
-    deployed.wait_for(Stream::Err, "500 programs on 1 host, started in", SOON);
+    deployed.wait_for(Stream::Err, "500 programs on 1 host, started in", 2 * SOON);
     let stop = here.dca(&["stop", "crowd"]).ended(2 * SOON);
     assert_eq!(stop.code, Some(0), "{stop}");
     let ended = deployed.ended(SOON);
@@ -88,7 +88,8 @@ fn five_hundred_programs_stop_when_asked() {
 /// Returns a spec of [`PROGRAMS`] plain programs at once.
 fn crowd() -> String {
     let leaves: Vec<String> = (1..=PROGRAMS).map(|leaf| format!("idle{leaf}")).collect();
-    let declared: String = leaves.iter().map(|leaf| format!("{leaf} instof Idle(local); ")).collect();
+    let declared: String =
+        leaves.iter().map(|leaf| format!("{leaf} instof Idle(local) {{ ready within 60 s; }} ")).collect();
     format!(
         "module Idle(host) {{ exec \"sleep 3600\"; plain; service; }}\nprocess main() {{\n  host {{ local }}\n  \
          instantiated_processes {{ {declared}}}\n  internal_event_actions {{ {} }}\n}}",

@@ -267,8 +267,12 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     drop(deployed.ended(SOON));
     let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
     let received = trace.signal("main/monitor", "received");
-    let [before, meanwhile] = [quiet, attacked].map(|window| rate(&received, window));
-    println!("{before:.1} beats/s, with attacks {meanwhile:.1} beats/s");
+    // What else the machine does slows some seconds down, and attacks would slow down all of them.
+    let seconds =
+        (0..3).map(|second| attacked.0 + Duration::from_secs(second)).map(|from| (from, from + Duration::from_secs(1)));
+    let before = rate(&received, quiet);
+    let meanwhile = seconds.map(|second| rate(&received, second)).fold(0.0, f64::max);
+    println!("{before:.1} beats/s, with attacks up to {meanwhile:.1} beats/s");
     assert!(meanwhile > 0.9 * before, "{before} {meanwhile}");
     drop(c4);
 }
