@@ -10,6 +10,7 @@ mod activity;
 mod clock;
 mod fence;
 mod lost;
+mod members;
 mod places;
 #[cfg(test)]
 mod planted;
@@ -29,17 +30,20 @@ use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
 use language::plan::{Plan, TIMER_LEAST, text_value};
+pub use members::MemberRef;
+use members::{Members, Waiting};
 pub use places::{group_host, leaf_host, member_path};
 use places::{member_host, member_target};
 pub use ports::Sending;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
-use succession::{Succession, acting};
+use succession::acting;
 use supervision::Supervised;
 pub use supervision::wants_restarts;
-use switching::Switch;
-use wires::{Unconfirmed, consumers, wires_of_sets};
+pub use switching::Counted;
+use switching::Switches;
+use wires::Wires;
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
 /// decide.
@@ -69,66 +73,34 @@ pub struct ExecContext<'a> {
     pub start: Time,
 }
 
-/// An activation that has not gone out.
-#[derive(Debug, Serialize, Deserialize)]
-struct Waiting {
-    activation: u32,
-    value: Vec<u8>,
-    /// The generations of wires that it waits for.
-    wires: BTreeSet<u64>,
-    /// When it goes out without them.
-    until: Time,
-    /// When it goes out at the earliest.
-    not_before: Time,
-}
-
 /// The supervisor of one group.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Executer {
     group: u32,
     program: Program,
     state: State,
-    activation: u32,
-    running: bool,
-    /// Whether its node leaves: nothing follows from anything any more.
-    is_abandoned: bool,
-    /// Slot of the member that a leaf is, or is below of, for each leaf that a wire of this group leads to.
-    consumers: BTreeMap<u32, u32>,
-    /// How many open sets have each wire.
-    open: BTreeMap<u32, u32>,
-    /// The wires of each set in current use.
-    sets: Vec<Vec<u32>>,
-    /// How often each set is open.
-    open_sets: BTreeMap<u32, u32>,
-    generation: u64,
-    unconfirmed: BTreeMap<u64, Unconfirmed>,
-    /// Whether activations wait for the home: its node was away.
-    checks_in: bool,
-    /// Activations that wait, by slot.
-    waiting: BTreeMap<u32, Waiting>,
-    activated: BTreeMap<u32, Time>,
+    run: Run,
+    members: Members,
+    wires: Wires,
+    switches: Switches,
     clock: Clock,
-    active: BTreeMap<u32, u32>,
-    failures: BTreeMap<u32, Failure>,
     fences: Fences,
     supervised: Supervised,
-    /// Switches that are not over, by generation.
-    switches: BTreeMap<u64, Switch>,
-    /// The open sets of members that a person has switched, by slot.
-    switched_to: BTreeMap<u32, Vec<u32>>,
-    /// The leaf that is the member of a slot: during a change it may be a leaf of the previous plan.
-    acting: BTreeMap<u32, u32>,
-    /// The leaf that is so from its next activation on, of members that were being stopped.
-    acting_next: BTreeMap<u32, u32>,
-    /// The values of activations, by slot, but for empty ones.
-    values: BTreeMap<u32, Vec<u8>>,
-    /// Members whose place others are about to take.
-    succession: Option<Succession>,
     outside: Outside,
     /// The fault that a test plants.
     #[cfg(test)]
     #[serde(skip)]
     planted: Option<planted::Fault>,
+}
+
+/// Whether a group runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Run {
+    /// Its last activation.
+    activation: u32,
+    is_on: bool,
+    /// Whether its node leaves: nothing follows from anything any more.
+    is_abandoned: bool,
 }
 
 impl Timed for Executer {
@@ -137,7 +109,7 @@ impl Timed for Executer {
     }
 
     fn is_over(&self) -> bool {
-        !self.running
+        !self.run.is_on
     }
 }
 
@@ -152,29 +124,13 @@ impl Executer {
             group,
             program,
             state,
-            activation: 0,
-            running: false,
-            is_abandoned: false,
-            consumers: consumers(plan, declared),
-            open: BTreeMap::new(),
-            sets: wires_of_sets(declared),
-            open_sets: BTreeMap::new(),
-            generation: 0,
-            unconfirmed: BTreeMap::new(),
-            checks_in: false,
-            waiting: BTreeMap::new(),
-            activated: BTreeMap::new(),
+            run: Run::default(),
+            members: Members::new(acting(declared)),
+            wires: Wires::new(plan, declared),
+            switches: Switches::default(),
             clock: Clock::default(),
-            active: BTreeMap::new(),
-            failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
             supervised: Supervised::default(),
-            switches: BTreeMap::new(),
-            switched_to: BTreeMap::new(),
-            acting: acting(declared),
-            acting_next: BTreeMap::new(),
-            values: BTreeMap::new(),
-            succession: None,
             outside: Outside::default(),
             #[cfg(test)]
             planted: None,
@@ -183,7 +139,7 @@ impl Executer {
 
     /// Returns one word for a person.
     pub fn state(&self) -> &'static str {
-        if self.running { "running" } else { "idle" }
+        if self.run.is_on { "running" } else { "idle" }
     }
 
     /// Starts the group. Returns how it ended if it ended at once.
@@ -194,20 +150,20 @@ impl Executer {
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
-        if self.running {
+        if self.run.is_on {
             return None;
         }
-        (self.activation, self.running) = (activation, true);
+        (self.run.activation, self.run.is_on) = (activation, true);
         self.renew_actions(context.plan);
         self.clock.start(self.program.automaton().is_some());
-        self.failures.clear();
+        self.members.forget_failures();
         self.forget_restarts();
         self.react(Event::Start(Value::new(value)), context, out)
     }
 
     /// Asks the group to stop. Returns how it ended if it ended at once.
     pub fn stop(&mut self, activation: u32, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        if !self.running || activation != self.activation {
+        if !self.run.is_on || activation != self.run.activation {
             return None;
         }
         self.react(Event::Stop, context, out)
@@ -215,49 +171,47 @@ impl Executer {
 
     /// Returns whether the group runs.
     pub fn is_running(&self) -> bool {
-        self.running
+        self.run.is_on
     }
 
     /// Gives the group up without waiting, because its node leaves. Its activities have still to end.
     pub fn abandon(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        (self.running, self.is_abandoned) = (false, true);
-        self.waiting.clear();
+        (self.run.is_on, self.run.is_abandoned) = (false, true);
+        self.members.withdraw_all();
         let group = context.plan.groups.get(self.group as usize);
-        let kinds = self.active.keys().filter_map(|slot| Some(group?.members.get(*slot as usize)?.kind));
+        let kinds = self.members.activations().filter_map(|run| Some(group?.members.get(run.slot as usize)?.kind));
         self.fences.abandon(kinds.flat_map(|kind| fence::hosts(context.plan, kind)).collect());
         self.pass_on_fences(context, out);
     }
 
     /// Returns the activation that [`Executer::activate`] was given last.
     pub fn activation(&self) -> u32 {
-        self.activation
+        self.run.activation
     }
 
     /// Takes the ending of a member. Returns how the group ended, if it did.
     pub fn ended(
         &mut self,
-        (slot, activation): (u32, u32),
+        run: MemberRef,
         ending: Ending,
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
-        self.look_at_end((slot, activation), &ending, context);
-        let current = self.active.get(&slot) == Some(&activation);
-        if !current {
+        self.look_at_end(run, &ending, context);
+        let current = self.members.is_current(run);
+        if current {
+            self.members.end(run.slot);
+        } else {
             // It was given up before, so nothing else follows from it.
             self.open_fences(context, out);
         }
-        if current {
-            self.active.remove(&slot);
-            self.waiting.remove(&slot);
-        }
-        let (member, activation) = (slot, Activation(activation));
+        let (member, activation) = (run.slot, Activation(run.activation));
         let event = match ending {
             Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
             Ending::Aborted(mut failure) => {
                 // Users have already been told about activations that are no longer current.
                 if current && failure.origin.is_empty() {
-                    self.complete(slot, &mut failure, context, out);
+                    self.complete(member, &mut failure, context, out);
                 }
                 // An unconfirmed stop inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
@@ -265,7 +219,7 @@ impl Executer {
                 let report =
                     if let FailureCause::Failed(why) = &failure.cause { text_value(why) } else { Value::EMPTY };
                 if current {
-                    self.failures.insert(slot, failure);
+                    self.members.fail(member, failure);
                 }
                 if unconfirmed {
                     Event::StopUnconfirmed { member, activation }
@@ -296,10 +250,8 @@ impl Executer {
 
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let timer = earliest(self.clock.deadline(), self.switch_deadline());
-        let is_open = |slot: &u32| !self.checks_in && self.fences.against(*slot).is_none();
-        let open = self.waiting.iter().filter(|(slot, _)| is_open(slot));
-        open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
+        let timer = earliest(self.clock.deadline(), self.switches.deadline());
+        earliest(timer, self.members.deadline(|slot| self.fences.against(slot).is_none()))
     }
 
     /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and reports it to
@@ -320,14 +272,14 @@ impl Executer {
 
     /// Reacts at the time that the clock shows.
     fn react_now(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        if self.is_abandoned {
+        if self.run.is_abandoned {
             return None;
         }
         let mut commands = Vec::new();
         let before = self.states_seen();
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
         #[cfg(test)]
-        let outcome = self.go_wrong(&event, &mut commands, outcome);
+        let outcome = planted::spoil(self, &event, &mut commands, outcome);
         self.outside.news.steps.push(StepRecord::new(event.clone(), commands.clone(), outcome.clone()));
         if outcome.is_some() || self.outside.news.steps.len() >= STEPS_MAX {
             self.record(context, out);
@@ -336,14 +288,14 @@ impl Executer {
         for command in commands {
             self.carry_out(command, context, out);
         }
-        self.running &= outcome.is_none();
+        self.run.is_on &= outcome.is_none();
         self.tell_states(before, &event, context, out);
         Some(self.conclude(outcome?, context, out))
     }
 
     /// Says how the group has ended.
     fn conclude(&mut self, outcome: Outcome, context: ExecContext<'_>, out: &mut Out<'_>) -> Ending {
-        self.running = false;
+        self.run.is_on = false;
         self.succeed_now(context, out);
         self.end_switches(context, out);
         self.pass_on_fences(context, out);
@@ -365,43 +317,37 @@ impl Executer {
 
     /// Activates nothing before [`Executer::checked_in`].
     pub fn check_in(&mut self) {
-        self.checks_in = true;
+        self.members.hold(true);
     }
 
     /// Goes on.
     pub fn checked_in(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.checks_in = false;
+        self.members.hold(false);
         self.activate_ready(context, out);
+    }
+
+    /// Takes note that generations of wires need not be waited for any more.
+    fn confirm(&mut self, generations: &BTreeSet<u64>) {
+        self.wires.confirm(generations);
+        self.members.confirm(generations);
     }
 
     /// Sends the activations that wait for nothing any more.
     fn activate_ready(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        if self.checks_in {
-            return;
-        }
         let fences = &self.fences;
-        let is_ready =
-            |slot: &u32, waiting: &mut Waiting| waiting.ready_at() <= out.now && fences.against(*slot).is_none();
-        let ready: Vec<(u32, Waiting)> = self.waiting.extract_if(.., is_ready).collect();
-        for (member, waiting) in ready {
+        for (member, waiting) in self.members.take_ready(out.now, |slot| fences.against(slot).is_none()) {
             // Once the time is over, no other member waits for a member that has not confirmed.
             self.confirm(&waiting.wires);
-            self.activate_member((member, waiting.activation), waiting.value, context, out);
+            self.activate_member(member, waiting, context, out);
         }
     }
 
-    fn activate_member(
-        &mut self,
-        (member, activation): (u32, u32),
-        value: Vec<u8>,
-        context: ExecContext<'_>,
-        out: &mut Out<'_>,
-    ) {
+    fn activate_member(&mut self, member: u32, waiting: Waiting, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Waiting { activation, value, .. } = waiting;
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         self.renew_member(member, context, out);
         let Some((target, host)) = self.target(context.plan, group, member) else { return };
-        self.activated.insert(member, out.now);
-        self.note_value(member, &value);
+        self.members.told(member, out.now, &value);
         self.fences.began(member, host);
         let order = ToParticipant::Activate { target, activation, value };
         out.send(host, context.deployment.to_participant(order));
@@ -414,16 +360,14 @@ impl Executer {
             Command::Connect { .. } | Command::Disconnect { .. } => {}
             Command::Activate { member, activation: Activation(activation), value } => {
                 let Some((target, _)) = self.target(context.plan, group, member) else { return };
-                self.active.insert(member, activation);
+                self.members.activate(MemberRef { slot: member, activation });
                 let value = value.bytes().to_vec();
                 if value.len() > VALUE_MAX {
                     return self.refuse_value((target, activation), value.len(), context, out);
                 }
-                let leads_here = |wires: &Unconfirmed| wires.consumers.contains(&member);
-                let wires = self.unconfirmed.iter().filter(|(_, wires)| leads_here(wires)).map(|(number, _)| *number);
-                let (wires, until) = (wires.collect(), out.now + SWITCH_WITHIN);
-                let not_before = self.activated.get(&member).map_or(out.now, |last| *last + PACE);
-                self.waiting.insert(member, Waiting { activation, value, wires, until, not_before });
+                let (wires, until) = (self.wires.unconfirmed_to(member), out.now + SWITCH_WITHIN);
+                let not_before = self.members.next_at(member, PACE).unwrap_or(out.now);
+                self.members.wait(member, Waiting { activation, value, wires, until, not_before });
                 self.activate_ready(context, out);
                 if let Some(change) = self.held(member, context.plan)
                     && self.fences.is_news(member, activation)
@@ -435,9 +379,8 @@ impl Executer {
             Command::Stop { member, activation: Activation(activation) } => {
                 self.succeed_member(member, context, out);
                 let Some((target, host)) = self.target(context.plan, group, member) else { return };
-                if self.waiting.get(&member).is_some_and(|waiting| waiting.activation == activation) {
+                if self.members.withdraw(MemberRef { slot: member, activation }) {
                     // It has never begun.
-                    self.waiting.remove(&member);
                     return self.end_member((target, activation), Ending::Stopped, context, out);
                 }
                 out.send(host, context.deployment.to_participant(ToParticipant::Stop { target, activation }));
@@ -476,7 +419,7 @@ impl Executer {
         let here = group.map_or_else(String::new, |group| group.path.clone());
         let member = reason.member;
         let origin = group.zip(member).and_then(|(group, slot)| member_path(context.plan, group, slot)).unwrap_or(here);
-        let reported = || member.and_then(|slot| self.failures.get(&slot)).cloned();
+        let reported = || member.and_then(|slot| self.members.failure(slot)).cloned();
         let cause = match &reason.cause {
             Cause::Reported(_) => match reported() {
                 Some(failure) => return failure,
@@ -492,12 +435,6 @@ impl Executer {
             Cause::NoMatch => FailureCause::Failed("no arm of `match` has this outcome".to_owned()),
         };
         Failure { origin, cause, at: context.since_go }
-    }
-}
-
-impl Waiting {
-    fn ready_at(&self) -> Time {
-        if self.wires.is_empty() { self.not_before } else { self.not_before.max(self.until) }
     }
 }
 

@@ -16,7 +16,7 @@ mod succession;
 use crate::logic::agent::Identity;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
-use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
+use crate::logic::executer::{Counted, ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToCoordinator, ToParticipant};
@@ -279,15 +279,14 @@ impl Participant {
     /// Passes a message about a switch on to a supervisor of this host.
     fn follow_switch(&mut self, message: ToParticipant, out: &mut Out<'_>) {
         if let ToParticipant::Expecting { group, leaf, generation } = message {
-            self.tell_executer(group, out, |executer, at, out| executer.expecting((generation, leaf), at, out));
+            self.tell_executer(group, out, |executer, at, out| executer.expecting(generation, leaf, at, out));
         } else if let ToParticipant::Taken { group, leaf, generation, lost, late, missing } = message {
-            self.tell_executer(group, out, |executer, at, out| {
-                executer.taken((generation, leaf), (lost, late, missing), at, out);
-            });
+            let counted = Counted { lost, late, missing: missing.into_iter().collect() };
+            self.tell_executer(group, out, |executer, at, out| executer.taken(generation, leaf, counted, at, out));
         } else if let ToParticipant::Succeeding { group, leaf, is_handed_over } = message {
             self.tell_executer(group, out, |executer, at, out| executer.succeeding(leaf, is_handed_over, at, out));
         } else if let ToParticipant::SwitchSets { group, slot, sets, call } = message {
-            self.tell_executer(group, out, |executer, at, out| executer.switch_sets((slot, &sets), call, at, out));
+            self.tell_executer(group, out, |executer, at, out| executer.switch_sets(slot, &sets, call, at, out));
         }
     }
 

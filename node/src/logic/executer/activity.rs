@@ -57,7 +57,7 @@ pub(super) type Seen = Option<Vec<String>>;
 impl Executer {
     /// Returns the states that an activity is in, for a person; none if the group is not an activity, or does not run.
     pub fn states(&self) -> Option<String> {
-        if self.running && self.state.chart().is_some_and(Configuration::is_waiting) {
+        if self.run.is_on && self.state.chart().is_some_and(Configuration::is_waiting) {
             return Some("between two states".to_owned());
         }
         let names = self.states_seen()?;
@@ -67,7 +67,7 @@ impl Executer {
     /// Returns the states, the open questions and the possible orders of an activity; none if the group is not an activity, or
     /// does not run.
     pub fn activity(&self, plan: &Plan) -> Option<ActivityStatus> {
-        let (chart, place) = (chart(plan, self.group)?, self.state.chart().filter(|_| self.running)?);
+        let (chart, place) = (chart(plan, self.group)?, self.state.chart().filter(|_| self.run.is_on)?);
         let question = |(place, number): (&u32, &u64)| {
             let question = chart.questions.get(*place as usize)?;
             Some(OpenQuestion { number: *number, text: question.to_string(), options: question.options.clone() })
@@ -121,7 +121,7 @@ impl Executer {
         let path = plan.groups.get(self.group as usize).map_or("", |group| group.path.as_str());
         let idle = || format!("`{path}` is not active");
         let (chart, place) =
-            chart(plan, self.group).zip(self.state.chart()).filter(|_| self.running).ok_or_else(idle)?;
+            chart(plan, self.group).zip(self.state.chart()).filter(|_| self.run.is_on).ok_or_else(idle)?;
         match told {
             ActivityInput::Message { port, text, priority } => {
                 let event = chart.message(port, text, *priority);
@@ -172,7 +172,7 @@ impl Executer {
             let text = format!("loses {lost} values at `{port}`: they find no room, or cannot be read");
             self.tell_people(text, context, out);
         }
-        let place = self.program.automaton().zip(self.state.chart()).filter(|_| self.running);
+        let place = self.program.automaton().zip(self.state.chart()).filter(|_| self.run.is_on);
         let event = chart(context.plan, self.group).and_then(|chart| {
             let number = chart.inputs.iter().position(|name| *name == port)?;
             chart.value_at(u32::try_from(number).ok()?, Value::new(&value), priority)
@@ -259,7 +259,7 @@ impl Executer {
 
     /// Takes note of the questions that are open now. Returns those that are not open any more, and the new ones.
     fn follow_questions(&mut self, chart: &StateChart) -> (BTreeMap<u32, u64>, BTreeMap<u32, u64>) {
-        let place = self.state.chart().filter(|_| self.running);
+        let place = self.state.chart().filter(|_| self.run.is_on);
         let open: BTreeSet<u32> =
             place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect();
         let news = &mut self.outside.news;

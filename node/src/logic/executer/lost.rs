@@ -1,6 +1,8 @@
 //! A supervisor whose members are on hosts that are lost.
 
 use super::fence::{self, Against};
+use super::members::MemberRef;
+use super::wires::Flips;
 use super::{ExecContext, Executer, leaf_host, member_host, member_path};
 use crate::logic::effect::Out;
 use crate::logic::protocol::{ActivityInput, Change, Ending, Failure, FailureCause, Target, ToParticipant};
@@ -17,52 +19,47 @@ impl Executer {
     /// may still be on their way.
     pub fn rejoins(&mut self, number: u32) {
         self.state = State::numbered_from(&self.program, Activation(number << NUMBERS));
-        self.generation = u64::from(number) << 32;
+        self.wires.number_from(u64::from(number) << 32);
         self.switches.clear();
-        self.switched_to.clear();
     }
 
     /// Opens the wires of its open sets again whose producers are on a host that has rejoined.
     pub fn reopen(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
         let producer = |wire: u32| leaf_host(context.plan, context.plan.wires.get(wire as usize)?.from.leaf);
-        let open = self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire);
-        let theirs: Vec<u32> = open.filter(|wire| producer(*wire) == Some(host)).collect();
-        self.order_flips((&[], &theirs, &[]), 0, context, out);
+        let theirs: Vec<u32> =
+            self.wires.open_wires().into_iter().filter(|wire| producer(*wire) == Some(host)).collect();
+        self.wires.order(Flips { open: &theirs, ..Flips::default() }, self.group, context, out);
     }
 
     /// Takes the loss of a host: its members fail, and the group stops waiting for them.
     pub fn host_lost(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.switch_without(host, context, out);
-        let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
-        self.confirm(&theirs.collect());
+        self.confirm(&self.wires.unconfirmed_by(host));
         let group = context.plan.groups.get(self.group as usize)?;
         // A waiting member was never told to run.
-        let begun = self.active.iter().filter(|(slot, _)| !self.waiting.contains_key(slot));
-        let theirs = begun.filter(|(slot, _)| member_host(context.plan, group, **slot) == Some(host)).filter_map(
-            |(slot, number)| {
-                let kind = group.members.get(*slot as usize)?.kind;
-                Some((*slot, *number, fence::hosts(context.plan, kind)))
-            },
-        );
+        let begun = self.members.activations().filter(|run| !self.members.is_waiting(run.slot));
+        let theirs = begun.filter(|run| member_host(context.plan, group, run.slot) == Some(host)).filter_map(|run| {
+            let kind = group.members.get(run.slot as usize)?.kind;
+            Some((run.slot, run.activation, fence::hosts(context.plan, kind)))
+        });
         self.fences.lose(host, theirs);
         self.activate_ready(context, out);
         // All members of the host fail because of the one loss, including those that the group would stop after the
         // first failure.
         let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
-        let lost: Vec<(u32, u32, bool)> =
-            self.active.iter().map(|(slot, number)| (*slot, *number, is_stopping(*slot))).collect();
+        let lost: Vec<(MemberRef, bool)> = self.members.activations().map(|run| (run, is_stopping(run.slot))).collect();
         // An activity hears of the loss before its members fail by it.
         if let Some(ending) = self.tell(&ActivityInput::Notice(Notice::HostLost(host.to_owned())), context, out) {
             return Some(ending);
         }
-        for (slot, number, stopping) in lost {
-            if member_host(context.plan, group, slot) != Some(host) {
+        for (run, stopping) in lost {
+            if member_host(context.plan, group, run.slot) != Some(host) {
                 continue;
             }
             let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
             let cause = cause(host.to_owned());
             let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
-            if let Some(ending) = self.ended((slot, number), ending, context, out) {
+            if let Some(ending) = self.ended(run, ending, context, out) {
                 return Some(ending);
             }
         }
@@ -70,12 +67,12 @@ impl Executer {
     }
 
     /// Notes how an ending bears on a fence: the activation has ended, or it may still run.
-    pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, context: ExecContext<'_>) {
+    pub(super) fn look_at_end(&mut self, run: MemberRef, ending: &Ending, context: ExecContext<'_>) {
+        let MemberRef { slot, activation } = run;
         let group = context.plan.groups.get(self.group as usize);
         let Some((target, host)) = group.and_then(|group| self.target(context.plan, group, slot)) else { return };
         if *ending == Ending::Unconfirmed {
-            let is_current = self.active.get(&slot) == Some(&activation);
-            return self.fences.unconfirmed(slot, activation, host, is_current);
+            return self.fences.unconfirmed(slot, activation, host, self.members.is_current(run));
         }
         let cause = if let Ending::Aborted(failure) = ending { Some(&failure.cause) } else { None };
         let is_known = match (target, cause) {
@@ -100,7 +97,7 @@ impl Executer {
     pub(super) fn open_fences(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.activate_ready(context, out);
         // A running group may still end well. Its supervisor is told at the end.
-        if !self.running {
+        if !self.run.is_on {
             self.pass_on_fences(context, out);
         }
     }
@@ -131,11 +128,11 @@ impl Executer {
     /// Returns one sentence for users about each member that waits for a resource which others may still use.
     pub fn waits(&self, plan: &Plan) -> Vec<String> {
         let Some(group) = plan.groups.get(self.group as usize) else { return Vec::new() };
-        let sentence = |slot: &u32| {
-            let (path, held) = (member_path(plan, group, *slot)?, self.held(*slot, plan)?);
+        let sentence = |slot: u32| {
+            let (path, held) = (member_path(plan, group, slot)?, self.held(slot, plan)?);
             Some(format!("`{path}` {}", held.held_text()?))
         };
-        self.waiting.keys().filter_map(sentence).collect()
+        self.members.all_waiting().filter_map(sentence).collect()
     }
 
     /// Takes note that nothing of the deployment is left on a host that was lost.

@@ -4,7 +4,7 @@
 //! commands are carried out. The simulated world obeys: programs run when they are activated, and end one after the
 //! other.
 
-use super::{ExecContext, Executer};
+use super::{ExecContext, Executer, MemberRef};
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Body, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use comms::logic::time::Time;
@@ -31,19 +31,18 @@ pub(super) struct Step<'s> {
 /// A fault of the supervisor, applied to every step.
 pub(super) type Fault = fn(&mut Step<'_>);
 
-impl Executer {
-    pub(super) fn go_wrong(
-        &mut self,
-        event: &Event,
-        commands: &mut Vec<Command>,
-        mut outcome: Option<Outcome>,
-    ) -> Option<Outcome> {
-        if let Some(fault) = self.planted {
-            let (program, state) = (&self.program, &mut self.state);
-            fault(&mut Step { program, state, event, commands, outcome: &mut outcome });
-        }
-        outcome
+/// Spoils a step of a supervisor.
+pub(super) fn spoil(
+    executer: &mut Executer,
+    event: &Event,
+    commands: &mut Vec<Command>,
+    mut outcome: Option<Outcome>,
+) -> Option<Outcome> {
+    if let Some(fault) = executer.planted {
+        let (program, state) = (&executer.program, &mut executer.state);
+        fault(&mut Step { program, state, event, commands, outcome: &mut outcome });
     }
+    outcome
 }
 
 /// Event actions that between them want everything of a supervisor; `arm` is the program that fails.
@@ -128,7 +127,7 @@ impl World<'_> {
     }
 
     fn ends(&mut self, leaf: u32, activation: u32, ending: Ending) {
-        self.let_it(|executer, at, out| executer.ended((leaf, activation), ending, at, out));
+        self.let_it(|executer, at, out| executer.ended(MemberRef { slot: leaf, activation }, ending, at, out));
     }
 
     /// Lets something happen: a member that is to stop has stopped, the first running one ends, or else time passes.

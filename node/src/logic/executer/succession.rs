@@ -8,7 +8,8 @@
 //! The old program closes its outputs once it has processed the values before the boundary; the next program opens its
 //! own before the values after it. Consumers take the old values first. So nothing is lost, doubled or reordered.
 
-use super::switching::pushes_to;
+use super::members::MemberRef;
+use super::switching::{Handover, pushes_to};
 use super::wires::{Difference, ends_before};
 use super::{ExecContext, Executer, leaf_host, member_target};
 use crate::logic::effect::Out;
@@ -47,74 +48,69 @@ impl Executer {
     pub fn rewire(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         // A succession that was not made is taken back: the programs it has begun leave with the change.
-        self.succession = None;
+        self.switches.succession = None;
         let mut succession = Succession::default();
         for (slot, (_, leaf)) in self.pairs(group) {
             let Some((_, host)) = member_target(context.plan, group, slot) else { continue };
-            let is_meant = !self.waiting.contains_key(&slot) && !self.is_stopping(slot);
-            let Some(&activation) = self.active.get(&slot).filter(|_| is_meant) else { continue };
+            let is_meant = !self.members.is_waiting(slot) && !self.is_stopping(slot);
+            let Some(activation) = self.members.activation(slot).filter(|_| is_meant) else { continue };
             succession.starting.insert(leaf);
             succession.begun.insert(slot, activation);
-            let value = self.values.get(&slot).cloned().unwrap_or_default();
+            let value = self.members.value(slot);
             let order = ToParticipant::Succeed { group: self.group, leaf, activation, value };
             out.send(host, context.deployment.to_participant(order));
         }
-        self.succession = Some(succession);
+        self.switches.succession = Some(succession);
         self.succeed_if_ready(context, out);
     }
 
     /// Takes note that a program runs beside the one whose place it is to take.
     pub fn succeeding(&mut self, leaf: u32, is_handed_over: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        let Some(succession) = &mut self.succession else { return };
+        let Some(succession) = &mut self.switches.succession else { return };
         succession.starting.remove(&leaf);
         if !is_handed_over {
-            let old = self.acting.iter().find(|(slot, _)| leaf_of(group, **slot) == Some(leaf));
-            succession.gone.extend(old.map(|(_, old)| *old));
+            let old = self.members.all_acting().find(|(slot, _)| leaf_of(group, *slot) == Some(leaf));
+            succession.gone.extend(old.map(|(_, old)| old));
         }
         self.succeed_if_ready(context, out);
     }
 
-    /// Notes the value that a member was activated with, for a successor.
-    pub(super) fn note_value(&mut self, slot: u32, value: &[u8]) {
-        match value {
-            [] => drop(self.values.remove(&slot)),
-            value => drop(self.values.insert(slot, value.to_vec())),
-        }
-    }
-
     /// Returns whether programs are about to hand their connections over.
     pub fn hands_over(&self) -> bool {
-        self.succession.is_some() || self.switches.values().any(super::switching::Switch::is_handover)
+        self.switches.hand_over()
     }
 
     fn succeed_if_ready(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        if self.succession.as_ref().is_some_and(|succession| succession.starting.is_empty()) {
+        if self.switches.succession.as_ref().is_some_and(|succession| succession.starting.is_empty()) {
             self.succeed_now(context, out);
         }
     }
 
     /// Puts the next programs in the place of those before, also where they do not run yet.
     pub(super) fn succeed_now(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let Some(Succession { begun, gone, .. }) = self.succession.take() else { return };
+        let Some(Succession { begun, gone, .. }) = self.switches.succession.take() else { return };
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         let mut succeeded = Vec::new();
-        self.acting_next.clear();
+        self.members.forget_next();
         for (slot, (old, new)) in self.pairs(group) {
-            let activation = begun.get(&slot).copied().filter(|_| self.active.get(&slot) == begun.get(&slot));
+            let activation = begun.get(&slot).copied();
+            let activation = activation.filter(|it| self.members.is_current(MemberRef { slot, activation: *it }));
             let is_there = !gone.contains(&old);
             succeeded.extend(activation.map(|activation| Succeeded { old, new, activation, is_there }));
             // A member that is being stopped reports its end itself.
             if activation.is_some() || !self.is_stopping(slot) {
-                self.acting.insert(slot, new);
+                self.members.act_as(slot, new);
             } else {
-                self.acting_next.insert(slot, new);
+                self.members.act_next_as(slot, new);
             }
         }
         for (slot, leaf) in acting(group) {
-            self.acting.entry(slot).or_insert(leaf);
+            if self.members.acting(slot).is_none() {
+                self.members.act_as(slot, leaf);
+            }
         }
-        let difference = self.recount(context.plan);
+        let difference = self.wires.recount(context.plan, group);
         if succeeded.is_empty() {
             self.begin_switch(difference, context, out);
         } else {
@@ -124,16 +120,17 @@ impl Executer {
 
     /// Returns whether a member was told to stop, and has not ended.
     fn is_stopping(&self, slot: u32) -> bool {
-        self.active.contains_key(&slot) && self.state.activity(slot) == Activity::Stopping
+        self.members.is_active(slot) && self.state.activity(slot) == Activity::Stopping
     }
 
     /// Returns whether the word of a process about the end of a slot's activation counts: there may be two programs of one.
     pub fn speaks(&mut self, slot: u32, target: Target, context: ExecContext<'_>, out: &mut Out<'_>) -> bool {
         let Target::Leaf(leaf) = target else { return true };
         let next = context.plan.groups.get(self.group as usize).and_then(|group| leaf_of(group, slot));
-        let is_acting = self.acting.get(&slot) == Some(&leaf);
-        let is_pending = self.succession.as_ref().is_some_and(|succession| succession.begun.contains_key(&slot));
-        if is_pending && self.active.contains_key(&slot) && (is_acting || next == Some(leaf)) {
+        let is_acting = self.members.acting(slot) == Some(leaf);
+        let is_pending =
+            self.switches.succession.as_ref().is_some_and(|succession| succession.begun.contains_key(&slot));
+        if is_pending && self.members.is_active(slot) && (is_acting || next == Some(leaf)) {
             // Either has ended before the other one has taken over, or could.
             self.succeed_now(context, out);
             return next == Some(leaf);
@@ -143,16 +140,16 @@ impl Executer {
 
     /// Returns a member and its host: of two programs, the running one.
     pub(super) fn target<'a>(&self, plan: &'a Plan, group: &Group, slot: u32) -> Option<(Target, &'a str)> {
-        match (member_target(plan, group, slot)?, self.acting.get(&slot)) {
-            ((Target::Leaf(_), _), Some(leaf)) => Some((Target::Leaf(*leaf), leaf_host(plan, *leaf)?)),
+        match (member_target(plan, group, slot)?, self.members.acting(slot)) {
+            ((Target::Leaf(_), _), Some(leaf)) => Some((Target::Leaf(leaf), leaf_host(plan, leaf)?)),
             (found, _) => Some(found),
         }
     }
 
     /// Returns by slot the running leaves and those of the plan, if they differ.
     fn pairs(&self, group: &Group) -> BTreeMap<u32, (u32, u32)> {
-        let pair = |(slot, old): (&u32, &u32)| Some((*slot, (*old, leaf_of(group, *slot)?)));
-        self.acting.iter().filter_map(pair).filter(|(_, (old, new))| old != new).collect()
+        let pair = |(slot, old)| Some((slot, (old, leaf_of(group, slot)?)));
+        self.members.all_acting().filter_map(pair).filter(|(_, (old, new))| old != new).collect()
     }
 
     /// Hands the connections of programs over to those in their places.
@@ -164,8 +161,7 @@ impl Executer {
         out: &mut Out<'_>,
     ) {
         self.hurry_handovers(context, out);
-        self.generation += 1;
-        let (plan, generation) = (context.plan, self.generation);
+        let (plan, generation) = (context.plan, self.wires.next_generation());
         let from = |wire: u32| plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
         let is_gone = |leaf: u32| succeeded.iter().any(|one| one.old == leaf && !one.is_there);
         // A missing program is not expected to take something, or to report that it sends nothing more.
@@ -186,32 +182,13 @@ impl Executer {
                 then.entry(leaf).or_insert_with(new).open.push(Opening { wire, after });
             }
         }
-        self.begin_handover((difference, unheard), (succeeded, &then), context, out);
-    }
-
-    /// Orders all that is left of handovers, before something else is ordered of the same wires.
-    pub(super) fn hurry_handovers(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let handovers = self.switches.iter().filter(|(_, switch)| switch.is_handover()).map(|(number, _)| *number);
-        for generation in handovers.collect::<Vec<_>>() {
-            self.hurry(generation, context, out);
-        }
-    }
-
-    /// Stops waiting for the members of a handover until all of it is ordered; returns whether anything was left.
-    pub(super) fn hurry(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) -> bool {
-        let mut was_left = false;
-        while let Some(switch) = self.switches.get_mut(&generation).filter(|switch| switch.is_to_be_ordered()) {
-            was_left = true;
-            switch.wait_for_nobody();
-            self.go_on(generation, context, out);
-        }
-        was_left
+        self.begin_handover(Handover { generation, difference, unheard, succeeded, then }, context, out);
     }
 
     /// Puts the next program of a member in its place, if that waits for it: it is to be stopped together with the
     /// previous one.
     pub(super) fn succeed_member(&mut self, slot: u32, context: ExecContext<'_>, out: &mut Out<'_>) {
-        if self.succession.as_ref().is_some_and(|succession| succession.begun.contains_key(&slot)) {
+        if self.switches.succession.as_ref().is_some_and(|succession| succession.begun.contains_key(&slot)) {
             self.succeed_now(context, out);
         }
     }
@@ -219,12 +196,10 @@ impl Executer {
     /// Makes a member that is activated use the leaf of the plan.
     pub(super) fn renew_member(&mut self, slot: u32, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        if self.succession.is_some() && self.pairs(group).contains_key(&slot) {
+        if self.switches.succession.is_some() && self.pairs(group).contains_key(&slot) {
             self.succeed_now(context, out);
         }
-        if let Some(leaf) = self.acting_next.remove(&slot) {
-            self.acting.insert(slot, leaf);
-        }
+        self.members.renew(slot);
     }
 
     /// Stops the programs whose places were taken.

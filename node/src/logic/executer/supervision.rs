@@ -32,7 +32,7 @@ impl Executer {
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
-        let group = context.plan.groups.get(self.group as usize).filter(|_| self.running)?;
+        let group = context.plan.groups.get(self.group as usize).filter(|_| self.run.is_on)?;
         if context.plan.ports_of(self.group).is_some_and(|(ports, _)| ports == slot) {
             return None;
         }

@@ -3,22 +3,21 @@
 //! All wires that one event closes and opens form one switch: each producer flips its wires between two values, and a
 //! wire that stays in use stays open.
 
-use super::{ExecContext, Executer, leaf_host};
+use super::{ExecContext, leaf_host};
 use crate::logic::effect::Out;
 use crate::logic::protocol::ToParticipant;
 use comms::logic::switch::{Flip, Opening};
-use language::algebra::Command;
 use language::plan::{Group, Plan, Transfer};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Wires that were opened, and that their producers have not confirmed yet.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Unconfirmed {
+struct Unconfirmed {
     /// The host of the producers.
-    pub(super) host: String,
+    host: String,
     /// Slots of the members that they lead to.
-    pub(super) consumers: BTreeSet<u32>,
+    consumers: BTreeSet<u32>,
 }
 
 /// Sets and wires that one switch closes and opens.
@@ -36,41 +35,46 @@ impl Difference {
     }
 }
 
-impl Executer {
-    /// Notes that the producers of a generation of wires are switched.
-    pub fn switched(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.confirm(&BTreeSet::from([generation]));
-        self.activate_ready(context, out);
-        self.flipped(generation, context, out);
+/// Wires that the producers are to flip, for one switch.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Flips<'a> {
+    pub(super) generation: u64,
+    pub(super) close: &'a [u32],
+    pub(super) open: &'a [u32],
+    /// Closed wires, for whose end the values on new wires wait.
+    pub(super) ends: &'a [u32],
+}
+
+/// The wires of one group.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Wires {
+    /// Slot of the member that a leaf is, or is below of, for each leaf that a wire of this group leads to.
+    consumers: BTreeMap<u32, u32>,
+    /// How many open sets have each wire.
+    open: BTreeMap<u32, u32>,
+    /// The wires of each set in current use.
+    sets: Vec<Vec<u32>>,
+    /// How often each set is open.
+    open_sets: BTreeMap<u32, u32>,
+    /// The number of the last switch or order.
+    generation: u64,
+    unconfirmed: BTreeMap<u64, Unconfirmed>,
+}
+
+impl Wires {
+    pub(super) fn new(plan: &Plan, group: &Group) -> Self {
+        Self { consumers: consumers(plan, group), sets: wires_of_sets(group), ..Self::default() }
     }
 
-    /// Takes note that generations of wires need not be waited for any more.
-    pub(super) fn confirm(&mut self, generations: &BTreeSet<u64>) {
-        self.unconfirmed.retain(|generation, _| !generations.contains(generation));
-        for waiting in self.waiting.values_mut() {
-            waiting.wires.retain(|generation| !generations.contains(generation));
-        }
+    /// Returns a number that no switch or order has had.
+    pub(super) fn next_generation(&mut self) -> u64 {
+        self.generation += 1;
+        self.generation
     }
 
-    /// Switches to the sets that the commands of one event leave open.
-    pub(super) fn connect(&mut self, commands: &[Command], context: ExecContext<'_>, out: &mut Out<'_>) {
-        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        let (mut close, mut open) = (Vec::new(), Vec::new());
-        for command in commands {
-            if let Command::Disconnect { set } = command {
-                close.push(*set);
-            } else if let Command::Connect { set } = command {
-                open.push(*set);
-            }
-        }
-        if close.is_empty() && open.is_empty() {
-            return;
-        }
-        let owners = close.iter().filter_map(|set| group.sets.get(*set as usize)?.owner).collect::<BTreeSet<_>>();
-        owners.into_iter().for_each(|slot| self.forget_switch(slot, context, out));
-        let close = self.instead_of(close, group);
-        let difference = self.difference(close, open);
-        self.begin_switch(difference, context, out);
+    /// Goes on with numbers behind this one.
+    pub(super) fn number_from(&mut self, generation: u64) {
+        self.generation = generation;
     }
 
     /// Counts sets as closed and open. Returns what of that flips: a wire flips if no other open set holds it.
@@ -96,8 +100,13 @@ impl Executer {
     }
 
     /// Returns the wires of a set in current use: during a change the plan may already have others.
-    pub(super) fn wires_of(&self, set: u32) -> &[u32] {
+    pub(super) fn of_set(&self, set: u32) -> &[u32] {
         self.sets.get(set as usize).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns which sets are open.
+    pub(super) fn open_sets(&self) -> impl Iterator<Item = u32> {
+        self.open_sets.iter().filter(|(_, count)| **count > 0).map(|(set, _)| *set)
     }
 
     /// Returns which wires are open.
@@ -105,14 +114,18 @@ impl Executer {
         self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire).collect()
     }
 
+    /// Returns how many open sets have a wire.
+    pub(super) fn times_open(&self, wire: u32) -> usize {
+        self.open.get(&wire).map_or(0, |count| *count as usize)
+    }
+
     /// Counts the wires of the open sets as the plan has them now. Returns what of that flips.
-    pub(super) fn recount(&mut self, plan: &Plan) -> Difference {
-        let Some(group) = plan.groups.get(self.group as usize) else { return Difference::default() };
+    pub(super) fn recount(&mut self, plan: &Plan, group: &Group) -> Difference {
         (self.consumers, self.sets) = (consumers(plan, group), wires_of_sets(group));
         let before = self.open_wires();
         let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
         for (set, count) in &self.open_sets {
-            for wire in self.wires_of(*set) {
+            for wire in self.of_set(*set) {
                 *counts.entry(*wire).or_default() += count;
             }
         }
@@ -122,39 +135,59 @@ impl Executer {
         Difference { close: close.into_iter().collect(), open: open.into_iter().collect(), ..Difference::default() }
     }
 
-    /// Orders the producers to flip wires of the switch `generation`. Values on new wires wait for the end of those
-    /// that the switch `ends`. Returns the numbers by which their hosts confirm.
-    pub(super) fn order_flips(
+    /// Takes note that generations of wires need not be waited for any more.
+    pub(super) fn confirm(&mut self, generations: &BTreeSet<u64>) {
+        self.unconfirmed.retain(|generation, _| !generations.contains(generation));
+    }
+
+    /// Returns the generations of wires to a member that are not confirmed.
+    pub(super) fn unconfirmed_to(&self, slot: u32) -> BTreeSet<u64> {
+        let leads_here = |wires: &Unconfirmed| wires.consumers.contains(&slot);
+        self.unconfirmed.iter().filter(|(_, wires)| leads_here(wires)).map(|(number, _)| *number).collect()
+    }
+
+    /// Returns the generations of wires that the producers of a host have not confirmed.
+    pub(super) fn unconfirmed_by(&self, host: &str) -> BTreeSet<u64> {
+        self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number).collect()
+    }
+
+    /// Returns the hosts whose producers have not confirmed these generations.
+    pub(super) fn silent_hosts(&self, generations: &BTreeSet<u64>) -> BTreeSet<&str> {
+        let silent = generations.iter().filter_map(|number| self.unconfirmed.get(number));
+        silent.map(|wires| wires.host.as_str()).collect()
+    }
+
+    /// Orders the producers of a group to flip wires. Returns the numbers by which their hosts confirm.
+    pub(super) fn order(
         &mut self,
-        (close, open, ends): (&[u32], &[u32], &[u32]),
-        generation: u64,
+        flips: Flips<'_>,
+        group: u32,
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> BTreeSet<u64> {
         let plan = context.plan;
         let mut by_host: BTreeMap<&str, Flip> = BTreeMap::new();
         let host = |wire: u32| leaf_host(plan, plan.wires.get(wire as usize)?.from.leaf);
-        for &wire in close {
+        for &wire in flips.close {
             let Some(host) = host(wire) else { continue };
             by_host.entry(host).or_default().close.push(wire);
         }
-        for &wire in open {
+        for &wire in flips.open {
             let Some(host) = host(wire) else { continue };
-            let opening = Opening { wire, after: ends_before(plan, ends, wire) };
+            let opening = Opening { wire, after: ends_before(plan, flips.ends, wire) };
             by_host.entry(host).or_default().open.push(opening);
         }
         let mut numbers = BTreeSet::new();
         for (host, flip) in by_host {
-            let flip = Flip { generation, ..flip };
-            self.generation += 1;
-            let number = self.generation;
+            let flip = Flip { generation: flips.generation, ..flip };
+            let number = self.next_generation();
             numbers.insert(number);
             if !flip.open.is_empty() {
                 let ends = flip.open.iter().filter_map(|opening| plan.wires.get(opening.wire as usize));
                 let consumers = ends.filter_map(|ends| self.consumers.get(&ends.to.leaf)).copied().collect();
                 self.unconfirmed.insert(number, Unconfirmed { host: host.to_owned(), consumers });
             }
-            let order = ToParticipant::Flip { group: self.group, generation: number, flip };
+            let order = ToParticipant::Flip { group, generation: number, flip };
             out.send(host, context.deployment.to_participant(order));
         }
         numbers
@@ -162,7 +195,7 @@ impl Executer {
 }
 
 /// Returns the wires of each set of a group.
-pub(super) fn wires_of_sets(group: &Group) -> Vec<Vec<u32>> {
+fn wires_of_sets(group: &Group) -> Vec<Vec<u32>> {
     group.sets.iter().map(|set| set.wires.clone()).collect()
 }
 
@@ -181,7 +214,7 @@ pub(super) fn are_of_one_input(plan: &Plan, one: u32, other: u32) -> bool {
 }
 
 /// Returns the member that each leaf at the end of a wire of this group is, or is below of.
-pub(super) fn consumers(plan: &Plan, group: &Group) -> BTreeMap<u32, u32> {
+fn consumers(plan: &Plan, group: &Group) -> BTreeMap<u32, u32> {
     let slots: BTreeMap<&str, u32> =
         (0..).zip(&group.members).map(|(slot, member)| (member.name.as_str(), slot)).collect();
     let wires = group.sets.iter().flat_map(|set| &set.wires).filter_map(|wire| plan.wires.get(*wire as usize));

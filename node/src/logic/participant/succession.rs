@@ -7,6 +7,7 @@
 
 use super::Participant;
 use crate::logic::effect::Out;
+use crate::logic::executer::MemberRef;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{Change, Ending, Target, ToParticipant};
 use language::plan::MemberKind;
@@ -80,7 +81,7 @@ impl Participant {
             if !executer.speaks(slot, target, at, out) {
                 return None;
             }
-            executer.ended((slot, activation), ending, at, out)
+            executer.ended(MemberRef { slot, activation }, ending, at, out)
         });
     }
 

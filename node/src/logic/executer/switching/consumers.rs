@@ -2,32 +2,35 @@
 
 use crate::logic::effect::Out;
 use crate::logic::executer::wires::{Difference, are_of_one_input};
-use crate::logic::executer::{ExecContext, Executer, leaf_host};
+use crate::logic::executer::{ExecContext, leaf_host};
 use crate::logic::protocol::ToParticipant;
 use comms::logic::switch::{Expect, Flip};
 use language::plan::{Group, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 
-impl Executer {
-    /// Makes consumers expect a switch. The consumers in `then` flip wires of their own once they have taken it.
-    pub(in crate::logic::executer) fn expect(
-        &self,
-        (generation, difference): (u64, &Difference),
-        (consumers, then): (&BTreeSet<u32>, &BTreeMap<u32, Flip>),
-        context: ExecContext<'_>,
-        out: &mut Out<'_>,
-    ) {
-        for &leaf in consumers {
-            let Some(host) = leaf_host(context.plan, leaf) else { continue };
-            let theirs =
-                |wires: &[u32]| wires.iter().copied().filter(|wire| pushes_to(context.plan, *wire, leaf)).collect();
-            let expect = Expect { generation, close: theirs(&difference.close), open: theirs(&difference.open) };
-            let order = match then.get(&leaf).cloned() {
-                None => ToParticipant::Expect { group: self.group, leaf, expect },
-                Some(then) => ToParticipant::ExpectAnd { group: self.group, leaf, expect, then },
-            };
-            out.send(host, context.deployment.to_participant(order));
-        }
+/// A switch that consumers are to expect.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Expected<'a> {
+    pub(super) generation: u64,
+    pub(super) difference: &'a Difference,
+    pub(super) consumers: &'a BTreeSet<u32>,
+    /// The wires that some of the consumers flip by themselves once they have taken it.
+    pub(super) then: &'a BTreeMap<u32, Flip>,
+}
+
+/// Makes the consumers of a group expect a switch.
+pub(super) fn expect(expected: Expected<'_>, group: u32, context: ExecContext<'_>, out: &mut Out<'_>) {
+    let Expected { generation, difference, consumers, then } = expected;
+    for &leaf in consumers {
+        let Some(host) = leaf_host(context.plan, leaf) else { continue };
+        let theirs =
+            |wires: &[u32]| wires.iter().copied().filter(|wire| pushes_to(context.plan, *wire, leaf)).collect();
+        let expect = Expect { generation, close: theirs(&difference.close), open: theirs(&difference.open) };
+        let order = match then.get(&leaf).cloned() {
+            None => ToParticipant::Expect { group, leaf, expect },
+            Some(then) => ToParticipant::ExpectAnd { group, leaf, expect, then },
+        };
+        out.send(host, context.deployment.to_participant(order));
     }
 }
 
