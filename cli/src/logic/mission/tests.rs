@@ -362,6 +362,27 @@ fn a_changed_plan_has_phases_of_its_own() {
     assert_eq!(told(&mission)[2..], ["close stopped", "servo running"]);
 }
 
+/// An activity may run nothing.
+#[test]
+fn the_states_of_an_activity_without_programs_are_phases() {
+    let text = "activity Ask(here: Host) { host{here} initial state s { on after 1 s -> f; } final state f; }
+        process main(){
+            host{c1}
+            instantiated_processes{ ask instof Ask(c1); }
+            internal_event_actions{ ask }
+        }";
+    let compiled = compile(&Source::new("ask.dca", text), &[], &Options::named("ask"));
+    let mut mission = Mission::new(&compiled.plan.expect("it has a plan"));
+    let mut report = |change: Change, at: f64| {
+        mission.report(&Report::Process { path: "main/ask".to_owned(), change, at: seconds(at) });
+        mission.phases().iter().map(|phase| phase.name.clone()).collect::<Vec<_>>()
+    };
+    report(Change::Activated, 0.0);
+    assert_eq!(report(Change::Entered { states: vec!["s".to_owned()] }, 0.0), ["s"]);
+    assert_eq!(report(Change::Ended(Ending::Done(Vec::new())), 1.0), ["s"]);
+    assert_eq!(mission.phases()[0].took(seconds(9.0)), seconds(1.0));
+}
+
 /// The states of an activity are its phases. Its programs may be reported before the state that starts them, and a state may be
 /// left without an end of a program.
 #[test]

@@ -25,8 +25,8 @@ pub(super) fn steps(plan: &Plan) -> (Option<&Group>, Vec<Step>) {
         steps.push(Step { name: text(&group.expression, &group.members).1, members });
     } else if let Some(group) = group {
         flatten(sequence(&group.expression), &group.members, &mut steps);
+        steps.retain(|step| !step.members.is_empty());
     }
-    steps.retain(|step| !step.members.is_empty());
     (group.copied(), steps)
 }
 
