@@ -227,7 +227,9 @@ impl Carrying<'_> {
             (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, Chain::Conditional, is_calm),
             (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, Chain::Otherwise, is_calm),
             (Kind::Chart, Kind::Chart) if old.chart == new.chart => {
-                self.draft.timers.extend((0..old.timers()).map(|timer| (timer, timer)));
+                // Its runs may have changed all the same, and their timers are theirs.
+                let own = old.chart.iter().flat_map(|chart| (0..).zip(&chart.timed)).map(|(timer, _)| (timer, timer));
+                self.draft.timers.extend(own);
                 self.place_operands(o, n, is_calm)
             }
             (Kind::Chart, Kind::Chart) => chart::place(self, o, n, is_calm),
