@@ -3,7 +3,7 @@
 //! States and variables are known by their names. Kept values stay in their order. A timer is known by its state, its
 //! time, and its place among the same timers of that state.
 
-use super::chart::{StateKind, Trigger};
+use super::chart::{StateKind, Trigger, Variable};
 use super::configuration::Configuration;
 use super::shape::Automaton;
 use crate::algebra::{Activity, Value};
@@ -53,6 +53,20 @@ fn mapped(old: &Automaton, new: &Automaton) -> Vec<Option<usize>> {
         _ => names.get(state.name.as_str()).copied(),
     };
     states.map(there).collect()
+}
+
+/// Returns what a value of a variable is in the variable that has its place.
+fn value_in(new: &Variable, old: &Variable, value: i32) -> Result<i32, &'static str> {
+    if new.names.is_empty() != old.names.is_empty() {
+        return Err("a variable of the activity has numbers in place of names, or names in place of numbers");
+    }
+    let name = usize::try_from(value).ok().and_then(|value| old.names.get(value));
+    if let Some(name) = name {
+        let there = new.names.iter().position(|other| other == name).and_then(|there| i32::try_from(there).ok());
+        return there.ok_or("a variable of the activity has a value that does not exist any more");
+    }
+    let is_inside = (new.min..=new.max).contains(&value);
+    if is_inside { Ok(value) } else { Err("a variable of the activity has a value that is outside its new range") }
 }
 
 /// One chart becomes another one.
@@ -106,11 +120,9 @@ impl Change<'_> {
     fn variables(&self, next: &mut Configuration) -> Result<(), &'static str> {
         for (number, variable) in self.new.chart().variables.iter().enumerate() {
             let known = self.old.chart().variables.iter().position(|other| other.name == variable.name);
-            let Some(value) = known.map(|known| self.place.variables[known]) else { continue };
-            if !(variable.min..=variable.max).contains(&value) {
-                return Err("a variable of the activity has a value that is outside its new range");
-            }
-            next.variables[number] = value;
+            let Some(known) = known else { continue };
+            next.variables[number] =
+                value_in(variable, &self.old.chart().variables[known], self.place.variables[known])?;
         }
         Ok(())
     }

@@ -256,6 +256,8 @@ pub struct Variable {
     pub max: i32,
     /// The value at the start.
     pub initial: i32,
+    /// The names of the values from `min` on; none if the values are numbers.
+    pub names: Vec<String>,
 }
 
 impl ChartState {

@@ -254,8 +254,9 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 // The name is known, so its uses are not mistakes of their own.
                 self.group.variables.insert(name.text.clone(), None);
                 let any = Domain::Range(i32::MIN, i32::MAX);
+                let (min, max) = any.range();
                 self.variables.insert(name.text.clone(), (self.chart.variables.len(), any));
-                self.chart.variables.push(Variable { name: name.text, min: i32::MIN, max: i32::MAX, initial: 0 });
+                self.chart.variables.push(Variable { name: name.text, min, max, initial: 0, names: Vec::new() });
                 self.is_sound = false;
                 continue;
             };
@@ -273,8 +274,9 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             self.group.variables.insert(name.text.clone(), None);
             let (min, max) = domain.range();
             let value = initial.and_then(|initial| self.start_value(&initial, &domain));
+            let names = domain.names();
             self.variables.insert(name.text.clone(), (self.chart.variables.len(), domain));
-            self.chart.variables.push(Variable { name: name.text, min, max, initial: value.unwrap_or(min) });
+            self.chart.variables.push(Variable { name: name.text, min, max, initial: value.unwrap_or(min), names });
         }
     }
 

@@ -27,6 +27,15 @@ impl Domain {
             Self::Opaque => (0, 0),
         }
     }
+
+    /// The names of the values; none if the values are numbers.
+    pub(super) fn names(&self) -> Vec<String> {
+        match self {
+            Self::Truth => vec!["false".to_owned(), "true".to_owned()],
+            Self::Names(names) => names.clone(),
+            Self::Range(..) | Self::Opaque => Vec::new(),
+        }
+    }
 }
 
 impl ActivityReader<'_, '_> {

@@ -116,3 +116,75 @@ fn a_change_that_takes_the_state_away_says_so() {
     let idle = OLD.replace("run look; on done -> waiting", "on always -> waiting");
     assert_eq!(why(&idle, &[]), "a state that the activity is in runs nothing any more");
 }
+
+#[test]
+fn values_with_names_are_kept_by_their_names() {
+    let with = |variable: &str| {
+        format!(
+            "{variable}
+            initial state out {{ run look; on done -> waiting; }}
+            state waiting {{ on message orders -> out; }}"
+        )
+    };
+    let set = |variable: &str, value: &str| {
+        with(variable).replace("-> waiting;", &format!("-> waiting {{ mode = {value}; }}"))
+    };
+    let value = |old: &str, new: &str| {
+        let carried = changed(old, &[0], new).map_err(|misfit| misfit.why)?;
+        Ok(carried.state.chart().and_then(|place| place.variable(0)))
+    };
+    let old = set("var mode: slow | fast = slow;", "fast");
+    assert_eq!(value(&old, &with("var mode: fast | slow = slow;")), Ok(Some(0)));
+    assert_eq!(value(&old, &with("var mode: slow | middle | fast = slow;")), Ok(Some(2)));
+    let gone = "a variable of the activity has a value that does not exist any more";
+    assert_eq!(value(&old, &with("var mode: slow | quick = slow;")), Err(gone));
+    let other = "a variable of the activity has numbers in place of names, or names in place of numbers";
+    assert_eq!(value(&old, &with("var mode: 0..5 = 0;")), Err(other));
+    let number = set("var mode: 0..5 = 0;", "1");
+    assert_eq!(value(&number, &with("var mode: slow | fast | x = slow;")), Err(other));
+    assert_eq!(value(&number, &with("var mode: 1..9 = 2;")), Ok(Some(1)));
+    let truth = set("var mode: bool = false;", "true");
+    assert_eq!(value(&truth, &with("var mode: bool = false;")), Ok(Some(1)));
+    assert_eq!(value(&truth, &with("var mode: 0..1 = 0;")), Err(other));
+}
+
+/// The states and their timers are the same, and what they run is not.
+#[test]
+fn a_run_gets_and_loses_timers() {
+    let runs = [
+        "look",
+        "(look ; wait(1 s))",
+        "(look, wait(50 s))",
+        "(look # wait(50 s))",
+        "look within 100 s",
+        "retry(3, pause 1 s) look",
+        "look else wait(1 s)",
+        "(look, wait(1 s), wait(2 s))",
+        "(wait(1 s) ; look)",
+    ];
+    let with = |first: &str, second: &str| {
+        format!(
+            "initial state out {{ run {first}; on done -> back; on after 10 s -> back; }}
+            state back {{ run {second}; on done -> done; on after 7 s -> out; }}"
+        )
+    };
+    let mut kept = 0;
+    for (old, new) in runs.iter().flat_map(|old| runs.iter().map(move |new| (*old, *new))) {
+        for done in [&[][..], &[0]] {
+            // The state that the activity is in has changed, the other one, or both.
+            for next in [with(new, old), with(old, new), with(new, new)] {
+                let Ok(carried) = changed(&with(old, old), done, &next) else { continue };
+                let program = program(&next);
+                assert!(carried.timers.values().all(|timer| *timer < program.timers()), "{old}, then {new}");
+                let timer = u32::from(states(&program, &carried.state) == ["back"]);
+                assert_eq!(
+                    carried.timers.get(&timer),
+                    Some(&timer),
+                    "{old}, then {new}: the timer of the state runs on"
+                );
+                kept += 1;
+            }
+        }
+    }
+    assert!(kept > runs.len() * runs.len(), "{kept}");
+}

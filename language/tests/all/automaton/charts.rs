@@ -19,8 +19,9 @@ const SLOTS: usize = 2;
 /// Returns a random chart with about `size` states. Some are refused by `Automaton::new`.
 pub(super) fn chart(random: &mut Random, size: usize) -> Chart {
     let mut maker = Maker { random, chart: Chart { slots: SLOTS, ports: vec![1, 2], ..Chart::default() } };
-    maker.chart.variables =
-        (0..VARIABLES).map(|number| Variable { name: format!("v{number}"), min: -1, max: 2, initial: 0 }).collect();
+    maker.chart.variables = (0..VARIABLES)
+        .map(|number| Variable { name: format!("v{number}"), min: -1, max: 2, initial: 0, names: Vec::new() })
+        .collect();
     maker.grow(None, size, 1);
     maker.begin();
     for state in 0..maker.chart.states.len() {

@@ -199,7 +199,7 @@ fn an_activity_that_turns_for_ever_ends_and_names_the_cycle() {
         actions: vec![more.clone()],
         ..Transition::new(1, Trigger::Always, to(1))
     };
-    let variables = vec![Variable { name: "tries".into(), min: 0, max: 3, initial: 0 }];
+    let variables = vec![Variable { name: "tries".into(), min: 0, max: 3, initial: 0, names: Vec::new() }];
     let counting = |limit| Chart { variables: variables.clone(), ..chart(states.clone(), vec![again(limit)]) };
     let (run, begun) = Run::start(counting(3));
     assert_eq!((begun.as_str(), run.configuration.variable(0)), ("", Some(3)));
