@@ -91,6 +91,7 @@ impl Executer {
         for command in carried.begun {
             self.carry_out(command, context, out);
         }
+        self.renew_questions(context, out);
         carried.outcome.map(|outcome| self.conclude(outcome, context, out))
     }
 }

@@ -29,8 +29,15 @@ pub(super) struct News {
     pub(super) steps: Vec<StepRecord>,
     /// How many questions were asked.
     asked: u64,
-    /// The number of each open question, by its place in the chart.
-    open: BTreeMap<u32, u64>,
+    /// The open questions, by their places in the chart.
+    open: BTreeMap<u32, Asked>,
+}
+
+/// A question that is open.
+#[derive(Debug, Serialize, Deserialize)]
+struct Asked {
+    number: u64,
+    question: Question,
 }
 
 /// The links of a supervisor with the world outside of its group.
@@ -68,11 +75,12 @@ impl Executer {
     /// does not run.
     pub fn activity(&self, plan: &Plan) -> Option<ActivityStatus> {
         let (chart, place) = (chart(plan, self.group)?, self.state.chart().filter(|_| self.run.is_on)?);
-        let question = |(place, number): (&u32, &u64)| {
-            let question = chart.questions.get(*place as usize)?;
-            Some(OpenQuestion { number: *number, text: question.to_string(), options: question.options.clone() })
+        let question = |Asked { number, question }: &Asked| OpenQuestion {
+            number: *number,
+            text: question.to_string(),
+            options: question.options.clone(),
         };
-        let questions = self.outside.news.open.iter().filter_map(question).collect();
+        let questions = self.outside.news.open.values().map(question).collect();
         Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
     }
 
@@ -138,7 +146,7 @@ impl Executer {
             }
             ActivityInput::Answer { question, option } => {
                 let open =
-                    self.outside.news.open.iter().find(|(_, number)| *number == question).map(|(place, _)| *place);
+                    self.outside.news.open.iter().find(|(_, asked)| asked.number == *question).map(|(place, _)| *place);
                 let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
                 let event = notice.and_then(|notice| chart.notice(&notice));
                 event.ok_or_else(|| format!("question {question} of `{path}` is not open"))
@@ -242,35 +250,59 @@ impl Executer {
             self.announce(Change::Entered { states: names }, context, out);
         }
         let Some(chart) = chart(context.plan, self.group).filter(|chart| !chart.questions.is_empty()) else { return };
-        let (closed, asked) = self.follow_questions(chart);
-        for (place, number) in closed {
-            if let Some(question) = chart.questions.get(place as usize)
-                && let Some(why) = closed_by(chart, question, event, self.program.timed_state(event))
-            {
+        for Asked { number, question } in self.close_questions(chart) {
+            if let Some(why) = closed_by(chart, &question, event, self.program.timed_state(event)) {
                 self.tell_people(format!("closes question {number}: {why}"), context, out);
             }
         }
-        for (place, number) in asked {
-            if let Some(question) = chart.questions.get(place as usize) {
-                self.tell_people(format!("asks, as question {number}: {question}"), context, out);
-            }
-        }
+        self.ask_questions(chart, context, out);
     }
 
-    /// Takes note of the questions that are open now. Returns those that are not open any more, and the new ones.
-    fn follow_questions(&mut self, chart: &StateChart) -> (BTreeMap<u32, u64>, BTreeMap<u32, u64>) {
-        let place = self.state.chart().filter(|_| self.run.is_on);
-        let open: BTreeSet<u32> =
-            place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect();
-        let news = &mut self.outside.news;
-        let closed = news.open.extract_if(.., |question, _| !open.contains(question)).collect();
-        let mut asked = BTreeMap::new();
-        for question in open.into_iter().filter(|question| !news.open.contains_key(question)).collect::<Vec<_>>() {
-            news.asked += 1;
-            news.open.insert(question, news.asked);
-            asked.insert(question, news.asked);
+    /// Takes note of the questions of a changed chart. A question that reads as before keeps its number.
+    pub(super) fn renew_questions(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(chart) = chart(context.plan, self.group) else { return };
+        let open = &mut self.outside.news.open;
+        let mut gone = Vec::new();
+        for Asked { number, question } in std::mem::take(open).into_values() {
+            let reads_so = |(place, other): &(u32, &Question)| {
+                !open.contains_key(place) && (&other.text, &other.options) == (&question.text, &question.options)
+            };
+            match (0..).zip(&chart.questions).find(reads_so) {
+                Some((place, other)) => drop(open.insert(place, Asked { number, question: other.clone() })),
+                None => gone.push(number),
+            }
         }
-        (closed, asked)
+        gone.extend(self.close_questions(chart).into_iter().map(|asked| asked.number));
+        for number in gone {
+            self.tell_people(format!("closes question {number}: the activity has changed"), context, out);
+        }
+        self.ask_questions(chart, context, out);
+    }
+
+    /// Returns the places of the questions that are open now.
+    fn open_questions(&self, chart: &StateChart) -> BTreeSet<u32> {
+        let place = self.state.chart().filter(|_| self.run.is_on);
+        place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect()
+    }
+
+    /// Forgets the questions that are not open any more, and returns them.
+    fn close_questions(&mut self, chart: &StateChart) -> Vec<Asked> {
+        let open = self.open_questions(chart);
+        self.outside.news.open.extract_if(.., |place, _| !open.contains(place)).map(|(_, asked)| asked).collect()
+    }
+
+    /// Gives numbers to the questions that have none, and tells them.
+    fn ask_questions(&mut self, chart: &StateChart, context: ExecContext<'_>, out: &mut Out<'_>) {
+        for place in self.open_questions(chart) {
+            let news = &mut self.outside.news;
+            let Some(question) = chart.questions.get(place as usize).filter(|_| !news.open.contains_key(&place)) else {
+                continue;
+            };
+            news.asked += 1;
+            let number = news.asked;
+            news.open.insert(place, Asked { number, question: question.clone() });
+            self.tell_people(format!("asks, as question {number}: {question}"), context, out);
+        }
     }
 
     /// Tells the people who watch of a command that is seen outside.

@@ -430,7 +430,7 @@ impl Executer {
         }
     }
 
-    /// Closes what a switch has opened before its old sets were closed. Who asked for it hears the reason.
+    /// Closes what a switch has opened before its old sets were closed. The caller hears the reason.
     fn take_switch_back(&mut self, switch: &Switch, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         let plan = context.plan;
         let mut who: BTreeSet<u32> = switch.pending.expecting.clone();

@@ -321,6 +321,28 @@ fn a_node_that_is_started_again_still_waits_for_the_answer() {
     assert_eq!(said(&world, call).iter().filter(|said| said.starts_with("asks")).count(), 1);
 }
 
+/// Who has read the question before the change does not answer the one after it.
+#[test]
+fn a_question_that_changes_is_asked_under_a_new_number() {
+    let mut world = World::new(&["c1", "c2"]);
+    let asking = ASKING.replace(" default no after 20 s", "");
+    let call = world.deploy("c1", &asking);
+    wait_for(&mut world, call, "asks, as question 1: Go on? (yes, no, wait)");
+    // Another question with a place before it, and the same one.
+    let more = "state before { on after 1 s confirm operator \"First?\" options(yes -> moving, no -> out); }\n    initial state out";
+    let same = asking.replace("initial state out", more);
+    world.change("c1", &same, (1, 0), &[]);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(asked(&mut world).0, [(1, "Go on? (yes, no, wait)".to_owned())]);
+    world.change("c1", &same.replace("Go on?", "Really?"), (1, 1), &[]);
+    wait_for(&mut world, call, "closes question 1: the activity has changed");
+    wait_for(&mut world, call, "asks, as question 2: Really? (yes, no, wait)");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(answer(&mut world, 1, "yes").unwrap_err(), "question 1 of `main/round` is not open");
+    answer(&mut world, 2, "yes").unwrap();
+    wait_for(&mut world, call, "is in moving");
+}
+
 /// Two activities, the second after the first. The stop of the program of the first takes 3 s.
 const CONFIRMING: &str = r#"
 activity First(here: Host) {
