@@ -84,7 +84,7 @@ async fn serve(arguments: &Arguments, mut live: Live, reader: &mut Reader) -> an
     loop {
         tokio::select! {
             input = live.next() => {
-                if let (Some(foxglove), Input::Event(event)) = (&foxglove, &input) {
+                if let (Some(foxglove), Input::Event { event, .. }) = (&foxglove, &input) {
                     foxglove.event(event);
                 }
                 model.lock().unwrap_or_else(PoisonError::into_inner).apply(clock::now(), input);

@@ -1,6 +1,7 @@
 //! A robot: the host of a node.
 
 use crate::freshness::Freshness;
+use crate::identity::RobotId;
 use crate::text::{clean, is_name};
 use comms::logic::time::Time;
 use node::logic::database::question;
@@ -35,8 +36,8 @@ pub struct DatabaseLag {
 /// A robot, by its node.
 #[derive(Clone, Debug)]
 pub struct Robot {
-    /// Its host.
-    pub host: String,
+    /// Its host, and the nodes that it knows.
+    pub id: RobotId,
     /// Whether its node answers.
     pub presence: Presence,
     /// When it has answered last.
@@ -61,9 +62,9 @@ pub struct Robot {
 }
 
 impl Robot {
-    pub(crate) fn new(host: &str, presence: Presence, changed: u64) -> Self {
+    pub(crate) fn new(id: RobotId, presence: Presence, changed: u64) -> Self {
         Self {
-            host: host.to_owned(),
+            id,
             presence,
             heard: None,
             pid: 0,
@@ -97,7 +98,7 @@ impl Robot {
         let guard = guards.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ");
         let waiting = status.waiting.iter().filter(|one| is_name(&one.name)).take(NAMES_MAX);
         let new = Self {
-            host: self.host.clone(),
+            id: self.id.clone(),
             presence: Presence::Here,
             heard: Some(now),
             pid: status.pid,

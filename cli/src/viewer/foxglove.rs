@@ -134,7 +134,8 @@ impl Foxglove {
             }
             Event::Asked => {
                 for given in hub.orders() {
-                    self.given.spawn(orders::give(given, live, model, self.robots.taps()));
+                    let taps = given.callee().and_then(|program| self.robots.taps(program.mission.fleet));
+                    self.given.spawn(orders::give(given, live, model, taps));
                 }
                 // New subscriptions are fetched at once.
                 self.robots.follow(live, model, &mut hub);

@@ -183,6 +183,34 @@ fn the_page_stays_on_its_machine() {
     assert!(alone.code == Some(3) && alone.err.contains("no node runs on this machine"), "{alone}");
 }
 
+/// Each of two commands has a node `c1` and a deployment `door@1`.
+#[test]
+fn two_runs_of_one_spec_are_two_missions() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let file = cluster.file("door.dca", SPEC);
+    let runs = [0, 1].map(|_| here.dca(&["run", "--no-record", &file]));
+    runs.iter().for_each(|run| run.wait_for(Stream::Err, "started in", SOON));
+    let page = Page::open(&here);
+    let mut stream = page.request("GET /events", &page.cookie(), "");
+    let mut seen = String::new();
+    let mut see = |wanted: &str| {
+        if !seen.contains(wanted) {
+            seen += &read_until(&mut stream, wanted);
+        }
+    };
+    for run in &runs {
+        see(&format!("\"id\":\"door@1 c1 (command {})\"", run.pid()));
+        see(&format!("\"mission\":\"door@1 c1 (command {})\",\"path\":\"main/one\"", run.pid()));
+    }
+    // The first command ends. Its robot leaves, and the robot of the second stays.
+    runs[0].signal(Signal::INT);
+    see(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[0].pid()));
+    assert!(!seen.contains(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[1].pid())), "{seen}");
+    let done = page.ask("POST /estop", &page.fields_of_orders(), "{}");
+    assert!(done.contains("c1: stopped; no program runs"), "{done}");
+}
+
 /// A person at a browser.
 struct Browser {
     child: Child,

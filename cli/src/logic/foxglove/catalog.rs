@@ -4,6 +4,7 @@ use crate::logic::record::{Form, free_name, plain_name};
 use node::logic::protocol::Deployment;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use view::MissionId;
 
 /// The most channels. A person finds no topic among more, and a client keeps the schema of each.
 pub(super) const CHANNELS_MAX: usize = 4096;
@@ -13,7 +14,8 @@ const SERVICES_MAX: usize = 1024;
 /// A running program.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ProgramName {
-    pub(crate) deployment: Deployment,
+    /// Its deployment.
+    pub(crate) mission: MissionId,
     /// The absolute path of its process.
     pub(crate) path: String,
 }
@@ -26,7 +28,7 @@ pub(crate) enum Source {
     /// The output of all programs, as text.
     Log,
     /// The states of the processes of a deployment.
-    State(Deployment),
+    State(MissionId),
     Output {
         program: ProgramName,
         output: String,
@@ -36,7 +38,7 @@ pub(crate) enum Source {
 
 impl Source {
     /// Returns the program that it belongs to, if it belongs to one.
-    pub(super) fn program(&self) -> Option<&ProgramName> {
+    pub(crate) fn program(&self) -> Option<&ProgramName> {
         match self {
             Self::Output { program, .. } | Self::Signals(program) => Some(program),
             Self::Events | Self::Log | Self::State(_) => None,
@@ -96,8 +98,8 @@ impl Catalog {
     /// Adds a channel, if there is room; returns its number. A topic of another deployment that is called so has the name first.
     pub(super) fn add(&mut self, topic: &str, described: Description, source: Source) -> Option<u32> {
         let deployment = match &source {
-            Source::State(deployment) => Some(deployment),
-            Source::Output { program, .. } | Source::Signals(program) => Some(&program.deployment),
+            Source::State(mission) => Some(&mission.deployment),
+            Source::Output { program, .. } | Source::Signals(program) => Some(&program.mission.deployment),
             Source::Events | Source::Log => None,
         };
         if self.channels.len() >= CHANNELS_MAX {
@@ -113,7 +115,7 @@ impl Catalog {
     /// Adds a service, if there is room.
     pub(super) fn add_service(&mut self, service: &str, request: String, response: String, target: Target) {
         let deployment = match &target {
-            Target::Procedure { program, .. } => Some(&program.deployment),
+            Target::Procedure { program, .. } => Some(&program.mission.deployment),
             Target::Stop | Target::Estop => None,
         };
         if self.services.len() >= SERVICES_MAX {
@@ -143,12 +145,16 @@ fn name(wanted: &str, deployment: Option<&Deployment>, is_taken: impl Fn(&str) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use view::Fleet;
 
     #[test]
     fn two_deployments_have_two_names_and_no_number_is_given_twice() {
         let mut catalog = Catalog::default();
         let described = || Description { form: Form::Json, schema_name: "S".to_owned(), schema: "{}".to_owned() };
-        let state = |name: &str| Source::State(Deployment { name: name.to_owned(), epoch: 1 });
+        let state = |name: &str| {
+            let deployment = Deployment { name: name.to_owned(), epoch: 1 };
+            Source::State(MissionId { deployment, home: "r1".to_owned(), fleet: Fleet::Standing })
+        };
         let ids: Vec<u32> = ["door", "gate two", "gate two"]
             .into_iter()
             .filter_map(|name| catalog.add("/mission", described(), state(name)))

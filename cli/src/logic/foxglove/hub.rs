@@ -15,13 +15,13 @@ use comms::logic::object::Exports;
 use comms::logic::signals::Signals;
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::time::Time;
-use node::logic::protocol::{Deployment, Event};
+use node::logic::protocol::Event;
 use node::logic::table::counted;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
-use view::Model;
+use view::{MissionId, Model};
 
 /// The most clients at once: a few windows of a few people.
 pub(super) const VIEWERS_MAX: usize = 8;
@@ -54,7 +54,7 @@ pub(crate) struct Hub {
     /// The number of this view, which tells a client whether it connects to another one.
     session: String,
     catalog: Catalog,
-    missions: BTreeMap<Deployment, LiveMission>,
+    missions: BTreeMap<MissionId, LiveMission>,
     events: Lasting,
     log: Lasting,
     viewers: BTreeMap<u64, Viewer>,
@@ -212,7 +212,7 @@ impl Hub {
     /// began, since 1970.
     pub(crate) fn look(&mut self, model: &Model, now: Time, origin: Duration) {
         self.change(|hub| {
-            let present: BTreeSet<&Deployment> = model.deployments().map(|live| &live.id).collect();
+            let present: BTreeSet<&MissionId> = model.deployments().map(|live| &live.id).collect();
             let mut running = model.deployments().filter(|live| live.end.is_none());
             let has_new = running.any(|live| !hub.missions.contains_key(&live.id));
             // The topics of a mission stay after its end, until another one takes its place.
@@ -250,7 +250,7 @@ impl Hub {
 
     /// Takes in lines that a program has written.
     pub(crate) fn wrote(&mut self, program: &ProgramName, text: String, at: Duration) {
-        let path = format!("{}:{}", program.deployment.name, program.path);
+        let path = format!("{}:{}", program.mission.deployment.name, program.path);
         let payload = Rows::default().row(&Entry::Output { path, at: Duration::ZERO, text }, at).data;
         self.log.keep(at, &payload);
         if let Some(channel) = self.log.channel {
@@ -266,7 +266,7 @@ impl Hub {
     /// Takes in the outputs and exports of a program.
     pub(crate) fn described(&mut self, program: &ProgramName, outputs: &Outputs, exports: Exports) {
         self.change(|hub| {
-            if let Some(mission) = hub.missions.get_mut(&program.deployment).filter(|mission| !mission.is_over) {
+            if let Some(mission) = hub.missions.get_mut(&program.mission).filter(|mission| !mission.is_over) {
                 mission.describe(&program.path, outputs, exports, &mut hub.catalog);
             }
         });
@@ -274,7 +274,7 @@ impl Hub {
 
     /// Takes note that an output is heard from now on: earlier values are not lost, they were not wanted.
     pub(crate) fn hears(&mut self, source: &Source) {
-        let mission = source.program().and_then(|program| self.missions.get_mut(&program.deployment));
+        let mission = source.program().and_then(|program| self.missions.get_mut(&program.mission));
         if let Some(mission) = mission {
             mission.hears(source);
         }
@@ -283,25 +283,23 @@ impl Hub {
     /// Takes a value of an output in.
     pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Duration) {
         let Some(program) = source.program() else { return };
-        self.publish_of(&program.deployment, at, |mission, catalog| mission.value(source, tapped, at, catalog));
+        self.publish_of(&program.mission, at, |mission, catalog| mission.value(source, tapped, at, catalog));
     }
 
     /// Takes a sample of the signals of a program in.
     pub(crate) fn signals(&mut self, program: &ProgramName, sample: Signals, at: Duration) {
-        self.publish_of(&program.deployment, at, |mission, catalog| {
-            mission.signals(&program.path, sample, at, catalog)
-        });
+        self.publish_of(&program.mission, at, |mission, catalog| mission.signals(&program.path, sample, at, catalog));
     }
 
     fn publish_of(
         &mut self,
-        deployment: &Deployment,
+        mission: &MissionId,
         at: Duration,
         take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
     ) {
         // A channel is compared only if there may be a new one: values come often.
         let before = self.catalog.channels.len();
-        let Some(mission) = self.missions.get_mut(deployment) else { return };
+        let Some(mission) = self.missions.get_mut(mission) else { return };
         let published = take(mission, &mut self.catalog);
         if self.catalog.channels.len() > before {
             let new = self.catalog.channels.values().skip(before);
@@ -353,12 +351,12 @@ impl Hub {
         }
     }
 
-    fn forget(&mut self, deployment: &Deployment) {
-        let Some(mut mission) = self.missions.remove(deployment) else { return };
+    fn forget(&mut self, id: &MissionId) {
+        let Some(mut mission) = self.missions.remove(id) else { return };
         for path in mission.programs().map(str::to_owned).collect::<Vec<_>>() {
             mission.forget(&path, &mut self.catalog);
         }
-        self.catalog.channels.retain(|_, channel| channel.source != Source::State(deployment.clone()));
+        self.catalog.channels.retain(|_, channel| channel.source != Source::State(id.clone()));
     }
 
     fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Duration) {
@@ -382,8 +380,8 @@ impl Hub {
             match &channel.source {
                 Source::Events => self.events.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
                 Source::Log => self.log.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
-                Source::State(deployment) => {
-                    let state = self.missions.get(deployment).and_then(LiveMission::state);
+                Source::State(mission) => {
+                    let state = self.missions.get(mission).and_then(LiveMission::state);
                     state.iter().for_each(|state| send(at, &state.payload));
                 }
                 Source::Output { .. } | Source::Signals(_) => {}
@@ -402,7 +400,7 @@ impl Hub {
                 Err(format!("`{}` is not an encoding of this server; it takes `{}`", call.encoding, protocol::ENCODING))
             }
             Some(Target::Procedure { program, procedure }) => {
-                let mission = self.missions.get(&program.deployment);
+                let mission = self.missions.get(&program.mission);
                 let found = mission.and_then(|mission| mission.procedure(&program.path, procedure));
                 let gone = || format!("`{}` has ended", program.path);
                 found.ok_or_else(gone).and_then(|found| super::order::procedure(program, found, &call.payload))

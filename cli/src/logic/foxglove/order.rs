@@ -62,6 +62,13 @@ pub(crate) struct Given {
     pub(crate) order: Order,
 }
 
+impl Given {
+    /// Returns the program that is called, if it is a call.
+    pub(crate) fn callee(&self) -> Option<&ProgramName> {
+        if let Order::Call(call) = &self.order { Some(&call.program) } else { None }
+    }
+}
+
 /// The result of an order.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Answer {

@@ -33,10 +33,10 @@ function phase(live) {
   return live.ended ? `${live.phase}, ${age(time)} ago` : `${live.phase} for ${age(time)}`;
 }
 
-function forget(deployment) {
-  model.deployments.delete(deployment);
+function forget(mission) {
+  model.deployments.delete(mission);
   for (const part of [model.processes, model.wires]) {
-    for (const [key, item] of part) if (item.deployment === deployment) part.delete(key);
+    for (const [key, item] of part) if (item.mission === mission) part.delete(key);
   }
 }
 
@@ -47,15 +47,15 @@ function take(data) {
   }
   for (const gone of data.gone) {
     if (gone.robot !== undefined) model.robots.delete(gone.robot);
-    else if (gone.process !== undefined) model.processes.delete(`${gone.deployment}:${gone.process}`);
-    else if (gone.wire !== undefined) model.wires.delete(`${gone.deployment}:${gone.wire}`);
-    else forget(gone.deployment);
+    else if (gone.process !== undefined) model.processes.delete(`${gone.mission}:${gone.process}`);
+    else if (gone.wire !== undefined) model.wires.delete(`${gone.mission}:${gone.wire}`);
+    else forget(gone.mission);
   }
   const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
   for (const robot of data.robots) model.robots.set(robot.host, robot);
   for (const live of data.deployments) model.deployments.set(live.id, dated(live));
-  for (const process of data.processes) model.processes.set(`${process.deployment}:${process.path}`, dated(process));
-  for (const wire of data.wires) model.wires.set(`${wire.deployment}:${wire.name}`, wire);
+  for (const process of data.processes) model.processes.set(`${process.mission}:${process.path}`, dated(process));
+  for (const wire of data.wires) model.wires.set(`${wire.mission}:${wire.name}`, wire);
   model.events.push(...data.events);
   model.events.splice(0, Math.max(0, model.events.length - EVENTS_MAX));
   model.questions = data.questions;
@@ -88,9 +88,9 @@ function drawRobots() {
 
 function drawProcesses() {
   const tables = [...model.deployments.values()].sort((a, b) => (a.id < b.id ? -1 : 1)).map((live) => {
-    const own = [...model.processes.values()].filter((one) => one.deployment === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
+    const own = [...model.processes.values()].filter((one) => one.mission === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
     const table = element("table", "tree");
-    const caption = element("caption", "", `${live.id}  `);
+    const caption = element("caption", "", `${live.title}, home ${live.home}  `);
     caption.append(element("span", live.failed ? "failed" : "quiet", phase(live)));
     table.append(caption);
     if (own.length > 0) {
@@ -154,8 +154,8 @@ function drawQuestions() {
     for (const option of question.options) {
       const button = element("button", "", option);
       button.type = "button";
-      const { deployment, path, number } = question;
-      button.addEventListener("click", () => order("/answer", { deployment, path, question: number, option }));
+      const { mission, path, number } = question;
+      button.addEventListener("click", () => order("/answer", { mission, path, question: number, option }));
       item.append(button);
     }
     return item;

@@ -6,7 +6,9 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use view::sentence::time_of_day;
-use view::{DatabaseLag, Health, LiveDeployment, Model, Presence, Process, Question, Robot, STALE_AFTER, Wire};
+use view::{
+    DatabaseLag, Health, LiveDeployment, Model, Presence, Process, Question, Robot, RobotId, STALE_AFTER, Wire,
+};
 
 /// The importance of a row, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +72,7 @@ const WIRES: [Column; 5] = [
 const EVENTS: [Column; 4] = [
     column("TIME", Width::UpTo(8)),
     column("HOST", Width::UpTo(10)),
-    column("DEPLOYMENT", Width::Spare(14)),
+    column("DEPLOYMENT", Width::Spare(24)),
     column("EVENT", Width::Rest),
 ];
 const OUTPUT: [Column; 1] = [column("LINE", Width::Rest)];
@@ -124,7 +126,7 @@ pub(crate) fn question_of<'a>(model: &'a Model, id: &str) -> Option<Question<'a>
 }
 
 fn program(live: &LiveDeployment, process: &Process) -> Program {
-    Program { deployment: live.id.clone(), host: process.host.clone(), path: process.path.clone() }
+    Program { mission: live.id.clone(), host: process.host.clone(), path: process.path.clone() }
 }
 
 fn wires(model: &Model) -> impl Iterator<Item = (&LiveDeployment, &Wire)> {
@@ -132,23 +134,25 @@ fn wires(model: &Model) -> impl Iterator<Item = (&LiveDeployment, &Wire)> {
 }
 
 fn process_id(live: &LiveDeployment, process: &Process) -> String {
-    format!("{}:{}", live.id, process.path)
+    format!("{}:{}", live.id.key(), process.path)
 }
 
 fn wire_id(live: &LiveDeployment, wire: &Wire) -> String {
-    format!("{}:{}", live.id, wire.name)
+    format!("{}:{}", live.id.key(), wire.name)
 }
 
 fn question_id(question: &Question<'_>) -> String {
-    format!("{}:{} {}", question.deployment, question.path, question.question.number)
+    format!("{}:{} {}", question.mission.key(), question.path, question.question.number)
 }
 
 fn robot_rows(model: &Model, now: Time) -> Vec<Row> {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for process in model.deployments().flat_map(|live| live.processes.values()) {
-        *counts.entry(&process.host).or_default() += 1;
+    let mut counts: BTreeMap<RobotId, usize> = BTreeMap::new();
+    for live in model.deployments() {
+        for process in live.processes.values() {
+            *counts.entry(live.id.robot(&process.host)).or_default() += 1;
+        }
     }
-    let count = |robot: &Robot| counts.get(robot.host.as_str()).copied().unwrap_or_default();
+    let count = |robot: &Robot| counts.get(&robot.id).copied().unwrap_or_default();
     model.robots().map(|robot| robot_row(now, robot, count(robot))).collect()
 }
 
@@ -171,8 +175,8 @@ fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
     let database = robot.database.as_ref().map(lag).unwrap_or_default();
     let note = if note.is_empty() { robot.guard.clone() } else { note };
     Row {
-        id: robot.host.clone(),
-        cells: vec![robot.host.clone(), state, age, up, count.to_string(), database, note],
+        id: robot.id.to_string(),
+        cells: vec![robot.id.to_string(), state, age, up, count.to_string(), database, note],
         tone,
     }
 }
@@ -192,8 +196,8 @@ fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> 
     let since = since.map_or_else(String::new, |at| age(now.since(at)));
     let none = String::new;
     let title = Row {
-        id: live.id.to_string(),
-        cells: vec![live.id.to_string(), live.phase(), since, live.home.clone(), none(), none()],
+        id: live.id.key(),
+        cells: vec![live.id.to_string(), live.phase(), since, live.id.home.clone(), none(), none()],
         tone,
     };
     std::iter::once(title)
@@ -204,7 +208,7 @@ fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> 
 fn process_row(model: &Model, now: Time, live: &LiveDeployment, process: &Process) -> Row {
     let depth = process.path.matches('/').count();
     let name = process.path.rsplit('/').next().unwrap_or(&process.path);
-    let health = model.health(process);
+    let health = model.health(&live.id, process);
     let tone = match health {
         Health::Running => Tone::Good,
         Health::Quiet => Tone::Quiet,
@@ -236,7 +240,10 @@ fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
     let is_losing = wire.lost_a_second > 0.0;
     let count = |count: u64| if count == 0 { "-".to_owned() } else { count.to_string() };
     let lost_a_second = if is_losing { format!("{:.1}", wire.lost_a_second) } else { "-".to_owned() };
-    let name = format!("{}: {}.{} -> {}.{}", live.id.name, wire.from.path, wire.from.port, wire.to.path, wire.to.port);
+    let name = format!(
+        "{}: {}.{} -> {}.{}",
+        live.id.deployment.name, wire.from.path, wire.from.port, wire.to.path, wire.to.port
+    );
     let cells = vec![name, rate.unwrap_or_default(), count(wire.lost), lost_a_second, count(wire.refused)];
     let tone = match (is_losing, wire.lost + wire.refused) {
         (true, _) => Tone::Bad,
@@ -248,22 +255,22 @@ fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
 
 fn event_row(event: &view::EventLine) -> Row {
     let time = event.time.map(time_of_day).unwrap_or_default();
-    let deployment = event.deployment.as_ref().map(ToString::to_string).unwrap_or_default();
+    let deployment = event.mission.as_ref().map(ToString::to_string).unwrap_or_default();
     let text = event.path.as_ref().map_or_else(|| event.text.clone(), |path| format!("{path}  {}", event.text));
     let tone = if event.is_failure { Tone::Bad } else { Tone::Plain };
-    Row { id: event.ordinal.to_string(), cells: vec![time, event.host.clone(), deployment, text], tone }
+    Row { id: event.ordinal.to_string(), cells: vec![time, event.robot.host.clone(), deployment, text], tone }
 }
 
 fn output_rows(model: &Model, program: Option<&Program>) -> Vec<Row> {
     let Some(program) = program else { return Vec::new() };
-    let own = model.lines().filter(|line| line.deployment == program.deployment && line.path == program.path);
+    let own = model.lines().filter(|line| line.mission == program.mission && line.path == program.path);
     own.map(|line| Row { id: line.ordinal.to_string(), cells: vec![line.text.clone()], tone: Tone::Plain }).collect()
 }
 
 fn question_row(question: &Question<'_>) -> Row {
     let open = question.question;
     let cells = vec![
-        format!("{}:{}", question.deployment.name, question.path),
+        format!("{}:{}", question.mission.deployment.name, question.path),
         open.number.to_string(),
         open.text.clone(),
         open.options.join(", "),

@@ -7,10 +7,10 @@ use comms::logic::object::{Access, ExportKind, Exported, Signature, TypeForm};
 use comms::logic::signals::Signal;
 use comms::logic::tap::OutputType;
 use node::logic::protocol::{
-    Change, Containment, DeploymentStatus, Ending, Network, NodeStatus, ProcessStatus, Report,
+    Change, Containment, Deployment, DeploymentStatus, Ending, Network, NodeStatus, ProcessStatus, Report,
 };
 use serde_json::json;
-use view::Input;
+use view::{Fleet, Input};
 
 const NOW: Duration = Duration::from_secs(1_800_000_000);
 
@@ -26,8 +26,12 @@ fn door() -> Deployment {
     deployment("door", 1)
 }
 
+fn mission(deployment: Deployment) -> MissionId {
+    MissionId { deployment, home: "r1".to_owned(), fleet: Fleet::Standing }
+}
+
 fn program(path: &str) -> ProgramName {
-    ProgramName { deployment: door(), path: path.to_owned() }
+    ProgramName { mission: mission(door()), path: path.to_owned() }
 }
 
 fn output(path: &str, output: &str) -> Source {
@@ -53,7 +57,7 @@ fn status(parts: &[(Deployment, &[(&str, &str)])]) -> Input {
             refused: Vec::new(),
         }
     };
-    Input::Status(Box::new(NodeStatus {
+    let status = NodeStatus {
         host: "r1".to_owned(),
         pid: 1,
         version: "1".to_owned(),
@@ -66,7 +70,8 @@ fn status(parts: &[(Deployment, &[(&str, &str)])]) -> Input {
         policy: None,
         missing: Vec::new(),
         waiting: Vec::new(),
-    }))
+    };
+    Input::Status { fleet: Fleet::Standing, status: Box::new(status) }
 }
 
 fn outputs(all: &[(&str, &str, &str)]) -> Outputs {
@@ -415,7 +420,7 @@ fn the_topics_of_a_mission_stay_after_its_end_until_the_next() {
     else {
         panic!("it is a state")
     };
-    assert_eq!(of, deployment("door", 2));
+    assert_eq!(of, mission(deployment("door", 2)));
     // The model still has the first run. That takes nothing from the second.
     bench.look(&[(deployment("gate", 1), &[])]);
     bench.look(&[(deployment("gate", 1), &[])]);
