@@ -140,6 +140,17 @@ impl Process {
         &self.state[..end]
     }
 
+    /// Returns its state in a few words. `health` is its health in the model.
+    pub fn state_text(&self, health: Health) -> String {
+        match (health, self.states.is_empty(), self.questions.is_empty()) {
+            (Health::Unknown, _, _) => UNKNOWN.to_owned(),
+            (Health::Running, _, false) => "asks a question".to_owned(),
+            (Health::Running, false, true) => self.states.join(", "),
+            (Health::Running, true, true) => self.word().to_owned(),
+            (Health::Quiet | Health::Changing | Health::Failed, _, _) => self.state.clone(),
+        }
+    }
+
     /// Returns how it is, as its host reports it.
     pub fn health(&self) -> Health {
         let state = self.state.as_str();

@@ -6,6 +6,8 @@ use crate::text::{clean, is_name};
 use comms::logic::time::Time;
 use node::logic::database::question;
 use node::logic::protocol::NodeStatus;
+use node::logic::table::counted;
+use std::fmt;
 use std::time::Duration;
 
 /// How many names of a list are kept with a robot.
@@ -22,6 +24,17 @@ pub enum Presence {
     Lost,
 }
 
+impl Presence {
+    /// Returns it in words.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Here => "here",
+            Self::Silent(_) => "does not answer",
+            Self::Lost => "lost",
+        }
+    }
+}
+
 /// How far other replicas are behind the database of a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DatabaseLag {
@@ -31,6 +44,20 @@ pub struct DatabaseLag {
     pub transactions: u64,
     /// How many keys have conflicts that are not settled.
     pub conflicts: u64,
+}
+
+/// `level`, `2 behind, 5 transactions`, `level, 1 conflict`
+impl fmt::Display for DatabaseLag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.behind {
+            0 => f.write_str("level")?,
+            behind => write!(f, "{behind} behind, {}", counted(self.transactions, "transaction"))?,
+        }
+        match self.conflicts {
+            0 => Ok(()),
+            conflicts => write!(f, ", {}", counted(conflicts, "conflict")),
+        }
+    }
 }
 
 /// A robot, by its node.

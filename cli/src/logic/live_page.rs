@@ -49,18 +49,10 @@ pub(crate) fn ages(model: &Model, now: Time) -> Value {
 }
 
 fn robot(robot: &Robot, now: Time) -> Value {
-    let (presence, why) = match &robot.presence {
-        Presence::Here => ("here", String::new()),
-        Presence::Silent(why) => ("does not answer", why.clone()),
-        Presence::Lost => ("lost", String::new()),
-    };
-    let database = robot.database.as_ref().map(|lag| {
-        json!({
-            "behind": lag.behind, "transactions": lag.transactions, "conflicts": lag.conflicts,
-        })
-    });
+    let why = if let Presence::Silent(why) = &robot.presence { why.as_str() } else { "" };
+    let database = robot.database.as_ref().map(ToString::to_string);
     json!({
-        "host": robot.id.to_string(), "presence": presence, "why": why, "version": robot.version,
+        "host": robot.id.to_string(), "presence": robot.presence.word(), "why": why, "version": robot.version,
         "up": robot.up(now).map(|up| up.as_secs()), "estop": robot.estop, "waiting": robot.waiting, "database": database,
     })
 }
@@ -74,10 +66,10 @@ fn deployment(live: &LiveDeployment, now: Time) -> Value {
 }
 
 fn process(model: &Model, id: &MissionId, process: &Process, now: Time) -> Value {
-    let health = health_word(model.health(id, process));
+    let health = model.health(id, process);
     json!({
         "mission": id.key(), "path": process.path, "kind": process.kind, "host": process.host,
-        "state": process.state, "health": health, "age": age(now, process.since.at), "exact": process.since.is_exact,
+        "state": process.state_text(health), "health": health_word(health), "age": age(now, process.since.at), "exact": process.since.is_exact,
         "pid": process.pid, "restarts": process.restarts,
     })
 }
@@ -101,8 +93,10 @@ fn wire(id: &MissionId, wire: &Wire) -> Value {
 }
 
 fn event(event: &EventLine) -> Value {
+    // The deployment tells the command.
+    let host = event.mission.as_ref().map_or_else(|| event.robot.to_string(), |_| event.robot.host.clone());
     json!({
-        "time": event.time.map(|time| time.as_secs_f64()), "host": event.robot.to_string(),
+        "time": event.time.map(|time| time.as_secs_f64()), "host": host,
         "deployment": event.mission.as_ref().map(ToString::to_string), "path": event.path, "text": event.text,
         "failure": event.is_failure,
     })

@@ -75,11 +75,7 @@ function drawRobots() {
     if (robot.why) card.append(element("small", "", robot.why));
     if (robot.estop) card.append(element("small", "", robot.estop));
     if (robot.up !== null) card.append(element("small", "", `DCA ${robot.version}`));
-    if (robot.database) {
-      const lag = robot.database;
-      const words = lag.behind ? `${lag.behind} databases behind, by ${lag.transactions} transactions` : "databases level";
-      card.append(element("small", "", lag.conflicts ? `${words}, ${lag.conflicts} conflicts` : words));
-    }
+    if (robot.database) card.append(element("small", "", `databases ${robot.database}`));
     for (const waiting of robot.waiting) card.append(element("small", "", waiting));
     return card;
   });
@@ -104,11 +100,10 @@ function drawProcesses() {
       const name = element("td", "", `${process.path.split("/").pop()}: ${process.kind}`);
       // The policy forbids styles in the page, and permits them from its script.
       name.style.paddingLeft = `${depth * INDENT}px`;
-      const state = process.health === "unknown" ? "unknown" : process.state;
       // Without an event that tells the moment, it was then or before.
       const began = (process.exact ? "" : ">") + age(since(process));
       const restarts = process.restarts ? `, restarted ${process.restarts} times` : "";
-      row.append(name, element("td", process.health, state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
+      row.append(name, element("td", process.health, process.state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
       table.append(row);
     }
     return table;

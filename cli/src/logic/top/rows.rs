@@ -6,9 +6,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use view::sentence::time_of_day;
-use view::{
-    DatabaseLag, Health, LiveDeployment, Model, Presence, Process, Question, Robot, RobotId, STALE_AFTER, Wire,
-};
+use view::{Health, LiveDeployment, Model, Presence, Process, Question, Robot, RobotId, STALE_AFTER, Wire};
 
 /// The importance of a row, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,11 +157,10 @@ fn robot_rows(model: &Model, now: Time) -> Vec<Row> {
 fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
     let freshness = robot.freshness(now);
     let (state, tone) = match &robot.presence {
-        Presence::Here if robot.estop.is_some() => ("STOPPED".to_owned(), Tone::Bad),
-        Presence::Here if freshness.is_live() => ("here".to_owned(), Tone::Good),
-        Presence::Here => ("not live".to_owned(), Tone::Bad),
-        Presence::Silent(_) => ("does not answer".to_owned(), Tone::Bad),
-        Presence::Lost => ("lost".to_owned(), Tone::Bad),
+        Presence::Here if robot.estop.is_some() => ("stopped", Tone::Bad),
+        Presence::Here if freshness.is_live() => (robot.presence.word(), Tone::Good),
+        Presence::Here => ("not live", Tone::Bad),
+        Presence::Silent(_) | Presence::Lost => (robot.presence.word(), Tone::Bad),
     };
     let age = robot.heard.map_or_else(|| "-".to_owned(), |heard| age(now.since(heard)));
     let note = match (&robot.estop, &robot.presence) {
@@ -172,22 +169,13 @@ fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
         (None, Presence::Here | Presence::Lost) => robot.waiting.join("; "),
     };
     let up = robot.up(now).map_or_else(|| "-".to_owned(), self::age);
-    let database = robot.database.as_ref().map(lag).unwrap_or_default();
+    let database = robot.database.as_ref().map(ToString::to_string).unwrap_or_default();
     let note = if note.is_empty() { robot.guard.clone() } else { note };
     Row {
         id: robot.id.to_string(),
-        cells: vec![robot.id.to_string(), state, age, up, count.to_string(), database, note],
+        cells: vec![robot.id.to_string(), state.to_owned(), age, up, count.to_string(), database, note],
         tone,
     }
-}
-
-/// Returns how far other databases are behind, in words.
-fn lag(lag: &DatabaseLag) -> String {
-    let behind = match lag.behind {
-        0 => "level".to_owned(),
-        _ => format!("{} behind, {} tx", lag.behind, lag.transactions),
-    };
-    if lag.conflicts == 0 { behind } else { format!("{behind}, {} conflicts", lag.conflicts) }
 }
 
 fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> {
@@ -215,17 +203,10 @@ fn process_row(model: &Model, now: Time, live: &LiveDeployment, process: &Proces
         Health::Changing => Tone::Changing,
         Health::Failed | Health::Unknown => Tone::Bad,
     };
-    let state = match (health, process.states.is_empty(), process.questions.is_empty()) {
-        (Health::Unknown, _, _) => "unknown".to_owned(),
-        (Health::Running, _, false) => "asks a question".to_owned(),
-        (Health::Running, false, true) => process.states.join(", "),
-        (Health::Running, true, true) => process.word().to_owned(),
-        (Health::Quiet | Health::Changing | Health::Failed, _, _) => process.state.clone(),
-    };
     let mark = if process.since.is_exact { "" } else { ">" };
     let cells = vec![
         format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind),
-        state,
+        process.state_text(health),
         format!("{mark}{}", age(now.since(process.since.at))),
         process.host.clone(),
         process.pid.map(|pid| pid.to_string()).unwrap_or_default(),
