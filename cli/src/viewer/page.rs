@@ -45,7 +45,7 @@ impl Page {
         model: Arc<Mutex<Model>>,
         version: watch::Receiver<u64>,
     ) -> anyhow::Result<Self> {
-        let (visitors, address) = Visitors::listen(address, LIMITS).await?;
+        let (visitors, address) = Visitors::listen("--page", address, LIMITS).await?;
         let (orders_tx, orders) = mpsc::channel(ORDERS_MAX);
         let door =
             Door { address: address.to_string(), port: address.port(), key: super::secret()?, token: super::secret()? };

@@ -179,6 +179,18 @@ fn the_page_stays_on_its_machine() {
         let refused = cluster.here().ask(&["view", "--page", address]);
         assert!(refused.code == Some(2) && refused.err.contains("open to the network"), "{refused}");
     }
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port is free");
+    let port = taken.local_addr().expect("it listens").port();
+    let _node = cluster.here().with_run_dir(cluster.folder().join("other")).node("c1", &[]);
+    let other = cluster.here().with_run_dir(cluster.folder().join("other"));
+    let refused = other.ask(&["view", "--page", &format!("127.0.0.1:{port}")]);
+    let hint = "another program listens there, perhaps another view; `--page 127.0.0.1:0` takes a free port";
+    assert!(refused.code == Some(1) && refused.err.contains(hint), "{refused}");
+    let refused = other.ask(&["view", "--page", "7400"]);
+    assert!(
+        refused.code == Some(2) && refused.err.contains("an address has a host and a port: `127.0.0.1:7400`"),
+        "{refused}"
+    );
     let alone = cluster.here().ask(&["view", "--page"]);
     assert!(alone.code == Some(3) && alone.err.contains("no node runs on this machine"), "{alone}");
 }

@@ -1,6 +1,6 @@
 //! The channels and services that clients are offered. A number is never given twice: clients keep schemas by it.
 
-use crate::logic::record::{Form, free_name, plain_name};
+use crate::logic::record::{Form, RecordedTopic, free_name, plain_name};
 use node::logic::protocol::Deployment;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -34,6 +34,8 @@ pub(crate) enum Source {
         output: String,
     },
     Signals(ProgramName),
+    /// A topic of a record, by its place there.
+    Recorded(usize),
 }
 
 impl Source {
@@ -41,8 +43,22 @@ impl Source {
     pub(crate) fn program(&self) -> Option<&ProgramName> {
         match self {
             Self::Output { program, .. } | Self::Signals(program) => Some(program),
-            Self::Events | Self::Log | Self::State(_) => None,
+            Self::Events | Self::Log | Self::State(_) | Self::Recorded(_) => None,
         }
+    }
+}
+
+/// The encoding of the messages of a channel, and that of their schema, as the registry of MCAP names them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Encodings {
+    pub(super) messages: String,
+    pub(super) schema: String,
+}
+
+impl From<Form> for Encodings {
+    fn from(form: Form) -> Self {
+        let (messages, schema) = form.encodings();
+        Self { messages: messages.to_owned(), schema: schema.to_owned() }
     }
 }
 
@@ -59,7 +75,7 @@ pub(super) struct Description {
 pub(super) struct Channel {
     pub(super) id: u32,
     pub(super) topic: Arc<str>,
-    pub(super) form: Form,
+    pub(super) encodings: Encodings,
     pub(super) schema_name: String,
     pub(super) schema: String,
     pub(super) source: Source,
@@ -70,7 +86,12 @@ pub(super) struct Channel {
 pub(super) enum Target {
     Stop,
     Estop,
-    Procedure { program: ProgramName, procedure: String },
+    /// Play a record, or pause it.
+    Replay,
+    Procedure {
+        program: ProgramName,
+        procedure: String,
+    },
 }
 
 /// A service.
@@ -100,7 +121,7 @@ impl Catalog {
         let deployment = match &source {
             Source::State(mission) => Some(&mission.deployment),
             Source::Output { program, .. } | Source::Signals(program) => Some(&program.mission.deployment),
-            Source::Events | Source::Log => None,
+            Source::Events | Source::Log | Source::Recorded(_) => None,
         };
         if self.channels.len() >= CHANNELS_MAX {
             return None;
@@ -108,7 +129,8 @@ impl Catalog {
         let topic = name(topic, deployment, |name| self.channels.values().any(|channel| *channel.topic == *name));
         let Description { form, schema_name, schema } = described;
         let id = self.number();
-        self.channels.insert(id, Channel { id, topic: topic.into(), form, schema_name, schema, source });
+        self.channels
+            .insert(id, Channel { id, topic: topic.into(), encodings: form.into(), schema_name, schema, source });
         Some(id)
     }
 
@@ -116,7 +138,7 @@ impl Catalog {
     pub(super) fn add_service(&mut self, service: &str, request: String, response: String, target: Target) {
         let deployment = match &target {
             Target::Procedure { program, .. } => Some(&program.mission.deployment),
-            Target::Stop | Target::Estop => None,
+            Target::Stop | Target::Estop | Target::Replay => None,
         };
         if self.services.len() >= SERVICES_MAX {
             return;
@@ -125,6 +147,20 @@ impl Catalog {
         let kind = format!("dca{}", name.strip_prefix("/dca").unwrap_or(&name).replace('/', "."));
         let id = self.number();
         self.services.insert(id, Service { id, name, kind, request, response, target });
+    }
+
+    /// Adds a topic of a record, if there is room; returns its number.
+    pub(super) fn add_recorded(&mut self, place: usize, recorded: &RecordedTopic) -> Option<u32> {
+        if self.channels.len() >= CHANNELS_MAX {
+            return None;
+        }
+        // A record may have two topics of one name, with two schemas. A client takes one.
+        let topic = name(&recorded.name, None, |name| self.channels.values().any(|channel| *channel.topic == *name));
+        let RecordedTopic { encoding, schema_name, schema_encoding, schema, .. } = recorded.clone();
+        let (id, encodings) = (self.number(), Encodings { messages: encoding, schema: schema_encoding });
+        let source = Source::Recorded(place);
+        self.channels.insert(id, Channel { id, topic: topic.into(), encodings, schema_name, schema, source });
+        Some(id)
     }
 
     fn number(&mut self) -> u32 {

@@ -138,7 +138,7 @@ pub(super) fn read(target: &Target, payload: &[u8]) -> Result<Order, String> {
             let name = name.ok_or("the deployment is missing: `{\"deployment\": \"NAME\"}`")?;
             DeploymentName::parse(name).map(Order::Stop)
         }
-        Target::Procedure { .. } => Err("this is not a stop".to_owned()),
+        Target::Procedure { .. } | Target::Replay => Err("this is not a stop".to_owned()),
     }
 }
 
@@ -153,7 +153,7 @@ pub(super) fn procedure(program: &ProgramName, procedure: Procedure, payload: &[
     Ok(Order::Call(Box::new(ProcedureCall { program: program.clone(), exported, exports, argument })))
 }
 
-fn value(payload: &[u8]) -> Result<Value, String> {
+pub(super) fn value(payload: &[u8]) -> Result<Value, String> {
     if payload.is_empty() {
         return Ok(json!({}));
     }

@@ -278,7 +278,7 @@ impl Robots {
                     }
                 }
                 // The view hears these anyway.
-                Source::Events | Source::State(_) => {}
+                Source::Events | Source::State(_) | Source::Recorded(_) => {}
             }
         }
         let described = self.programs.iter().filter(|(_, program)| program.is_described);
@@ -379,7 +379,7 @@ async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended:
             };
             hold(&taps, key, take, ended).await;
         }
-        Source::Events | Source::Log | Source::State(_) => {}
+        Source::Events | Source::Log | Source::State(_) | Source::Recorded(_) => {}
     }
 }
 
