@@ -219,8 +219,16 @@ fn two_runs_of_one_spec_are_two_missions() {
     runs[0].signal(Signal::INT);
     see(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[0].pid()));
     assert!(!seen.contains(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[1].pid())), "{seen}");
-    let done = page.ask("POST /estop", &page.fields_of_orders(), "{}");
-    assert!(done.contains("c1: stopped; no program runs"), "{done}");
+    // The result of one command does not hide that of another.
+    let third = here.dca(&["run", "--no-record", &file]);
+    third.wait_for(Stream::Err, "started in", SOON);
+    let stopped = here.ask(&["estop"]);
+    for run in [&runs[1], &third] {
+        let line = format!("c1 (command {}): stopped; no program runs", run.pid());
+        assert!(stopped.out.contains(&line), "{stopped}");
+    }
+    let again = page.ask("POST /estop", &page.fields_of_orders(), "{}");
+    assert!(!again.contains(&runs[0].pid().to_string()), "a command that has ended is not asked: {again}");
 }
 
 /// A person at a browser.
