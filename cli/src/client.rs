@@ -24,6 +24,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use team::visitor::VisitorIdentity;
 use tokio::task::JoinSet;
+use view::Fleet;
 
 /// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
@@ -260,6 +261,11 @@ impl Client {
         self.local.as_deref()
     }
 
+    /// Returns the nodes that it reaches.
+    pub(crate) fn fleet(&self) -> Fleet {
+        self.base.as_deref().and_then(run_dir::command).map_or(Fleet::Standing, Fleet::Command)
+    }
+
     /// Returns the file with the credentials that clients on this machine show to programs on other hosts of the team,
     /// if there is a team.
     pub(crate) fn team(&self) -> Option<PathBuf> {
@@ -388,6 +394,13 @@ impl Client {
                 Ok(hosts.into_iter().filter(|host| host == local || !revoked.contains(host)).collect())
             }
         })
+    }
+
+    /// Returns whether it went through a node inside a command, and that command has ended.
+    pub(crate) fn has_ended(&self) -> bool {
+        let is_of_command = self.fleet() != Fleet::Standing;
+        is_of_command
+            && self.base.as_deref().is_some_and(|base| run_dir::running(base).is_ok_and(|nodes| nodes.is_empty()))
     }
 
     /// Returns whether another node than the one that it goes through runs on this machine.

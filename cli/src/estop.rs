@@ -14,8 +14,10 @@ use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Estop, Estopped, Request};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinSet;
+use view::{Fleet, RobotId};
 
 /// How long programs may take to stop before their host counts as not answering.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
@@ -126,23 +128,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks each known host, over all connections at once.
+/// Asks each known host, over all connections at once. A host inside a command has the command behind its name, since hosts of several
+/// commands may have the same name.
 pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
-    let asked = clients.shared().into_iter().map(|client| {
-        let (mut asked, request) = (JoinSet::new(), request.clone());
+    // The nodes of a command that has ended are gone, and run nothing.
+    let present: Vec<Arc<Client>> = clients.shared().into_iter().filter(|client| !client.has_ended()).collect();
+    let asked = present.iter().map(|client| {
+        let (mut asked, request, client) = (JoinSet::new(), request.clone(), Arc::clone(client));
         asked.spawn(async move { over(&client, &request).await });
         asked
     });
     let (mut hosts, mut found, mut failed) = (BTreeMap::new(), Vec::new(), Vec::new());
-    for (client, mut asked) in clients.iter().zip(asked.collect::<Vec<_>>()) {
+    let asked: Vec<JoinSet<Reached>> = asked.collect();
+    for (client, mut asked) in present.iter().map(|client| &**client).zip(asked) {
         let (outcomes, statuses) = match asked.join_next().await {
             Some(Ok(Reached { outcomes, statuses })) => (outcomes, statuses),
             Some(Err(panic)) => (BTreeMap::new(), Err(panic.into())),
             None => continue,
         };
-        hosts.extend(outcomes);
+        // A command ends with its mission, perhaps before its nodes have told anything else.
+        let has_answered = client.fleet() != Fleet::Standing && !outcomes.is_empty();
+        let name = |host| RobotId { host, fleet: client.fleet() }.to_string();
+        hosts.extend(outcomes.into_iter().map(|(host, outcome)| (name(host), outcome)));
         match statuses {
             Ok(statuses) => found.push((client, statuses)),
+            Err(_) if has_answered => {}
             Err(failure) => failed.push((client, failure)),
         }
     }
@@ -152,7 +162,8 @@ pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<B
         return Err(failure);
     }
     for (client, failure) in failed {
-        let name = client.local().unwrap_or("the network").to_owned();
+        let host = client.local().unwrap_or("the network").to_owned();
+        let name = RobotId { host, fleet: client.fleet() }.to_string();
         hosts.entry(name).or_insert_with(|| Outcome::Unknown(words(&failure)));
     }
     let away = absent::ask(&found).await;

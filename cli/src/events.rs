@@ -16,6 +16,7 @@ use node::logic::protocol::{Deployment, Event, Report};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use view::RobotId;
 use view::sentence::{change_text, date_and_time, report_text};
 
 /// The arguments of `dca events`.
@@ -96,7 +97,8 @@ impl Printer<'_> {
     /// Prints an item; returns how the stream ends, if it does.
     fn take(&mut self, said: FeedItem) -> anyhow::Result<Option<End>> {
         let is_read = match said {
-            FeedItem::Event(event) => self.event(*event)?,
+            FeedItem::Event(_, event) => self.event(*event)?,
+            FeedItem::Reached(..) => true,
             FeedItem::Current => {
                 let mut known = self.waiting.take().unwrap_or_default();
                 known.sort_by(|(a, one), (b, other)| (a, one.number).cmp(&(b, other.number)));
@@ -113,12 +115,12 @@ impl Printer<'_> {
                 }
                 true
             }
-            FeedItem::Left(host) => self.mark("left", &host, "has left", None)?,
-            FeedItem::Back(host) => {
+            FeedItem::Left(robot) => self.mark("left", &robot.host, "has left", None)?,
+            FeedItem::Back(RobotId { host, .. }) => {
                 self.lost.remove(&host);
                 self.mark("back", &host, "is heard again", None)?
             }
-            FeedItem::Lost(host, why) => {
+            FeedItem::Lost(RobotId { host, .. }, why) => {
                 self.lost.insert(host.clone());
                 self.mark("lost", &host, "is not heard any more", Some(&why))?
             }

@@ -14,14 +14,14 @@ use comms::logic::time::Time;
 use measure::Measurement;
 use node::console::Failure;
 use node::logic::database::question::{Question, Reply};
-use node::logic::protocol::{Answer, Deployment, Event, NodeStatus, Report, Request};
+use node::logic::protocol::{Answer, Event, NodeStatus, Report, Request};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
 use tokio::task::{AbortHandle, JoinSet};
-use view::{Input, Model};
+use view::{Fleet, Input, MissionId, Model, RobotId};
 
 /// How often each node is asked.
 const ASK_EVERY: Duration = Duration::from_secs(1);
@@ -44,8 +44,6 @@ enum Heard {
     Input(Input),
     /// The status of a node.
     Status(Place, Box<NodeStatus>),
-    /// The nodes that a connection reaches.
-    Found(usize, BTreeSet<String>),
     /// New connections, if there are nodes.
     Opened(Option<Box<Feed>>),
 }
@@ -61,8 +59,6 @@ struct Watched {
 /// A connection to nodes.
 struct Connection {
     client: Arc<Client>,
-    /// The nodes that it reaches.
-    reached: BTreeSet<String>,
     /// When the node of this machine behind it has answered last, or when it was opened.
     answered: Time,
 }
@@ -75,7 +71,7 @@ pub(crate) struct Live {
     watched: BTreeMap<Place, Watched>,
     is_opening: bool,
     /// When the plan of a deployment was asked for last.
-    plans: BTreeMap<Deployment, Time>,
+    plans: BTreeMap<MissionId, Time>,
     /// The process whose output is heard, and the task.
     output: Option<(Program, AbortHandle)>,
     measurement: Option<Measurement>,
@@ -87,7 +83,7 @@ pub(crate) struct Live {
 impl Live {
     /// Connects to every node that can be reached.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
-        let feed = Feed::open(connect, Mode::Follow).await?;
+        let feed = Feed::open(connect, Mode::Live).await?;
         let (sink, heard) = mpsc::channel(INPUTS_MAX);
         let mut live = Self {
             connect: connect.clone(),
@@ -122,9 +118,8 @@ impl Live {
                     Some(Heard::Input(input)) => return input,
                     Some(Heard::Status(place, status)) => {
                         self.missing(&place, &status);
-                        return Input::Status(status);
+                        return Input::Status { fleet: self.fleet(place.0), status };
                     }
-                    Some(Heard::Found(number, hosts)) => return self.found(number, hosts),
                     Some(Heard::Opened(feed)) => {
                         self.is_opening = false;
                         if let Some(feed) = feed {
@@ -148,8 +143,8 @@ impl Live {
                 continue;
             }
             self.plans.insert(lacking.id.clone(), now);
-            if let Some(client) = self.client_of(&lacking.home) {
-                self.tasks.spawn(ask_plan(client, lacking.home.clone(), lacking.id.clone(), self.sink.clone()));
+            if let Some(client) = self.client_of(&lacking.id.robot(&lacking.id.home)) {
+                self.tasks.spawn(ask_plan(client, lacking.id.clone(), self.sink.clone()));
             }
         }
         self.plans.retain(|_, last| now.since(*last) < PLAN_AGAIN);
@@ -175,10 +170,16 @@ impl Live {
         self.connections.iter().map(|connection| &connection.client).filter_map(local).collect()
     }
 
-    /// Returns the connection to a host.
-    pub(crate) fn client_of(&self, host: &str) -> Option<Arc<Client>> {
-        let (number, _) = self.watched.keys().find(|(_, name)| name == host)?;
+    /// Returns the connection to a robot.
+    pub(crate) fn client_of(&self, robot: &RobotId) -> Option<Arc<Client>> {
+        let is_meant = |(number, host): &&Place| *host == robot.host && self.fleet(*number) == robot.fleet;
+        let (number, _) = self.watched.keys().find(is_meant)?;
         self.client(*number).cloned()
+    }
+
+    /// Returns the nodes that a connection reaches.
+    fn fleet(&self, number: usize) -> Fleet {
+        self.client(number).map_or(Fleet::Standing, |client| client.fleet())
     }
 
     fn client(&self, number: usize) -> Option<&Arc<Client>> {
@@ -201,35 +202,33 @@ impl Live {
         self.feed.close().await;
     }
 
-    /// Begins to look for nodes over connections that are new.
+    /// Takes note of connections that are new.
     fn take_clients(&mut self) {
         let all = self.feed.clients().shared();
-        for client in all.into_iter().skip(self.connections.len()) {
-            let (number, sink) = (self.connections.len(), self.sink.clone());
-            self.tasks.spawn(find(number, Arc::clone(&client), sink));
-            self.connections.push(Connection { client, reached: BTreeSet::new(), answered: clock::now() });
-        }
+        let new = all.into_iter().skip(self.connections.len());
+        self.connections.extend(new.map(|client| Connection { client, answered: clock::now() }));
     }
 
     fn item(&mut self, item: FeedItem) -> Option<Input> {
-        let note = |host: String, text: String| Some(Input::Note { host, text });
+        let note = |robot: RobotId, text: String| Some(Input::Note { robot, text });
         match item {
-            FeedItem::Event(event) => {
-                self.nudge(&event);
-                Some(Input::Event(event))
+            FeedItem::Event(home, event) => {
+                self.nudge(home.fleet, &event);
+                Some(Input::Event { home, event })
             }
             FeedItem::Current => None,
-            FeedItem::Left(host) => note(host, "the node has left".to_owned()),
-            FeedItem::Lost(host, why) => note(host, format!("events are not heard any more: {why}")),
-            FeedItem::Back(host) => note(host, "events are heard again".to_owned()),
+            FeedItem::Left(robot) => note(robot, "the node has left".to_owned()),
+            FeedItem::Lost(robot, why) => note(robot, format!("events are not heard any more: {why}")),
+            FeedItem::Back(robot) => note(robot, "events are heard again".to_owned()),
+            FeedItem::Reached(number, hosts) => Some(self.reached(number, &hosts)),
         }
     }
 
     /// Has the nodes that an event is about asked soon.
-    fn nudge(&self, event: &Event) {
+    fn nudge(&self, fleet: Fleet, event: &Event) {
         let is_of_one = matches!(event.report, Report::Process { .. });
-        for ((_, host), watched) in &self.watched {
-            if !is_of_one || *host == event.host {
+        for ((number, host), watched) in &self.watched {
+            if self.fleet(*number) == fleet && (!is_of_one || *host == event.host) {
                 watched.nudge.send_modify(|count| *count += 1);
             }
         }
@@ -247,7 +246,7 @@ impl Live {
         self.is_opening = true;
         let (connect, heard, sink) = (self.connect.clone(), self.feed.heard(), self.sink.clone());
         self.tasks.spawn(async move {
-            let feed = Feed::resume(&connect, Mode::Follow, heard).await.ok().map(Box::new);
+            let feed = Feed::resume(&connect, Mode::Live, heard).await.ok().map(Box::new);
             sink.send(Heard::Opened(feed)).await.unwrap_or_default();
         });
     }
@@ -267,8 +266,10 @@ impl Live {
         let old = std::mem::replace(&mut self.feed, feed);
         self.tasks.spawn(old.close());
         self.take_clients();
-        let host = self.locals().into_iter().map(|(_, host)| host).next().unwrap_or_default();
-        Input::Note { text: format!("everything is heard through `{host}` now"), host }
+        let local = self.locals().into_iter().next();
+        let robot = local.map(|(client, host)| RobotId { host, fleet: client.fleet() });
+        let robot = robot.unwrap_or(RobotId { host: String::new(), fleet: Fleet::Standing });
+        Input::Note { text: format!("everything is heard through `{robot}` now"), robot }
     }
 
     fn missing(&mut self, place: &Place, status: &NodeStatus) {
@@ -282,8 +283,9 @@ impl Live {
     }
 
     /// Asks the nodes that a connection reaches, and asks those no more that have left.
-    fn found(&mut self, number: usize, hosts: BTreeSet<String>) -> Input {
-        for host in &hosts {
+    fn reached(&mut self, number: usize, hosts: &BTreeSet<String>) -> Input {
+        self.take_clients();
+        for host in hosts {
             let place = (number, host.clone());
             if let Some(client) = self.client(number).filter(|_| !self.watched.contains_key(&place)) {
                 let (nudge, nudged) = watch::channel(0);
@@ -294,20 +296,17 @@ impl Live {
                 self.watched.insert(place, Watched { task, nudge, missing: BTreeSet::new() });
             }
         }
-        if let Some(connection) = self.connections.get_mut(number) {
-            connection.reached = hosts;
-        }
-        let missing = self.watched.values().flat_map(|watched| &watched.missing);
-        let reached = self.connections.iter().flat_map(|connection| &connection.reached);
-        let known: BTreeSet<String> = reached.chain(missing).cloned().collect();
-        self.watched.retain(|(_, host), watched| {
-            let is_known = known.contains(host);
-            if !is_known {
+        let of_connection = self.watched.iter().filter(|((of, host), _)| *of == number && hosts.contains(host));
+        let missing = of_connection.flat_map(|(_, watched)| &watched.missing);
+        let known: BTreeSet<String> = hosts.iter().chain(missing).cloned().collect();
+        self.watched.retain(|(of, host), watched| {
+            let stays = *of != number || known.contains(host);
+            if !stays {
                 watched.task.abort();
             }
-            is_known
+            stays
         });
-        Input::Known(known)
+        Input::Known { fleet: self.fleet(number), hosts: known }
     }
 
     /// Hears the output of a process instead of that of another.
@@ -319,7 +318,7 @@ impl Live {
             task.abort();
         }
         if let Some(program) = program
-            && let Some(client) = self.client_of(&program.host)
+            && let Some(client) = self.client_of(&program.mission.robot(&program.host))
         {
             let task = self.tasks.spawn(hear(client, program.clone(), self.sink.clone()));
             self.output = Some((program.clone(), task));
@@ -336,24 +335,11 @@ impl Live {
             measurement.end();
         }
         if let Some(output) = output
-            && let Some(client) = self.client_of(&output.program.host)
+            && let Some(client) = self.client_of(&output.program.mission.robot(&output.program.host))
         {
             let sink = self.sink.clone();
             self.measurement = Some(Measurement::begin(client, output, sink, &mut self.tasks, is_same));
         }
-    }
-}
-
-/// Looks for the nodes that a connection reaches. That a node of this machine does not answer does not mean that others have left.
-async fn find(number: usize, client: Arc<Client>, sink: Sender<Heard>) {
-    loop {
-        let looked = clock::now();
-        if let Some(Ok(hosts)) = client.listed().await
-            && sink.send(Heard::Found(number, hosts)).await.is_err()
-        {
-            return;
-        }
-        clock::sleep_until(looked + ASK_EVERY).await;
     }
 }
 
@@ -395,7 +381,7 @@ impl Asker {
             let asked = clock::now();
             let answer = self.client.ask(host, &Request::Database(Question::Status), ANSWER_WITHIN).await;
             if let Ok(Answer::Database(Reply::Status(status))) = answer
-                && self.tell(Heard::Input(Input::Database(status))).await.is_none()
+                && self.tell(Heard::Input(Input::Database { fleet: self.client.fleet(), status })).await.is_none()
             {
                 return;
             }
@@ -414,14 +400,18 @@ impl Asker {
         let is_asked = self.is_local && !status.missing.is_empty();
         self.tell(Heard::Status(self.place.clone(), Box::new(status))).await?;
         if is_asked && let Ok(Answer::Absent(absent)) = self.client.ask(host, &Request::Absent, ANSWER_WITHIN).await {
-            self.tell(Heard::Input(Input::Absent(Box::new(absent)))).await?;
+            let (teller, absent) = (self.robot(), Box::new(absent));
+            self.tell(Heard::Input(Input::Absent { teller, absent })).await?;
         }
         Some(())
     }
 
     async fn silent(&self, failure: &Failure) -> Option<()> {
-        let (_, host) = &self.place;
-        self.tell(Heard::Input(Input::Silent { host: host.clone(), why: words(failure) })).await
+        self.tell(Heard::Input(Input::Silent { robot: self.robot(), why: words(failure) })).await
+    }
+
+    fn robot(&self) -> RobotId {
+        RobotId { host: self.place.1.clone(), fleet: self.client.fleet() }
     }
 
     /// Tells the view something; returns nothing if the view has ended.
@@ -430,25 +420,26 @@ impl Asker {
     }
 }
 
-async fn ask_plan(client: Arc<Client>, home: String, deployment: Deployment, sink: Sender<Heard>) {
-    let request = Request::Plan { deployment: deployment.clone() };
-    if let Ok(Answer::Plan(plan)) = client.ask(&home, &request, ANSWER_WITHIN).await {
-        sink.send(Heard::Input(Input::Plan { deployment, plan })).await.unwrap_or_default();
+async fn ask_plan(client: Arc<Client>, mission: MissionId, sink: Sender<Heard>) {
+    let request = Request::Plan { deployment: mission.deployment.clone() };
+    if let Ok(Answer::Plan(plan)) = client.ask(&mission.home, &request, ANSWER_WITHIN).await {
+        sink.send(Heard::Input(Input::Plan { mission, plan })).await.unwrap_or_default();
     }
 }
 
 /// Hears the output of a process: first the earlier lines, then new ones.
 async fn hear(client: Arc<Client>, program: Program, sink: Sender<Heard>) {
-    let Program { deployment, host, path } = program;
-    let request = Request::Logs { deployment: Some(deployment.name.clone()), process: path.clone(), follow: true };
+    let Program { mission, host, path } = program;
+    let name = mission.deployment.name.clone();
+    let request = Request::Logs { deployment: Some(name), process: path.clone(), follow: true };
     let Ok(mut answers) = client.ask_on(&host, &request) else { return };
     // The earlier lines come again if they were heard before.
-    let begins = Input::OutputBegins { deployment: deployment.clone(), path: path.clone() };
+    let begins = Input::OutputBegins { mission: mission.clone(), path: path.clone() };
     if sink.send(Heard::Input(begins)).await.is_err() {
         return;
     }
     while let Some(Ok(Answer::Output(bytes))) = answers.next().await {
-        let input = Input::Output { deployment: deployment.clone(), path: path.clone(), bytes };
+        let input = Input::Output { mission: mission.clone(), path: path.clone(), bytes };
         if sink.send(Heard::Input(input)).await.is_err() {
             return;
         }

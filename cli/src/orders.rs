@@ -9,6 +9,7 @@ use node::console::Failure;
 use node::logic::protocol::{ActivityInput, Delivery, Estop, Request, TellRequest};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use view::MissionId;
 
 /// Stops everything on every node, or releases it; returns the results in one line. If no node answers over the present
 /// connections, it is tried over new ones.
@@ -65,7 +66,7 @@ async fn anew(clients: &Clients, connect: &ConnectArgs, request: &Request) -> Op
 
 /// Answers a question; returns the result in one line.
 pub(crate) async fn tell(client: Arc<Client>, given: GivenAnswer) -> String {
-    let GivenAnswer { deployment, home, path, question, option } = given;
+    let GivenAnswer { mission: MissionId { deployment, home, .. }, path, question, option } = given;
     let order = ActivityInput::Answer { question, option: option.clone() };
     let request = TellRequest { name: deployment.name.clone(), process: path, order, by: user::name_and_host() };
     match ctl::deliver(&client, &home, request, deployment.epoch).await {

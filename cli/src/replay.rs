@@ -1,17 +1,21 @@
-//! `dca replay`: runs a spec on this machine with a record in the place of some of its processes.
+//! `dca replay`: runs a spec on this machine with a record in the place of some of its processes, or shows the record in Foxglove.
 
 use crate::follow::{self, Spec};
-use crate::io::recorder;
+use crate::io::{named_file, recorder};
+use crate::logic::foxglove::{layout_of_record, origin};
 use crate::logic::record::{Run, messages};
 use crate::logic::replay::{self, Playing, StandIn, TAIL};
+use crate::reader::Reader;
 use crate::run::{self, Here};
-use crate::{Controllers, Values, check};
+use crate::viewer::foxglove::{put_layout, serve_record};
+use crate::{Controllers, Values, check, viewer};
 use anyhow::{Context as _, anyhow};
-use node::console::{self, Failure};
+use node::console::{self, Failure, block_on};
 use node::io::programs;
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::fs::DirBuilder;
+use std::net::SocketAddr;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -27,7 +31,21 @@ pub struct Arguments {
     /// The record, or the folder it is in
     record: PathBuf,
     /// The spec: that of the record, or a changed one
-    file: PathBuf,
+    #[arg(required_unless_present_any = ["foxglove", "layout"])]
+    file: Option<PathBuf>,
+    /// Play the record in Foxglove or Lichtblick on this machine, and run nothing [default: 127.0.0.1:8765]
+    #[arg(
+        long, value_name = "ADDR", num_args = 0..=1, default_missing_value = viewer::FOXGLOVE, value_parser = viewer::address,
+        conflicts_with = "file"
+    )]
+    foxglove: Option<SocketAddr>,
+    /// Let a web page of this origin connect to `--foxglove`, such as `https://viewer.example`; may be given more than once
+    /// [default: Foxglove, Lichtblick and pages of this machine]
+    #[arg(long = "origin", value_name = "ORIGIN", value_parser = origin, requires = "foxglove")]
+    origins: Vec<String>,
+    /// Write a layout for Foxglove or Lichtblick with panels for the record, and run nothing
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "foxglove"])]
+    layout: Option<PathBuf>,
     /// The outputs whose processes the record stands in for, such as `Scan` or `laser.Scan` [default: those of each process that
     /// only sends]
     #[arg(long = "ports", value_name = "PORT", value_delimiter = ',')]
@@ -54,11 +72,12 @@ fn rate(text: &str) -> Result<f64, String> {
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let record = recorder::file(&arguments.record);
+    let Some(file) = &arguments.file else { return show(&arguments, &record) };
     let recorded = recorder::read_with_values(&record).map_err(anyhow::Error::from)?;
     if let Some(damage) = recorded.lacks() {
         console::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
-    let mut spec = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?;
+    let mut spec = check::load(file, &arguments.controllers, &arguments.values, false)?;
     let counts = counts(&recorded);
     let stand_ins = replay::choose(&spec.plan, &counts, &arguments.played).map_err(|why| anyhow!(why))?;
     programs::check_shim()?;
@@ -75,6 +94,24 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     let Arguments { following, controllers, .. } = &arguments;
     run::carry_out(spec, &base, Here { following, controllers, state: None })
+}
+
+/// Shows a record in Foxglove, or writes a layout for it.
+fn show(arguments: &Arguments, record: &Path) -> Result<(), Failure> {
+    viewer::local("--foxglove", arguments.foxglove)?;
+    let timeline = recorder::read_timeline(record).map_err(anyhow::Error::from)?;
+    if timeline.is_damaged {
+        console::note(&format!("warning: the record `{}` is not whole: parts of it are not shown", record.display()));
+    }
+    if let Some(file) = &arguments.layout {
+        named_file::not_over(file, [record])?;
+        return Ok(put_layout(file, &layout_of_record(&timeline), timeline.topics.len())?);
+    }
+    let Some(address) = arguments.foxglove else { return Ok(()) };
+    block_on(async {
+        let mut reader = Reader::new()?;
+        Ok(serve_record(address, arguments.origins.clone(), timeline, &mut reader).await?)
+    })
 }
 
 /// Returns how many values of each output the record has.

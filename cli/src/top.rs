@@ -165,7 +165,8 @@ impl Shown {
         let (clients, connect) = (self.live.clients(), self.live.connect());
         let hosts: Vec<(Arc<Client>, String)> = match &action {
             Action::Answer(answer) => {
-                self.live.client_of(&answer.home).map(|client| (client, answer.home.clone())).into_iter().collect()
+                let home = answer.mission.robot(&answer.mission.home);
+                self.live.client_of(&home).map(|client| (client, home.host)).into_iter().collect()
             }
             Action::Leave | Action::Redraw | Action::Estop | Action::Release => self.live.locals(),
         };
@@ -180,7 +181,7 @@ impl Shown {
             }
             Action::Answer(answer) => match hosts.into_iter().next() {
                 Some((client, _)) => drop(self.orders.spawn(orders::tell(client, answer))),
-                None => self.top.say(&format!("`{}` does not answer", answer.home)),
+                None => self.top.say(&format!("`{}` does not answer", answer.mission.home)),
             },
             Action::Leave | Action::Redraw => {}
         }

@@ -1,9 +1,9 @@
-//! `dca view`: all robots as they change, on a page for a browser and for Foxglove.
+//! `dca view`: all robots as they change, on a page for a browser and for Foxglove. `dca replay --foxglove` serves a record.
 //!
 //! The servers listen on this machine alone. Neither other users of the machine nor pages of other sites can read or give orders.
 //! Orders count as those of the user of this command.
 
-mod foxglove;
+pub(crate) mod foxglove;
 mod page;
 mod serve;
 mod visitors;
@@ -13,6 +13,7 @@ use crate::live::Live;
 use crate::logic::foxglove::origin;
 use crate::reader::Reader;
 use anyhow::anyhow;
+use clap::ArgGroup;
 use comms::io::clock;
 use foxglove::Foxglove;
 use node::console::{self, Failure, block_on};
@@ -20,6 +21,7 @@ use page::Page;
 use serve::ORDER_WITHIN;
 use std::io::IsTerminal as _;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
@@ -29,15 +31,23 @@ use view::{Input, Model};
 /// How often the plans of new deployments are asked for.
 const FOLLOW_EVERY: Duration = Duration::from_secs(1);
 
+/// The usual address of the page, and of the server for Foxglove.
+const PAGE: &str = "127.0.0.1:7080";
+pub(crate) const FOXGLOVE: &str = "127.0.0.1:8765";
+
 /// The arguments of `dca view`.
 #[derive(Debug, clap::Args)]
+#[command(group(ArgGroup::new("shown").required(true).multiple(true).args(["page", "foxglove", "layout"])))]
 pub(crate) struct Arguments {
     /// Serve a page for a browser on this machine [default: 127.0.0.1:7080]
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:7080", required_unless_present = "foxglove")]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = PAGE, value_parser = address)]
     page: Option<SocketAddr>,
     /// Serve topics, parameters and services for Foxglove or Lichtblick on this machine [default: 127.0.0.1:8765]
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = FOXGLOVE, value_parser = address)]
     foxglove: Option<SocketAddr>,
+    /// Write a layout for Foxglove or Lichtblick with panels for the missions that run, instead of serving anything
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["page", "foxglove"])]
+    layout: Option<PathBuf>,
     /// Let a web page of this origin connect to `--foxglove`, such as `https://viewer.example`; may be given more than once
     /// [default: Foxglove, Lichtblick and pages of this machine]
     #[arg(long = "origin", value_name = "ORIGIN", value_parser = origin, requires = "foxglove")]
@@ -46,22 +56,41 @@ pub(crate) struct Arguments {
     connect: ConnectArgs,
 }
 
+/// Reads an address of this machine.
+///
+/// # Errors
+/// One sentence about the mistake.
+pub(crate) fn address(text: &str) -> Result<SocketAddr, String> {
+    let port = text.parse::<u16>();
+    text.parse().map_err(|_not_an_address| match port {
+        Ok(port) => format!("an address has a host and a port: `127.0.0.1:{port}`"),
+        Err(_) => "it is not an address with a port, such as `127.0.0.1:7080`".to_owned(),
+    })
+}
+
+/// Refuses an address that others can reach.
+pub(crate) fn local(option: &str, address: Option<SocketAddr>) -> Result<(), Failure> {
+    let Some(address) = address.filter(|address| !address.ip().is_loopback()) else { return Ok(()) };
+    Err(Failure::Usage(anyhow!(
+        "cannot serve `{option}` at `{address}`: it would be open to the network. Use an address of this machine, such as \
+         `127.0.0.1:{port}`, and from another machine `ssh -L {port}:127.0.0.1:{port} ROBOT`",
+        port = address.port()
+    )))
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    for (option, address) in [("--page", arguments.page), ("--foxglove", arguments.foxglove)] {
-        let Some(address) = address.filter(|address| !address.ip().is_loopback()) else { continue };
-        return Err(Failure::Usage(anyhow!(
-            "cannot serve `{option}` at `{address}`: it would be open to the network. Use an address of this machine, such as \
-             `127.0.0.1:{port}`, and from another machine `ssh -L {port}:127.0.0.1:{port} ROBOT`",
-            port = address.port()
-        )));
-    }
+    local("--page", arguments.page)?;
+    local("--foxglove", arguments.foxglove)?;
     block_on(async {
         let mut reader = Reader::new()?;
         let live = tokio::select! {
             live = Live::open(&arguments.connect) => live?,
             () = reader.left() => return Ok(()),
         };
+        if let Some(file) = &arguments.layout {
+            return foxglove::write_layout(file, live, &mut reader).await;
+        }
         let served = serve(arguments, live, &mut reader).await;
         served.map_err(Failure::from)
     })
@@ -84,7 +113,7 @@ async fn serve(arguments: &Arguments, mut live: Live, reader: &mut Reader) -> an
     loop {
         tokio::select! {
             input = live.next() => {
-                if let (Some(foxglove), Input::Event(event)) = (&foxglove, &input) {
+                if let (Some(foxglove), Input::Event { event, .. }) = (&foxglove, &input) {
                     foxglove.event(event);
                 }
                 model.lock().unwrap_or_else(PoisonError::into_inner).apply(clock::now(), input);

@@ -1,10 +1,10 @@
 //! The changes since the last look of a viewer.
 
 use crate::deployment::{LiveDeployment, Process};
+use crate::identity::{MissionId, RobotId};
 use crate::model::EventLine;
 use crate::robot::Robot;
 use crate::wires::Wire;
-use node::logic::protocol::Deployment;
 use std::fmt;
 use std::str::FromStr;
 
@@ -36,14 +36,14 @@ impl FromStr for Position {
 /// A thing that a model no longer has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Gone {
-    /// The robot of this host has left.
-    Robot(String),
+    /// The robot has left.
+    Robot(RobotId),
     /// A deployment that is over is no longer kept.
-    Deployment(Deployment),
+    Deployment(MissionId),
     /// A process is no longer part of its deployment on any host that answers.
-    Process(Deployment, String),
+    Process(MissionId, String),
     /// A wire is no longer part of its deployment.
-    Wire(Deployment, String),
+    Wire(MissionId, String),
 }
 
 /// The changes since a position. An item that has changed several times is here once, with its latest state. Output of
@@ -59,9 +59,9 @@ pub struct Changes<'a> {
     /// The deployments whose phase or end has changed.
     pub deployments: Vec<&'a LiveDeployment>,
     /// The processes that have changed.
-    pub processes: Vec<(&'a Deployment, &'a Process)>,
+    pub processes: Vec<(&'a MissionId, &'a Process)>,
     /// The wires that have changed.
-    pub wires: Vec<(&'a Deployment, &'a Wire)>,
+    pub wires: Vec<(&'a MissionId, &'a Wire)>,
     /// New events, the oldest first.
     pub events: Vec<&'a EventLine>,
     /// Items that are gone.

@@ -1,11 +1,10 @@
 //! A deployment as all its hosts report it, and its processes.
 
+use crate::identity::MissionId;
 use crate::text::{clean, is_name};
 use crate::wires::Wires;
 use comms::logic::time::Time;
-use node::logic::protocol::{
-    AbsentProcess, ActivityStatus, Change, Deployment, DeploymentStatus, OpenQuestion, ProcessStatus,
-};
+use node::logic::protocol::{AbsentProcess, ActivityStatus, Change, DeploymentStatus, OpenQuestion, ProcessStatus};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How many questions, and states of an activity, are kept with a process.
@@ -64,10 +63,8 @@ pub struct Process {
 /// A question of an activity to people.
 #[derive(Clone, Debug)]
 pub struct Question<'a> {
-    /// The deployment of the activity.
-    pub deployment: &'a Deployment,
-    /// The host of `main`, which takes the answer.
-    pub home: &'a str,
+    /// The deployment of the activity. Its home takes the answer.
+    pub mission: &'a MissionId,
     /// The absolute path of the activity.
     pub path: &'a str,
     /// The question.
@@ -122,10 +119,8 @@ pub(crate) struct Taken {
 /// A deployment.
 #[derive(Clone, Debug)]
 pub struct LiveDeployment {
-    /// Its name and epoch.
-    pub id: Deployment,
-    /// The host of `main`.
-    pub home: String,
+    /// Its name, its home and its nodes.
+    pub id: MissionId,
     /// The phase of each host that has a part of it.
     pub phases: BTreeMap<String, String>,
     /// When all of it was confirmed and began to run, if an event has told.
@@ -143,6 +138,17 @@ impl Process {
     pub fn word(&self) -> &str {
         let end = self.state.find([';', ':']).unwrap_or(self.state.len());
         &self.state[..end]
+    }
+
+    /// Returns its state in a few words. `health` is its health in the model.
+    pub fn state_text(&self, health: Health) -> String {
+        match (health, self.states.is_empty(), self.questions.is_empty()) {
+            (Health::Unknown, _, _) => UNKNOWN.to_owned(),
+            (Health::Running, _, false) => "asks a question".to_owned(),
+            (Health::Running, false, true) => self.states.join(", "),
+            (Health::Running, true, true) => self.word().to_owned(),
+            (Health::Quiet | Health::Changing | Health::Failed, _, _) => self.state.clone(),
+        }
     }
 
     /// Returns how it is, as its host reports it.
@@ -206,10 +212,9 @@ pub(crate) fn note_moment(moments: &mut Moments, path: &str, change: &Change, at
 }
 
 impl LiveDeployment {
-    pub(crate) fn new(id: Deployment, home: &str, number: u64) -> Self {
+    pub(crate) fn new(id: MissionId, number: u64) -> Self {
         Self {
             id,
-            home: home.to_owned(),
             phases: BTreeMap::new(),
             began: None,
             end: None,

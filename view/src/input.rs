@@ -1,53 +1,74 @@
 //! The inputs of the model: what nodes and programs tell.
 
+use crate::identity::{Fleet, MissionId, RobotId};
 use language::plan::Plan;
 use node::logic::database::question;
-use node::logic::protocol::{Absent, Deployment, Event, NodeStatus};
+use node::logic::protocol::{Absent, Event, NodeStatus};
 use std::collections::BTreeSet;
 
 /// Something that a view has learnt.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// A node has answered with its status.
-    Status(Box<NodeStatus>),
+    Status {
+        /// The nodes that it belongs to.
+        fleet: Fleet,
+        /// Its answer.
+        status: Box<NodeStatus>,
+    },
     /// A node has not answered in time.
     Silent {
-        /// Its host.
-        host: String,
+        /// Its robot.
+        robot: RobotId,
         /// Why, for a person.
         why: String,
     },
     /// A node has told which hosts do not answer it, and which processes may run there.
-    Absent(Box<Absent>),
+    Absent {
+        /// The node that has told it.
+        teller: RobotId,
+        /// Its answer.
+        absent: Box<Absent>,
+    },
     /// All hosts that are known now, whether they answer or not. Other hosts have left.
-    Known(BTreeSet<String>),
+    Known {
+        /// The nodes that know of each other.
+        fleet: Fleet,
+        /// Their hosts.
+        hosts: BTreeSet<String>,
+    },
     /// Something has happened in a deployment.
-    Event(Box<Event>),
+    Event {
+        /// The home of the deployment, which has told it.
+        home: RobotId,
+        /// The event.
+        event: Box<Event>,
+    },
     /// Something has happened to the view itself, for example a stream of events that broke off.
     Note {
-        /// The host that it is about.
-        host: String,
+        /// The robot that it is about.
+        robot: RobotId,
         /// The note, for a person.
         text: String,
     },
     /// The plan of a deployment.
     Plan {
         /// The deployment.
-        deployment: Deployment,
+        mission: MissionId,
         /// Its plan.
         plan: Box<Plan>,
     },
     /// The output of a program is told again from its beginning: the view drops the lines that it has.
     OutputBegins {
         /// Its deployment.
-        deployment: Deployment,
+        mission: MissionId,
         /// The absolute path of its process.
         path: String,
     },
     /// A program has written something.
     Output {
         /// Its deployment.
-        deployment: Deployment,
+        mission: MissionId,
         /// The absolute path of its process.
         path: String,
         /// The bytes.
@@ -56,14 +77,19 @@ pub enum Input {
     /// The values of an output were counted for a while.
     Measured(Measured),
     /// A database has told how far other replicas are behind.
-    Database(Box<question::Status>),
+    Database {
+        /// The nodes that its robot belongs to.
+        fleet: Fleet,
+        /// Its answer.
+        status: Box<question::Status>,
+    },
 }
 
 /// How often values leave an output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// The deployment.
-    pub deployment: Deployment,
+    pub mission: MissionId,
     /// The absolute path of the process.
     pub path: String,
     /// The port.

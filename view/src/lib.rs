@@ -9,12 +9,13 @@
 //! ```
 //! use comms::logic::time::Time;
 //! use std::time::Duration;
-//! use view::{Freshness, Input, Model, Position};
+//! use view::{Fleet, Freshness, Input, Model, Position, RobotId};
 //!
 //! let mut model = Model::new(1);
-//! model.apply(Time::ZERO, Input::Silent { host: "r1".into(), why: "it does not answer".into() });
+//! let robot = RobotId { host: "r1".into(), fleet: Fleet::Standing };
+//! model.apply(Time::ZERO, Input::Silent { robot: robot.clone(), why: "it does not answer".into() });
 //! let changes = model.since(Position::default());
-//! assert_eq!(changes.robots[0].host, "r1");
+//! assert_eq!(changes.robots[0].id, robot);
 //! assert!(model.since(changes.position).is_empty());
 //! let later = Time::ZERO + Duration::from_secs(5);
 //! assert_eq!(model.freshness(later), Freshness::Never);
@@ -23,6 +24,7 @@
 mod changes;
 mod deployment;
 mod freshness;
+mod identity;
 mod input;
 mod model;
 mod output;
@@ -37,6 +39,7 @@ mod wires;
 pub use changes::{Changes, Gone, Position};
 pub use deployment::{End, Health, LiveDeployment, Process, Question, Since};
 pub use freshness::{Freshness, STALE_AFTER};
+pub use identity::{Fleet, MissionId, RobotId};
 pub use input::{Input, Measured};
 pub use model::{EventLine, Model};
 pub use output::OutputLine;

@@ -3,6 +3,7 @@
 use crate::changes::{Changes, Gone, Position};
 use crate::deployment::{End, Health, LiveDeployment, Look, Moments, Process, Question, Taken, note_moment};
 use crate::freshness::Freshness;
+use crate::identity::{Fleet, MissionId, RobotId};
 use crate::input::{Input, Measured};
 use crate::output::{Lines, OutputLine};
 use crate::ring::Ring;
@@ -12,7 +13,7 @@ use crate::text::{clean, is_name};
 use crate::wires::Wire;
 use comms::logic::time::Time;
 use language::plan::Plan;
-use node::logic::protocol::{Absent, Change, Deployment, Ending, Event, NodeStatus, Report};
+use node::logic::protocol::{Absent, Change, Ending, Event, NodeStatus, Report};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -41,10 +42,10 @@ pub struct EventLine {
     pub ordinal: u64,
     /// When it was, since 1970, by the calendar clock of its home. None for an event of the view itself.
     pub time: Option<Duration>,
-    /// The host that it is about.
-    pub host: String,
+    /// The robot that it is about.
+    pub robot: RobotId,
     /// The deployment, if it is about one.
-    pub deployment: Option<Deployment>,
+    pub mission: Option<MissionId>,
     /// The absolute path of the process, if it is about one.
     pub path: Option<String>,
     /// The event, in words that follow the process or the deployment.
@@ -67,10 +68,10 @@ pub(crate) struct Omitted {
 pub struct Model {
     position: Position,
     heard: Option<Time>,
-    robots: BTreeMap<String, Robot>,
-    deployments: BTreeMap<Deployment, LiveDeployment>,
+    robots: BTreeMap<RobotId, Robot>,
+    deployments: BTreeMap<MissionId, LiveDeployment>,
     /// The last changes of processes, perhaps before any node has reported the processes.
-    moments: BTreeMap<Deployment, Moments>,
+    moments: BTreeMap<MissionId, Moments>,
     events: Ring<EventLine>,
     lines: Ring<OutputLine>,
     begun: Lines,
@@ -99,26 +100,27 @@ impl Model {
     pub fn apply(&mut self, now: Time, input: Input) {
         self.position.number += 1;
         match input {
-            Input::Status(status) => self.status(now, &status),
-            Input::Silent { host, why } => self.presence(&host, Presence::Silent(clean(&why))),
-            Input::Absent(absent) => self.absent(now, &absent),
-            Input::Known(hosts) => self.known(now, &hosts),
-            Input::Event(event) => self.event(now, *event),
-            Input::Note { host, text } => self.note(&host, &text),
-            Input::Plan { deployment, plan } => self.plan(&deployment, &plan),
-            Input::OutputBegins { deployment, path } => {
-                self.begun.forget(&deployment, &path);
-                self.lines.retain(|line| line.deployment != deployment || line.path != path);
+            Input::Status { fleet, status } => self.status(now, fleet, &status),
+            Input::Silent { robot, why } => self.presence(&robot, Presence::Silent(clean(&why))),
+            Input::Absent { teller, absent } => self.absent(now, &teller, &absent),
+            Input::Known { fleet, hosts } => self.known(now, fleet, &hosts),
+            Input::Event { home, event } => self.event(now, home, *event),
+            Input::Note { robot, text } => self.note(robot, &text),
+            Input::Plan { mission, plan } => self.plan(&mission, &plan),
+            Input::OutputBegins { mission, path } => {
+                self.begun.forget(&mission, &path);
+                self.lines.retain(|line| line.mission != mission || line.path != path);
             }
-            Input::Output { deployment, path, bytes } => {
-                for text in self.begun.push(&deployment, &path, &bytes) {
-                    let (ordinal, deployment, path) = (self.lines.count(), deployment.clone(), path.clone());
-                    self.lines.push(self.position.number, OutputLine { ordinal, deployment, path, text });
+            Input::Output { mission, path, bytes } => {
+                for text in self.begun.push(&mission, &path, &bytes) {
+                    let (ordinal, mission, path) = (self.lines.count(), mission.clone(), path.clone());
+                    self.lines.push(self.position.number, OutputLine { ordinal, mission, path, text });
                 }
             }
             Input::Measured(measured) => self.measured(now, &measured),
-            Input::Database(status) => {
-                if let Some(robot) = self.robots.get_mut(&status.robot)
+            Input::Database { fleet, status } => {
+                let id = RobotId { host: status.robot.clone(), fleet };
+                if let Some(robot) = self.robots.get_mut(&id)
                     && robot.take_database(&status)
                 {
                     robot.changed = self.position.number;
@@ -172,15 +174,16 @@ impl Model {
     pub fn questions(&self) -> impl Iterator<Item = Question<'_>> {
         self.deployments.values().flat_map(|live| {
             live.processes.values().flat_map(move |process| {
-                let (deployment, home, path) = (&live.id, live.home.as_str(), process.path.as_str());
-                process.questions.iter().map(move |question| Question { deployment, home, path, question })
+                let (mission, path) = (&live.id, process.path.as_str());
+                process.questions.iter().map(move |question| Question { mission, path, question })
             })
         })
     }
 
-    /// Returns how a process is. The state of a process on a host that does not answer is unknown.
-    pub fn health(&self, process: &Process) -> Health {
-        let is_here = self.robots.get(&process.host).is_some_and(|robot| robot.presence == Presence::Here);
+    /// Returns how a process of a deployment is. The state of a process on a host that does not answer is unknown.
+    pub fn health(&self, mission: &MissionId, process: &Process) -> Health {
+        let is_here =
+            self.robots.get(&mission.robot(&process.host)).is_some_and(|robot| robot.presence == Presence::Here);
         if is_here { process.health() } else { Health::Unknown }
     }
 
@@ -211,26 +214,27 @@ impl Model {
         }
     }
 
-    /// Returns the robot of a host, if there is room for it.
-    fn robot(&mut self, host: &str) -> Option<&mut Robot> {
-        if !is_name(host) {
+    /// Returns a robot, if there is room for it.
+    fn robot(&mut self, id: &RobotId) -> Option<&mut Robot> {
+        if !is_name(&id.host) {
             self.omitted.names += 1;
             return None;
         }
-        if !self.robots.contains_key(host) {
+        if !self.robots.contains_key(id) {
             if self.robots.len() >= ROBOTS_MAX {
                 self.omitted.items += 1;
                 return None;
             }
             let presence = Presence::Silent("it has not answered yet".to_owned());
-            self.robots.insert(host.to_owned(), Robot::new(host, presence, self.position.number));
+            self.robots.insert(id.clone(), Robot::new(id.clone(), presence, self.position.number));
         }
-        self.robots.get_mut(host)
+        self.robots.get_mut(id)
     }
 
-    fn status(&mut self, now: Time, status: &NodeStatus) {
+    fn status(&mut self, now: Time, fleet: Fleet, status: &NodeStatus) {
         let number = self.position.number;
-        let Some(robot) = self.robot(&status.host) else { return };
+        let id = RobotId { host: status.host.clone(), fleet };
+        let Some(robot) = self.robot(&id) else { return };
         let before = robot.heard;
         if robot.take(now, status) {
             robot.changed = number;
@@ -238,24 +242,29 @@ impl Model {
         self.heard = Some(now);
         let mut there = BTreeSet::new();
         for part in &status.deployments {
-            let id = &part.deployment;
-            let Some(room) = self.room_for(id, &part.home) else { continue };
-            there.insert(id);
+            let id = MissionId { deployment: part.deployment.clone(), home: part.home.clone(), fleet };
+            let Some(room) = self.room_for(&id) else { continue };
             let look = Look { now, number, host: &status.host, before, room };
-            let Some(live) = self.deployments.get_mut(id) else { continue };
-            let Taken { gone, omitted } = live.take(look, part, self.moments.get(id));
+            let Some(live) = self.deployments.get_mut(&id) else { continue };
+            let Taken { gone, omitted } = live.take(look, part, self.moments.get(&id));
             self.omitted.items += omitted;
-            self.forget(id, gone);
+            self.forget(&id, gone);
+            there.insert(id);
         }
-        let left = self.deployments.iter().filter(|(id, live)| live.is_on(&status.host) && !there.contains(id));
-        for id in left.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
-            self.leave(now, &id, &status.host, "over");
+        for left in self.on(&id).filter(|left| !there.contains(left)).cloned().collect::<Vec<_>>() {
+            self.leave(now, &left, &status.host, "over");
         }
     }
 
+    /// Returns the deployments that a robot has a part of, or may have.
+    fn on(&self, robot: &RobotId) -> impl Iterator<Item = &MissionId> {
+        let is_there = |live: &&LiveDeployment| live.id.fleet == robot.fleet && live.is_on(&robot.host);
+        self.deployments.values().filter(is_there).map(|live| &live.id)
+    }
+
     /// Makes sure that a deployment is there; returns how many more processes there may be.
-    fn room_for(&mut self, id: &Deployment, home: &str) -> Option<usize> {
-        if !is_name(&id.name) || !is_name(home) {
+    fn room_for(&mut self, id: &MissionId) -> Option<usize> {
+        if !is_name(&id.deployment.name) || !is_name(&id.home) {
             self.omitted.names += 1;
             return None;
         }
@@ -265,20 +274,20 @@ impl Model {
                 self.omitted.items += 1;
                 return None;
             }
-            self.deployments.insert(id.clone(), LiveDeployment::new(id.clone(), home, self.position.number));
+            self.deployments.insert(id.clone(), LiveDeployment::new(id.clone(), self.position.number));
         }
         let processes: usize = self.deployments.values().map(|live| live.processes.len()).sum();
         Some(PROCESSES_MAX.saturating_sub(processes))
     }
 
-    fn forget(&mut self, id: &Deployment, gone: Vec<String>) {
+    fn forget(&mut self, id: &MissionId, gone: Vec<String>) {
         for path in gone {
             self.gone.push(self.position.number, Gone::Process(id.clone(), path));
         }
     }
 
     /// Takes note that a host has no part of a deployment any more. A deployment without a host has ended so.
-    fn leave(&mut self, now: Time, id: &Deployment, host: &str, end: &str) {
+    fn leave(&mut self, now: Time, id: &MissionId, host: &str, end: &str) {
         let number = self.position.number;
         let Some(live) = self.deployments.get_mut(id) else { return };
         let gone = live.leave(host, number);
@@ -292,7 +301,7 @@ impl Model {
     /// Drops the deployments that have been over for longest, if there are many.
     fn limit_ended(&mut self) {
         let over = self.deployments.values().filter(|live| live.phases.is_empty());
-        let mut over: Vec<(Time, Deployment)> =
+        let mut over: Vec<(Time, MissionId)> =
             over.filter_map(|live| Some((live.end.as_ref()?.at, live.id.clone()))).collect();
         over.sort();
         for (_, id) in over.iter().take(over.len().saturating_sub(ENDED_MAX)) {
@@ -302,9 +311,9 @@ impl Model {
         }
     }
 
-    fn presence(&mut self, host: &str, presence: Presence) {
+    fn presence(&mut self, id: &RobotId, presence: Presence) {
         let number = self.position.number;
-        let Some(robot) = self.robot(host) else { return };
+        let Some(robot) = self.robot(id) else { return };
         // It is asked again and again, and stays lost until it answers.
         if robot.presence == Presence::Lost && matches!(presence, Presence::Silent(_)) {
             return;
@@ -314,64 +323,67 @@ impl Model {
         }
     }
 
-    fn absent(&mut self, now: Time, absent: &Absent) {
+    fn absent(&mut self, now: Time, teller: &RobotId, absent: &Absent) {
         for one in absent.hosts.iter().filter(|one| one.lost) {
-            let is_live = self.robots.get(&one.host).is_some_and(|robot| robot.freshness(now).is_live());
+            let id = RobotId { host: one.host.clone(), fleet: teller.fleet };
+            let is_live = self.robots.get(&id).is_some_and(|robot| robot.freshness(now).is_live());
             if !is_live {
-                self.presence(&one.host, Presence::Lost);
+                self.presence(&id, Presence::Lost);
             }
         }
         for one in &absent.processes {
-            if !self.deployments.contains_key(&one.deployment) {
-                continue;
-            }
-            let Some(room) = self.room_for(&one.deployment, &one.host) else { continue };
+            // A node tells it of the deployments that it has a part of.
+            let Some(id) = self.on(teller).find(|id| id.deployment == one.deployment).cloned() else { continue };
+            let Some(room) = self.room_for(&id) else { continue };
             let (number, before) = (self.position.number, None);
             let look = Look { now, number, host: &one.host, before, room };
-            let taken = self.deployments.get_mut(&one.deployment).map(|live| live.take_absent(look, one));
+            let taken = self.deployments.get_mut(&id).map(|live| live.take_absent(look, one));
             self.omitted.items += u64::from(taken == Some(false));
         }
     }
 
-    fn known(&mut self, now: Time, hosts: &BTreeSet<String>) {
-        for host in self.robots.keys().cloned().collect::<Vec<_>>() {
-            let Some(robot) = self.robots.get_mut(&host) else { continue };
-            if hosts.contains(&host) {
+    fn known(&mut self, now: Time, fleet: Fleet, hosts: &BTreeSet<String>) {
+        // The nodes of a command end with it.
+        let is_over = fleet != Fleet::Standing && hosts.is_empty();
+        let of_fleet = self.robots.keys().filter(|id| id.fleet == fleet);
+        for id in of_fleet.cloned().collect::<Vec<_>>() {
+            let Some(robot) = self.robots.get_mut(&id) else { continue };
+            if hosts.contains(&id.host) {
                 robot.unlisted = None;
                 continue;
             }
             let since = *robot.unlisted.get_or_insert(now);
-            if now.since(since) < GONE_AFTER {
-                self.presence(&host, Presence::Silent("no node that answers reaches it".to_owned()));
+            if now.since(since) < GONE_AFTER && !is_over {
+                self.presence(&id, Presence::Silent("no node that answers reaches it".to_owned()));
                 continue;
             }
-            self.robots.remove(&host);
-            let parts = self.deployments.values().filter(|live| live.is_on(&host));
-            for id in parts.map(|live| live.id.clone()).collect::<Vec<_>>() {
-                self.leave(now, &id, &host, "not known: its hosts have left");
+            self.robots.remove(&id);
+            for part in self.on(&id).cloned().collect::<Vec<_>>() {
+                self.leave(now, &part, &id.host, "not known: its hosts have left");
             }
-            self.gone.push(self.position.number, Gone::Robot(host));
+            self.gone.push(self.position.number, Gone::Robot(id));
         }
         for host in hosts {
-            self.robot(host);
+            self.robot(&RobotId { host: host.clone(), fleet });
         }
     }
 
-    fn note(&mut self, host: &str, text: &str) {
-        let (time, deployment, path, text) = (None, None, None, clean(text));
-        let ordinal = self.events.count();
-        let event = EventLine { ordinal, time, host: clean(host), deployment, path, text, is_failure: true };
+    fn note(&mut self, robot: RobotId, text: &str) {
+        let (time, mission, path, text) = (None, None, None, clean(text));
+        let (ordinal, robot) = (self.events.count(), RobotId { host: clean(&robot.host), ..robot });
+        let event = EventLine { ordinal, time, robot, mission, path, text, is_failure: true };
         self.events.push(self.position.number, event);
     }
 
-    fn event(&mut self, now: Time, event: Event) {
-        let Event { deployment: id, host, ago, report, time, .. } = event;
+    fn event(&mut self, now: Time, home: RobotId, event: Event) {
+        let Event { deployment, host, ago, report, time, .. } = event;
         let ago = u64::try_from(ago.as_nanos()).unwrap_or(u64::MAX);
         let at = Time::from_nanos(now.nanos().saturating_sub(ago));
-        if !is_name(&id.name) || !is_name(&host) {
+        if [&deployment.name, &host, &home.host].into_iter().any(|name| !is_name(name)) {
             self.omitted.names += 1;
             return;
         }
+        let id = MissionId { deployment, home: home.host, fleet: home.fleet };
         let is_failure = is_failure(&report);
         let (path, text) = if let Report::Process { path, change, .. } = &report {
             self.process_event(&id, path, change, at);
@@ -382,13 +394,13 @@ impl Model {
         };
         // These are for programs that record a mission.
         if !matches!(report, Report::Programs { .. } | Report::Stepped { .. }) {
-            let (ordinal, time, deployment) = (self.events.count(), Some(time), Some(id));
-            let event = EventLine { ordinal, time, host, deployment, path, text, is_failure };
+            let (ordinal, time, robot) = (self.events.count(), Some(time), id.robot(&host));
+            let event = EventLine { ordinal, time, robot, mission: Some(id), path, text, is_failure };
             self.events.push(self.position.number, event);
         }
     }
 
-    fn process_event(&mut self, id: &Deployment, path: &str, change: &Change, at: Time) {
+    fn process_event(&mut self, id: &MissionId, path: &str, change: &Change, at: Time) {
         if !is_name(path) || self.moments.len() >= DEPLOYMENTS_MAX && !self.moments.contains_key(id) {
             return;
         }
@@ -398,7 +410,7 @@ impl Model {
         }
     }
 
-    fn deployment_event(&mut self, id: &Deployment, report: &Report, at: Time) {
+    fn deployment_event(&mut self, id: &MissionId, report: &Report, at: Time) {
         if matches!(report, Report::Finished { .. } | Report::Refused { .. }) {
             self.moments.remove(id);
             let end = End { at, text: clean(&report_text(report)), is_failed: is_failure(report), is_told: true };
@@ -410,14 +422,14 @@ impl Model {
         }
     }
 
-    fn mend(&mut self, id: &Deployment, change: impl FnOnce(&mut LiveDeployment)) {
+    fn mend(&mut self, id: &MissionId, change: impl FnOnce(&mut LiveDeployment)) {
         if let Some(live) = self.deployments.get_mut(id) {
             change(live);
             live.changed = self.position.number;
         }
     }
 
-    fn plan(&mut self, id: &Deployment, plan: &Plan) {
+    fn plan(&mut self, id: &MissionId, plan: &Plan) {
         let number = self.position.number;
         let Some(live) = self.deployments.get_mut(id) else { return };
         let (gone, omitted) = live.wires.plan(plan, number);
@@ -429,7 +441,7 @@ impl Model {
 
     fn measured(&mut self, now: Time, measured: &Measured) {
         let number = self.position.number;
-        if let Some(live) = self.deployments.get_mut(&measured.deployment) {
+        if let Some(live) = self.deployments.get_mut(&measured.mission) {
             live.wires.measured(now, number, measured);
         }
     }

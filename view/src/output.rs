@@ -1,7 +1,7 @@
 //! The output of programs, as lines.
 
+use crate::identity::MissionId;
 use crate::text::{TEXT_MAX, clean};
-use node::logic::protocol::Deployment;
 use std::collections::BTreeMap;
 
 /// How many programs may have a line that has not ended.
@@ -15,7 +15,7 @@ pub struct OutputLine {
     /// Its place among all lines, from 0 on, those that have left included.
     pub ordinal: u64,
     /// The deployment of the program.
-    pub deployment: Deployment,
+    pub mission: MissionId,
     /// The absolute path of its process.
     pub path: String,
     /// The line, without control characters.
@@ -25,13 +25,13 @@ pub struct OutputLine {
 /// Puts lines together from the pieces of each program.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lines {
-    begun: BTreeMap<(Deployment, String), Vec<u8>>,
+    begun: BTreeMap<(MissionId, String), Vec<u8>>,
 }
 
 impl Lines {
     /// Takes a piece in; returns the lines that it completes.
-    pub(crate) fn push(&mut self, deployment: &Deployment, path: &str, bytes: &[u8]) -> Vec<String> {
-        let key = (deployment.clone(), path.to_owned());
+    pub(crate) fn push(&mut self, mission: &MissionId, path: &str, bytes: &[u8]) -> Vec<String> {
+        let key = (mission.clone(), path.to_owned());
         if !self.begun.contains_key(&key) && self.begun.len() >= BEGUN_MAX {
             self.begun.pop_first();
         }
@@ -58,8 +58,8 @@ impl Lines {
     }
 
     /// Drops the line of a program that has not ended.
-    pub(crate) fn forget(&mut self, deployment: &Deployment, path: &str) {
-        self.begun.remove(&(deployment.clone(), path.to_owned()));
+    pub(crate) fn forget(&mut self, mission: &MissionId, path: &str) {
+        self.begun.remove(&(mission.clone(), path.to_owned()));
     }
 }
 
@@ -72,10 +72,17 @@ fn whole_characters(bytes: &[u8], limit: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identity::Fleet;
+    use node::logic::protocol::Deployment;
+
+    fn door() -> MissionId {
+        let deployment = Deployment { name: "door".into(), epoch: 1 };
+        MissionId { deployment, home: "r1".into(), fleet: Fleet::Standing }
+    }
 
     #[test]
     fn pieces_become_lines_of_one_program_each() {
-        let door = Deployment { name: "door".into(), epoch: 1 };
+        let door = door();
         let mut lines = Lines::default();
         assert_eq!(lines.push(&door, "main/a", b"one\r\ntw"), ["one"]);
         assert_eq!(lines.push(&door, "main/b", b"other\n"), ["other"]);
@@ -84,7 +91,7 @@ mod tests {
 
     #[test]
     fn a_line_without_an_end_has_a_limit() {
-        let door = Deployment { name: "door".into(), epoch: 1 };
+        let door = door();
         let mut lines = Lines::default();
         let shown = lines.push(&door, "main/a", "é".repeat(1000).as_bytes());
         assert!(shown.iter().all(|line| line.chars().all(|c| c == 'é')), "{shown:?}");

@@ -1,10 +1,13 @@
 //! A robot: the host of a node.
 
 use crate::freshness::Freshness;
+use crate::identity::RobotId;
 use crate::text::{clean, is_name};
 use comms::logic::time::Time;
 use node::logic::database::question;
 use node::logic::protocol::NodeStatus;
+use node::logic::table::counted;
+use std::fmt;
 use std::time::Duration;
 
 /// How many names of a list are kept with a robot.
@@ -21,6 +24,17 @@ pub enum Presence {
     Lost,
 }
 
+impl Presence {
+    /// Returns it in words.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Here => "here",
+            Self::Silent(_) => "does not answer",
+            Self::Lost => "lost",
+        }
+    }
+}
+
 /// How far other replicas are behind the database of a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DatabaseLag {
@@ -32,11 +46,25 @@ pub struct DatabaseLag {
     pub conflicts: u64,
 }
 
+/// `level`, `2 behind, 5 transactions`, `level, 1 conflict`
+impl fmt::Display for DatabaseLag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.behind {
+            0 => f.write_str("level")?,
+            behind => write!(f, "{behind} behind, {}", counted(self.transactions, "transaction"))?,
+        }
+        match self.conflicts {
+            0 => Ok(()),
+            conflicts => write!(f, ", {}", counted(conflicts, "conflict")),
+        }
+    }
+}
+
 /// A robot, by its node.
 #[derive(Clone, Debug)]
 pub struct Robot {
-    /// Its host.
-    pub host: String,
+    /// Its host, and the nodes that it knows.
+    pub id: RobotId,
     /// Whether its node answers.
     pub presence: Presence,
     /// When it has answered last.
@@ -61,9 +89,9 @@ pub struct Robot {
 }
 
 impl Robot {
-    pub(crate) fn new(host: &str, presence: Presence, changed: u64) -> Self {
+    pub(crate) fn new(id: RobotId, presence: Presence, changed: u64) -> Self {
         Self {
-            host: host.to_owned(),
+            id,
             presence,
             heard: None,
             pid: 0,
@@ -97,7 +125,7 @@ impl Robot {
         let guard = guards.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ");
         let waiting = status.waiting.iter().filter(|one| is_name(&one.name)).take(NAMES_MAX);
         let new = Self {
-            host: self.host.clone(),
+            id: self.id.clone(),
             presence: Presence::Here,
             heard: Some(now),
             pid: status.pid,

@@ -1,6 +1,8 @@
 //! Tests of the model on virtual time.
 
-use crate::{Changes, Freshness, Gone, Health, Input, Measured, Model, Position, Presence, Process};
+use crate::{
+    Changes, Fleet, Freshness, Gone, Health, Input, Measured, MissionId, Model, Position, Presence, Process, RobotId,
+};
 use comms::io::clock;
 use comms::logic::time::Time;
 use node::logic::protocol::{
@@ -17,6 +19,31 @@ fn at(millis: u64) -> Time {
 
 fn door() -> Deployment {
     Deployment { name: "door".into(), epoch: 1 }
+}
+
+fn robot(host: &str) -> RobotId {
+    RobotId { host: host.into(), fleet: Fleet::Standing }
+}
+
+/// The deployment [`door`] with its home on `r1`.
+fn mission() -> MissionId {
+    MissionId { deployment: door(), home: "r1".into(), fleet: Fleet::Standing }
+}
+
+fn answered(status: NodeStatus) -> Input {
+    Input::Status { fleet: Fleet::Standing, status: Box::new(status) }
+}
+
+fn missed(absent: Absent) -> Input {
+    Input::Absent { teller: robot("r1"), absent: Box::new(absent) }
+}
+
+fn silent(host: &str, why: &str) -> Input {
+    Input::Silent { robot: robot(host), why: why.into() }
+}
+
+fn known(hosts: &[&str]) -> Input {
+    Input::Known { fleet: Fleet::Standing, hosts: hosts.iter().map(|host| (*host).to_owned()).collect() }
 }
 
 fn process(path: &str, state: &str) -> ProcessStatus {
@@ -48,12 +75,13 @@ fn node(host: &str, deployments: Vec<DeploymentStatus>) -> NodeStatus {
 
 fn status(host: &str, processes: &[(&str, &str)]) -> Input {
     let processes = processes.iter().map(|(path, state)| process(path, state)).collect();
-    Input::Status(Box::new(node(host, vec![part(door(), processes)])))
+    answered(node(host, vec![part(door(), processes)]))
 }
 
 fn event(number: u64, ago: u64, report: Report) -> Input {
     let (ago, time) = (Duration::from_millis(ago), Duration::from_secs(1_800_000_000));
-    Input::Event(Box::new(Event { deployment: door(), number, host: "r1".into(), ago, report, time }))
+    let event = Event { deployment: door(), number, host: "r1".into(), ago, report, time };
+    Input::Event { home: robot("r1"), event: Box::new(event) }
 }
 
 fn changed(path: &str, change: Change) -> Report {
@@ -81,7 +109,7 @@ fn the_moment_of_a_state_is_that_of_its_event() {
     model.apply(at(6500), event(1, 10, changed("main/a", Change::Restarting { cause, count: 1 })));
     model.apply(at(6550), status("r1", &[("main/a", "restarting")]));
     assert_eq!((only(&model).since.at, only(&model).restarts), (at(6490), 1));
-    assert_eq!(model.health(only(&model)), Health::Changing);
+    assert_eq!(model.health(&mission(), only(&model)), Health::Changing);
     // The same state later is the same.
     let before = model.position();
     model.apply(at(7500), status("r1", &[("main/a", "restarting")]));
@@ -95,7 +123,7 @@ fn a_crash_is_a_failed_process_and_a_failed_event() {
     model.apply(at(0), status("r1", &[("main/a", "running")]));
     model.apply(at(100), event(0, 0, changed("main/a", Change::Died(FailureCause::Signal(11)))));
     model.apply(at(150), status("r1", &[("main/a", "dead: SIGSEGV")]));
-    assert_eq!((model.health(only(&model)), only(&model).word()), (Health::Failed, "dead"));
+    assert_eq!((model.health(&mission(), only(&model)), only(&model).word()), (Health::Failed, "dead"));
     let last = model.events().next_back().expect("there is an event");
     assert_eq!((last.is_failure, last.path.as_deref()), (true, Some("main/a")));
 }
@@ -107,13 +135,13 @@ fn a_host_that_does_not_answer_leaves_its_processes_unknown() {
     model.apply(at(0), status("r1", &[("main/a", "running")]));
     assert!(model.freshness(at(2999)).is_live());
     assert_eq!(model.freshness(at(3000)).to_string(), "not live since 3 s");
-    model.apply(at(4000), Input::Silent { host: "r1".into(), why: "it may be suspended".into() });
-    assert_eq!(model.health(only(&model)), Health::Unknown);
+    model.apply(at(4000), silent("r1", "it may be suspended"));
+    assert_eq!(model.health(&mission(), only(&model)), Health::Unknown);
     let robot = model.robots().next().expect("it is kept");
     assert_eq!(robot.presence, Presence::Silent("it may be suspended".into()));
     assert_eq!(robot.freshness(at(4500)).to_string(), "not live since 4 s");
     model.apply(at(5000), status("r1", &[("main/a", "running")]));
-    assert_eq!(model.health(only(&model)), Health::Running);
+    assert_eq!(model.health(&mission(), only(&model)), Health::Running);
 }
 
 #[test]
@@ -123,17 +151,17 @@ fn a_lost_host_has_processes_that_its_peers_know() {
     let lost = AbsentHost { host: "r2".into(), heard: Duration::from_secs(40), lost: true };
     let away = AbsentProcess { deployment: door(), host: "r2".into(), path: "main/b".into(), kind: "Arm".into() };
     let absent = Absent { hosts: vec![lost], ends: Vec::new(), processes: vec![away] };
-    model.apply(at(100), Input::Absent(Box::new(absent.clone())));
+    model.apply(at(100), missed(absent.clone()));
     let live = model.deployments().next().expect("it runs");
-    assert_eq!(model.health(&live.processes["main/b"]), Health::Unknown);
-    assert_eq!(model.robots().find(|robot| robot.host == "r2").map(|robot| &robot.presence), Some(&Presence::Lost));
+    assert_eq!(model.health(&live.id, &live.processes["main/b"]), Health::Unknown);
+    assert_eq!(model.robots().find(|robot| robot.id.host == "r2").map(|robot| &robot.presence), Some(&Presence::Lost));
     // A lost host does not answer either: this is not new.
     let seen = model.position();
-    model.apply(at(150), Input::Silent { host: "r2".into(), why: "it cannot be reached".into() });
+    model.apply(at(150), silent("r2", "it cannot be reached"));
     assert!(model.since(seen).is_empty());
     // A host that has just answered is not lost.
     model.apply(at(200), status("r2", &[("main/b", "running")]));
-    model.apply(at(210), Input::Absent(Box::new(absent)));
+    model.apply(at(210), missed(absent));
     assert!(model.robots().all(|robot| robot.presence == Presence::Here));
 }
 
@@ -141,19 +169,18 @@ fn a_lost_host_has_processes_that_its_peers_know() {
 #[test]
 fn a_host_that_is_not_listed_for_a_moment_stays() {
     let mut model = Model::new(1);
-    let hosts = |hosts: &[&str]| Input::Known(hosts.iter().map(|host| (*host).to_owned()).collect());
     model.apply(at(0), status("r2", &[("main/b", "running")]));
-    model.apply(at(1000), hosts(&["r1"]));
-    model.apply(at(9000), hosts(&["r1"]));
-    let robot = model.robots().find(|robot| robot.host == "r2").expect("it is kept");
+    model.apply(at(1000), known(&["r1"]));
+    model.apply(at(9000), known(&["r1"]));
+    let robot = model.robots().find(|robot| robot.id.host == "r2").expect("it is kept");
     assert_eq!(robot.presence, Presence::Silent("no node that answers reaches it".into()));
-    assert_eq!((robot.heard, model.health(only(&model))), (Some(at(0)), Health::Unknown));
-    model.apply(at(10_000), hosts(&["r1", "r2"]));
-    model.apply(at(19_000), hosts(&["r1"]));
-    model.apply(at(28_000), hosts(&["r1"]));
-    assert!(model.robots().any(|robot| robot.host == "r2"), "it was listed in between");
-    model.apply(at(29_000), hosts(&["r1"]));
-    assert!(model.robots().all(|robot| robot.host != "r2"));
+    assert_eq!((robot.heard, model.health(&mission(), only(&model))), (Some(at(0)), Health::Unknown));
+    model.apply(at(10_000), known(&["r1", "r2"]));
+    model.apply(at(19_000), known(&["r1"]));
+    model.apply(at(28_000), known(&["r1"]));
+    assert!(model.robots().any(|robot| robot.id.host == "r2"), "it was listed in between");
+    model.apply(at(29_000), known(&["r1"]));
+    assert!(model.robots().all(|robot| robot.id.host != "r2"));
     let phases: Vec<String> = model.deployments().map(|live| live.phase()).collect();
     assert_eq!(phases, ["not known: its hosts have left"]);
 }
@@ -164,9 +191,9 @@ fn a_host_that_is_back_without_a_deployment_has_no_processes_of_it() {
     model.apply(at(0), status("r1", &[("main", "running")]));
     let away = AbsentProcess { deployment: door(), host: "r2".into(), path: "main/b".into(), kind: "Arm".into() };
     let absent = Absent { hosts: Vec::new(), ends: Vec::new(), processes: vec![away] };
-    model.apply(at(100), Input::Absent(Box::new(absent)));
-    model.apply(at(200), Input::Status(Box::new(node("r1", Vec::new()))));
-    model.apply(at(300), Input::Status(Box::new(node("r2", Vec::new()))));
+    model.apply(at(100), missed(absent));
+    model.apply(at(200), answered(node("r1", Vec::new())));
+    model.apply(at(300), answered(node("r2", Vec::new())));
     let live = model.deployments().next().expect("it is kept");
     assert!(live.processes.is_empty(), "{:?}", live.processes);
 }
@@ -181,16 +208,16 @@ fn a_deployment_ends_as_its_event_says() {
     model.apply(at(2010), event(4, 0, Report::Finished { ending, at: Duration::from_secs(2), unconfirmed }));
     // A host that is still cleaning up does not undo the end.
     model.apply(at(2020), status("r1", &[("main", "running")]));
-    model.apply(at(2100), Input::Status(Box::new(node("r1", Vec::new()))));
+    model.apply(at(2100), answered(node("r1", Vec::new())));
     let live = model.deployments().next().expect("it is kept");
     assert_eq!((live.began, live.processes.len()), (Some(at(10)), 0));
     assert!(live.phase().starts_with("finished: aborted") && live.end.as_ref().is_some_and(|end| end.is_failed));
     for epoch in 2..40 {
         let id = Deployment { name: "door".into(), epoch };
-        model.apply(at(epoch * 1000), Input::Status(Box::new(node("r1", vec![part(id, Vec::new())]))));
+        model.apply(at(epoch * 1000), answered(node("r1", vec![part(id, Vec::new())])));
     }
     assert_eq!(model.deployments().count(), 21, "one that runs, and the last that are over");
-    assert!(model.deployments().all(|live| live.id.epoch > 18));
+    assert!(model.deployments().all(|live| live.id.deployment.epoch > 18));
 }
 
 #[test]
@@ -199,8 +226,9 @@ fn a_question_is_open_until_it_is_answered() {
     let question = OpenQuestion { number: 3, text: "go\x1b[2J?".into(), options: vec!["yes".into(), "no".into()] };
     let activity = ActivityStatus { states: vec!["Asking".into()], questions: vec![question], orders: Vec::new() };
     let asking = ProcessStatus { activity: Some(activity), ..process("main/a", "running; in Asking") };
-    model.apply(at(0), Input::Status(Box::new(node("r1", vec![part(door(), vec![asking])]))));
-    let open: Vec<_> = model.questions().map(|one| (one.home, one.path, one.question.text.clone())).collect();
+    model.apply(at(0), answered(node("r1", vec![part(door(), vec![asking])])));
+    let open: Vec<_> =
+        model.questions().map(|one| (one.mission.home.as_str(), one.path, one.question.text.clone())).collect();
     assert_eq!(open, [("r1", "main/a", "go\\x1b[2J?".to_owned())]);
     model.apply(at(100), status("r1", &[("main/a", "running")]));
     assert_eq!(model.questions().count(), 0);
@@ -214,7 +242,7 @@ fn a_wire_counts_what_it_loses_and_how_fast() {
         let lost = vec![LostValues { wire: name.into(), count }];
         let refused = vec![RefusedValues { input: "main/b, In".into(), count: 2 }];
         let part = DeploymentStatus { lost, refused, ..part(door(), vec![process("main/b", "running")]) };
-        Input::Status(Box::new(node("r1", vec![part])))
+        answered(node("r1", vec![part]))
     };
     let counts = |model: &Model| {
         let live = model.deployments().next().expect("it runs");
@@ -229,8 +257,8 @@ fn a_wire_counts_what_it_loses_and_how_fast() {
     // Its program was started again.
     model.apply(at(4000), losing(5));
     assert_eq!(counts(&model), [(5, 5.0, 2)]);
-    let (deployment, path, port) = (door(), "main/a".into(), "Out".into());
-    model.apply(at(4000), Input::Measured(Measured { deployment, path, port, hertz: 100.0 }));
+    let (mission, path, port) = (mission(), "main/a".into(), "Out".into());
+    model.apply(at(4000), Input::Measured(Measured { mission, path, port, hertz: 100.0 }));
     let live = model.deployments().next().expect("it runs");
     assert_eq!(model.wires(live).next().and_then(|wire| wire.rate).map(|rate| rate.hertz), Some(100.0));
 }
@@ -239,10 +267,10 @@ fn a_wire_counts_what_it_loses_and_how_fast() {
 fn output_that_is_told_again_is_there_once() {
     let mut model = Model::new(1);
     let output =
-        |path: &str, bytes: &[u8]| Input::Output { deployment: door(), path: path.into(), bytes: bytes.into() };
+        |path: &str, bytes: &[u8]| Input::Output { mission: mission(), path: path.into(), bytes: bytes.into() };
     model.apply(at(0), output("main/a", b"one\ntwo\nhal"));
     model.apply(at(0), output("main/b", b"other\n"));
-    model.apply(at(1000), Input::OutputBegins { deployment: door(), path: "main/a".into() });
+    model.apply(at(1000), Input::OutputBegins { mission: mission(), path: "main/a".into() });
     model.apply(at(1000), output("main/a", b"one\ntwo\nhalf\n"));
     let lines: Vec<_> = model.lines().map(|line| (line.ordinal, line.text.as_str())).collect();
     assert_eq!(lines, [(2, "other"), (3, "one"), (4, "two"), (5, "half")]);
@@ -251,17 +279,17 @@ fn output_that_is_told_again_is_there_once() {
 #[test]
 fn an_estop_and_a_new_node_are_changes_and_age_is_not() {
     let mut model = Model::new(1);
-    model.apply(at(0), Input::Status(Box::new(node("r1", Vec::new()))));
+    model.apply(at(0), answered(node("r1", Vec::new())));
     let seen = model.position();
     let older = NodeStatus { up: Duration::from_secs(61), ..node("r1", Vec::new()) };
-    model.apply(at(1000), Input::Status(Box::new(older)));
+    model.apply(at(1000), answered(older));
     assert!(model.since(seen).is_empty());
     let estop = Some(Estop { by: "ann@c1".into(), reason: "a person\x1b[2J".into() });
-    model.apply(at(2000), Input::Status(Box::new(NodeStatus { estop, ..node("r1", Vec::new()) })));
+    model.apply(at(2000), answered(NodeStatus { estop, ..node("r1", Vec::new()) }));
     let told: Vec<_> = model.since(seen).robots.iter().map(|robot| robot.estop.clone()).collect();
     assert_eq!(told, [Some("everything was stopped by ann@c1: a person\\x1b[2J".to_owned())]);
     let seen = model.position();
-    model.apply(at(3000), Input::Status(Box::new(NodeStatus { pid: 2, ..node("r1", Vec::new()) })));
+    model.apply(at(3000), answered(NodeStatus { pid: 2, ..node("r1", Vec::new()) }));
     assert_eq!(model.since(seen).robots.len(), 1);
 }
 
@@ -281,10 +309,11 @@ fn a_viewer_resumes_where_it_was_and_else_begins_again() {
     assert_eq!((changes.is_whole, states), (false, vec!["idle"]));
     let seen = changes.position;
     model.apply(at(3000), status("r1", &[("main", "running")]));
-    model.apply(at(3000), Input::Known(BTreeSet::new()));
-    model.apply(at(13_000), Input::Known(BTreeSet::new()));
+    model.apply(at(3000), known(&[]));
+    model.apply(at(13_000), known(&[]));
     let changes = model.since(seen);
-    let gone = [Gone::Process(door(), "main/a".into()), Gone::Process(door(), "main".into()), Gone::Robot("r1".into())];
+    let gone =
+        [Gone::Process(mission(), "main/a".into()), Gone::Process(mission(), "main".into()), Gone::Robot(robot("r1"))];
     assert_eq!(changes.gone.iter().map(|gone| (*gone).clone()).collect::<Vec<_>>(), gone);
     // A view that was started again has another number, and a position of the future is none.
     for strange in [Position { model: 16, ..seen }, Position { model: 17, number: 999 }] {
@@ -300,9 +329,9 @@ fn a_viewer_resumes_where_it_was_and_else_begins_again() {
 #[derive(Default)]
 struct Mirror {
     position: Position,
-    robots: BTreeSet<String>,
-    states: BTreeMap<(Deployment, String), String>,
-    deployments: BTreeMap<Deployment, String>,
+    robots: BTreeSet<RobotId>,
+    states: BTreeMap<(MissionId, String), String>,
+    deployments: BTreeMap<MissionId, String>,
 }
 
 impl Mirror {
@@ -321,10 +350,10 @@ impl Mirror {
                 Gone::Wire(..) => {}
             }
         }
-        self.robots.extend(changes.robots.iter().map(|robot| robot.host.clone()));
+        self.robots.extend(changes.robots.iter().map(|robot| robot.id.clone()));
         self.deployments.extend(changes.deployments.iter().map(|live| (live.id.clone(), live.phase())));
         let state =
-            |(id, process): &(&Deployment, &Process)| (((*id).clone(), process.path.clone()), process.state.clone());
+            |(id, process): &(&MissionId, &Process)| (((*id).clone(), process.path.clone()), process.state.clone());
         self.states.extend(changes.processes.iter().map(state));
         self.position = changes.position;
     }
@@ -356,9 +385,9 @@ fn every_viewer_sees_the_same_in_the_end() {
                 parts.push(part(id, processes));
             }
             let input = match next(8) {
-                0 => Input::Known((0..next(4)).map(|number| format!("r{number}")).collect()),
-                1 => Input::Silent { host, why: "why".into() },
-                _ => Input::Status(Box::new(node(&host, parts))),
+                0 => known(&["r0", "r1", "r2"][..usize::try_from(next(4)).unwrap()]),
+                1 => silent(&host, "why"),
+                _ => answered(node(&host, parts)),
             };
             model.apply(at(step * 1000), input);
             for viewer in viewers.iter_mut().filter(|_| next(3) == 0) {
@@ -368,9 +397,8 @@ fn every_viewer_sees_the_same_in_the_end() {
         }
         for viewer in &mut viewers {
             viewer.take(&model.since(viewer.position));
-            let robots: BTreeSet<String> = model.robots().map(|robot| robot.host.clone()).collect();
-            let state =
-                |id: &Deployment, process: &Process| ((id.clone(), process.path.clone()), process.state.clone());
+            let robots: BTreeSet<RobotId> = model.robots().map(|robot| robot.id.clone()).collect();
+            let state = |id: &MissionId, process: &Process| ((id.clone(), process.path.clone()), process.state.clone());
             let live = model.deployments();
             let states = live.flat_map(|live| live.processes.values().map(|process| state(&live.id, process)));
             let deployments = model.deployments().map(|live| (live.id.clone(), live.phase()));
@@ -386,24 +414,88 @@ fn names_and_numbers_of_others_have_limits() {
     model.apply(at(0), status("r\x1b[2J", &[]));
     model.apply(at(0), status("r1", &[("main/\u{202e}", "running"), ("main", "run\x1b[2Jning")]));
     let hostile = Deployment { name: "a\nb".into(), epoch: 1 };
-    model.apply(
-        at(0),
-        Input::Status(Box::new(node("r1", vec![part(door(), vec![process("main", "x\ny")]), part(hostile, vec![])]))),
-    );
+    model.apply(at(0), answered(node("r1", vec![part(door(), vec![process("main", "x\ny")]), part(hostile, vec![])])));
     assert_eq!((model.robots().count(), model.omitted().names), (1, 2));
     assert_eq!(only(&model).state, "x\\ny");
-    (0..400).for_each(|number| model.apply(at(1), Input::Status(Box::new(node(&format!("s{number}"), vec![])))));
+    (0..400).for_each(|number| model.apply(at(1), answered(node(&format!("s{number}"), vec![]))));
     assert_eq!((model.robots().count(), model.omitted().items), (256, 145));
     (0..3000).for_each(|number| model.apply(at(2), event(number, 0, changed("main", Change::Activated))));
     let oldest = model.events().next().map(|event| event.ordinal);
     assert_eq!((model.events().len(), oldest), (2000, Some(1000)));
     let many = (0..30_000).map(|number| process(&format!("main/{number}"), "idle")).collect();
-    model.apply(at(3), Input::Status(Box::new(node("r1", vec![part(door(), many)]))));
+    model.apply(at(3), answered(node("r1", vec![part(door(), many)])));
     let count: usize = model.deployments().map(|live| live.processes.len()).sum();
     assert_eq!(count, 19_999, "the process that is gone took room until then");
     let bytes = b"a line\n".repeat(5000);
-    model.apply(at(4), Input::Output { deployment: door(), path: "main".into(), bytes });
+    model.apply(at(4), Input::Output { mission: mission(), path: "main".into(), bytes });
     assert_eq!(model.lines().len(), 2000);
+}
+
+/// Two `dca run` of one spec, and a node that stays: all are called `r1`, and none knows of another.
+#[test]
+fn nodes_of_one_name_that_do_not_know_of_each_other_are_several() {
+    let mut model = Model::new(1);
+    let fleets = [Fleet::Standing, Fleet::Command(47), Fleet::Command(48)];
+    let states = ["running", "idle", "dead: SIGSEGV"];
+    for (fleet, state) in fleets.into_iter().zip(states) {
+        let status = Box::new(node("r1", vec![part(door(), vec![process("main/a", state)])]));
+        model.apply(at(0), Input::Status { fleet, status });
+    }
+    let shown = |model: &Model| -> Vec<(Fleet, String)> {
+        let all =
+            model.deployments().flat_map(|live| live.processes.values().map(|one| (live.id.fleet, one.state.clone())));
+        all.collect()
+    };
+    assert_eq!(shown(&model), fleets.into_iter().zip(states.map(str::to_owned)).collect::<Vec<_>>());
+    assert_eq!(model.robots().map(|robot| robot.id.fleet).collect::<Vec<_>>(), fleets);
+    // The end, the loss and the silence of one are not those of another.
+    let home = RobotId { fleet: fleets[1], ..robot("r1") };
+    let report = Report::Finished { ending: Ending::Done(Vec::new()), at: Duration::ZERO, unconfirmed: Vec::new() };
+    let Input::Event { event, .. } = event(0, 0, report) else { panic!("it is an event") };
+    model.apply(at(100), Input::Event { home: home.clone(), event });
+    model.apply(at(200), Input::Silent { robot: RobotId { fleet: fleets[2], ..robot("r1") }, why: "it hangs".into() });
+    let ended: Vec<bool> = model.deployments().map(|live| live.end.is_some()).collect();
+    assert_eq!(ended, [false, true, false]);
+    let health = |model: &Model| -> Vec<Health> {
+        let all = model.deployments().flat_map(|live| live.processes.values().map(|one| model.health(&live.id, one)));
+        all.collect()
+    };
+    assert_eq!(health(&model), [Health::Running, Health::Quiet, Health::Unknown]);
+    model.apply(at(300), Input::Known { fleet: fleets[1], hosts: BTreeSet::new() });
+    assert_eq!(model.robots().map(|robot| robot.id.fleet).collect::<Vec<_>>(), [fleets[0], fleets[2]]);
+    assert_eq!(shown(&model).len(), 2);
+}
+
+/// Each home counts its own epochs, and both may have begun a deployment of this name.
+#[test]
+fn deployments_of_one_name_with_two_homes_are_two() {
+    let mut model = Model::new(1);
+    let of = |home: &str| DeploymentStatus { home: home.into(), ..part(door(), vec![process("main/a", "running")]) };
+    model.apply(at(0), answered(node("r1", vec![of("r1")])));
+    let report = Report::Finished { ending: Ending::Stopped, at: Duration::ZERO, unconfirmed: Vec::new() };
+    model.apply(at(100), event(0, 0, report));
+    model.apply(at(200), answered(node("r1", Vec::new())));
+    // The first one has ended. The second one runs on another host, and misses a host.
+    model.apply(at(300), answered(node("r2", vec![of("r2")])));
+    let away = AbsentProcess { deployment: door(), host: "r3".into(), path: "main/b".into(), kind: "Arm".into() };
+    let missing = Absent { hosts: Vec::new(), ends: Vec::new(), processes: vec![away] };
+    model.apply(at(400), Input::Absent { teller: robot("r2"), absent: Box::new(missing) });
+    let shown: Vec<_> =
+        model.deployments().map(|live| (live.id.home.as_str(), live.phase(), live.processes.len())).collect();
+    assert_eq!(shown, [("r1", "finished: stopped".to_owned(), 0), ("r2", "running".to_owned(), 2)]);
+}
+
+/// A process of one path in two deployments has its own moments, output and wires in each.
+#[test]
+fn processes_of_one_path_in_two_deployments_are_two() {
+    let mut model = Model::new(1);
+    let gate = Deployment { name: "gate".into(), epoch: 1 };
+    let both = vec![part(door(), vec![process("main/a", "idle")]), part(gate, vec![process("main/a", "idle")])];
+    model.apply(at(5000), event(0, 4000, changed("main/a", Change::Started { pid: 7 })));
+    model.apply(at(5000), answered(node("r1", both)));
+    let since: Vec<bool> =
+        model.deployments().flat_map(|live| live.processes.values()).map(|one| one.since.is_exact).collect();
+    assert_eq!(since, [true, false]);
 }
 
 /// 20 robots with 50 processes each: what an input costs is printed.
@@ -411,7 +503,7 @@ fn names_and_numbers_of_others_have_limits() {
 fn a_thousand_processes_cost_little() {
     let robot = |number: usize, state: &str| {
         let processes = (0..50).map(|one| process(&format!("main/r{number}/p{one}"), state)).collect();
-        Input::Status(Box::new(node(&format!("r{number}"), vec![part(door(), processes)])))
+        answered(node(&format!("r{number}"), vec![part(door(), processes)]))
     };
     let mut model = Model::new(1);
     let mut inputs: Vec<(u64, Input)> = Vec::new();

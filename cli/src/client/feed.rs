@@ -19,6 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
+use view::{Fleet, MissionId, RobotId};
 
 /// How often nodes are looked for that are not heard.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -32,21 +33,25 @@ pub(crate) enum Mode {
     Snapshot,
     /// The feed continues as events happen, and as nodes come and go.
     Follow,
+    /// The same. The feed also tells once a second which nodes each connection reaches.
+    Live,
 }
 
 /// An item of a feed.
 #[derive(Debug)]
 pub(crate) enum FeedItem {
-    /// Something has happened.
-    Event(Box<Event>),
+    /// Something has happened, as the home of a deployment tells it.
+    Event(RobotId, Box<Event>),
     /// All events that the nodes knew when the feed began have been sent, except those of lost nodes.
     Current,
     /// A node has sent all events, and ends.
-    Left(String),
+    Left(RobotId),
     /// The connection to a node is lost; the reason.
-    Lost(String, String),
+    Lost(RobotId, String),
     /// A node is heard again.
-    Back(String),
+    Back(RobotId),
+    /// The nodes that a connection reaches, by its place in [`Feed::clients`].
+    Reached(usize, BTreeSet<String>),
 }
 
 /// A node, by its connection and its name: nodes inside commands may have the same names.
@@ -68,6 +73,8 @@ enum State {
 enum SourceMessage {
     Client(Arc<Client>),
     Found(usize, BTreeSet<String>),
+    /// The nodes that a connection reaches, as the node of this machine says: no others are there.
+    Listed(usize, BTreeSet<String>),
     Events(Place, Vec<Event>),
     /// The node has sent its known events, which lack those of these hosts.
     Behind(Place, Vec<String>),
@@ -86,9 +93,9 @@ pub(crate) struct Feed {
     /// The nodes that have not yet sent the events from before the beginning; none once all have.
     catching_up: Option<BTreeSet<Place>>,
     /// The number of the next event of each deployment.
-    next: BTreeMap<(usize, Deployment), u64>,
+    next: BTreeMap<(usize, MissionId), u64>,
     /// The same, as an earlier feed has heard them.
-    before: BTreeMap<Deployment, u64>,
+    before: BTreeMap<MissionId, u64>,
     ready: VecDeque<FeedItem>,
     messages: Receiver<SourceMessage>,
     sink: Sender<SourceMessage>,
@@ -100,9 +107,9 @@ pub(crate) async fn deployments(connect: &ConnectArgs) -> Result<BTreeSet<Deploy
     let (mut feed, mut all) = (Feed::open(connect, Mode::Snapshot).await?, BTreeSet::new());
     loop {
         match feed.next().await {
-            FeedItem::Event(event) => drop(all.insert(event.deployment)),
+            FeedItem::Event(_, event) => drop(all.insert(event.deployment)),
             FeedItem::Current => break,
-            FeedItem::Left(_) | FeedItem::Lost(..) | FeedItem::Back(_) => {}
+            FeedItem::Left(_) | FeedItem::Lost(..) | FeedItem::Back(_) | FeedItem::Reached(..) => {}
         }
     }
     feed.close().await;
@@ -119,12 +126,12 @@ impl Feed {
     pub(crate) async fn resume(
         connect: &ConnectArgs,
         mode: Mode,
-        before: BTreeMap<Deployment, u64>,
+        before: BTreeMap<MissionId, u64>,
     ) -> Result<Self, Failure> {
         let Clients { clients, hanging } = Clients::open(connect).await?;
         let mut feed = Self { before, ..Self::new(mode) };
         // A command on this machine that cannot be asked may have events as well.
-        let hanging = hanging.map(|failure| FeedItem::Lost("this machine".to_owned(), words(&failure)));
+        let hanging = hanging.map(|failure| FeedItem::Lost(standing("this machine"), words(&failure)));
         feed.ready.extend(hanging.filter(|_| mode == Mode::Snapshot));
         let known: Vec<PathBuf> = clients.iter().filter_map(|client| client.base.clone()).collect();
         for client in clients {
@@ -140,7 +147,7 @@ impl Feed {
             clock::sleep_until(clock::now() + ANSWER_WITHIN).await;
             late.send(SourceMessage::Late).await.unwrap_or_default();
         });
-        if mode == Mode::Follow {
+        if mode != Mode::Snapshot {
             feed.tasks.spawn(look_for_commands(connect.base(), known, feed.sink.clone()));
         }
         feed.caught_up();
@@ -156,7 +163,7 @@ impl Feed {
             Err(failure) => {
                 let why = format!("no host could say which others to ask: {}", words(&failure));
                 let here = self.clients.iter().filter_map(|client| client.local()).next().unwrap_or("this machine");
-                self.ready.push_back(FeedItem::Lost(here.to_owned(), why));
+                self.ready.push_back(FeedItem::Lost(standing(here), why));
                 return;
             }
         };
@@ -182,7 +189,7 @@ impl Feed {
         for (host, why) in lost {
             // A node that is asked reports for itself.
             if self.places.keys().all(|(_, asked)| *asked != host) {
-                self.ready.push_back(FeedItem::Lost(host, why));
+                self.ready.push_back(FeedItem::Lost(standing(&host), why));
             }
         }
     }
@@ -221,10 +228,10 @@ impl Feed {
     }
 
     /// Returns the number of the next event of each deployment, for a feed that goes on after this one.
-    pub(crate) fn heard(&self) -> BTreeMap<Deployment, u64> {
+    pub(crate) fn heard(&self) -> BTreeMap<MissionId, u64> {
         let mut heard = self.before.clone();
-        for ((_, deployment), next) in &self.next {
-            let known = heard.entry(deployment.clone()).or_default();
+        for ((_, mission), next) in &self.next {
+            let known = heard.entry(mission.clone()).or_default();
             *known = (*known).max(*next);
         }
         heard
@@ -246,7 +253,7 @@ impl Feed {
     }
 
     fn add(&mut self, client: Arc<Client>) {
-        if self.mode == Mode::Follow {
+        if self.mode != Mode::Snapshot {
             self.tasks.spawn(look_for_nodes(self.clients.len(), Arc::clone(&client), self.sink.clone()));
         }
         self.clients.push(client);
@@ -256,6 +263,12 @@ impl Feed {
         match message {
             SourceMessage::Client(client) => self.add(client),
             SourceMessage::Found(client, hosts) => self.found(client, hosts),
+            SourceMessage::Listed(client, hosts) => {
+                if self.mode == Mode::Live {
+                    self.ready.push_back(FeedItem::Reached(client, hosts.clone()));
+                }
+                self.found(client, hosts);
+            }
             SourceMessage::Events(place, events) => self.events(place, events),
             SourceMessage::Behind(place, hosts) => self.behind(&place, hosts),
             SourceMessage::Ended(place) if self.is_behind(&place) => {
@@ -263,8 +276,8 @@ impl Feed {
                 self.silent(place, State::Lost);
             }
             SourceMessage::Ended(place) => {
-                if self.mode == Mode::Follow {
-                    self.ready.push_back(FeedItem::Left(place.1.clone()));
+                if self.mode != Mode::Snapshot {
+                    self.ready.push_back(FeedItem::Left(self.robot(&place)));
                 }
                 self.silent(place, State::Left);
             }
@@ -286,14 +299,14 @@ impl Feed {
     /// Reports that a node is lost, unless that was already reported.
     fn lost(&mut self, place: &Place, why: String) {
         if self.places.get(place) != Some(&State::Asked { was_lost: true }) {
-            self.ready.push_back(FeedItem::Lost(place.1.clone(), why));
+            self.ready.push_back(FeedItem::Lost(self.robot(place), why));
         }
     }
 
     /// Asks the nodes that are not heard.
     fn found(&mut self, client: usize, hosts: BTreeSet<String>) {
         let Some(asked) = self.clients.get(client) else { return };
-        let request = Request::Events { follow: self.mode == Mode::Follow };
+        let request = Request::Events { follow: self.mode != Mode::Snapshot };
         for host in hosts {
             let place = (client, host);
             let was_lost = match self.places.get(&place) {
@@ -310,7 +323,7 @@ impl Feed {
                     self.places.insert(place, State::Asked { was_lost });
                 }
                 Err(failure) if !was_lost => {
-                    self.ready.push_back(FeedItem::Lost(place.1.clone(), words(&failure)));
+                    self.ready.push_back(FeedItem::Lost(self.robot(&place), words(&failure)));
                     self.places.insert(place, State::Lost);
                 }
                 Err(_) => {}
@@ -320,18 +333,22 @@ impl Feed {
 
     fn events(&mut self, place: Place, events: Vec<Event>) {
         if self.places.insert(place.clone(), State::Heard) == Some(State::Asked { was_lost: true }) {
-            self.ready.push_back(FeedItem::Back(place.1.clone()));
+            self.ready.push_back(FeedItem::Back(self.robot(&place)));
         }
         // Without events it marks that these were all up to now.
         if events.is_empty() {
             self.told(&place);
         }
         for event in events {
-            let before = || self.before.get(&event.deployment).copied().unwrap_or_default();
-            let next = self.next.entry((place.0, event.deployment.clone())).or_insert_with(before);
+            let home = self.robot(&place);
+            // A home tells the events of its own deployments alone.
+            let (deployment, RobotId { host, fleet }) = (event.deployment.clone(), home.clone());
+            let mission = MissionId { deployment, home: host, fleet };
+            let before = || self.before.get(&mission).copied().unwrap_or_default();
+            let next = self.next.entry((place.0, mission.clone())).or_insert_with(before);
             if event.number >= *next {
                 *next = event.number + 1;
-                self.ready.push_back(FeedItem::Event(Box::new(event)));
+                self.ready.push_back(FeedItem::Event(home, Box::new(event)));
             }
         }
     }
@@ -344,9 +361,16 @@ impl Feed {
             } else {
                 format!("`{}` has not heard everything that it had to report", home.1)
             };
-            self.ready.push_back(FeedItem::Lost(host, why));
+            self.ready.push_back(FeedItem::Lost(RobotId { host, fleet: self.robot(home).fleet }, why));
         }
         self.told(home);
+    }
+
+    /// Returns the robot of a node.
+    fn robot(&self, place: &Place) -> RobotId {
+        let (client, host) = place;
+        let fleet = self.clients.get(*client).map_or(Fleet::Standing, |client| client.fleet());
+        RobotId { host: host.clone(), fleet }
     }
 
     fn silent(&mut self, place: Place, state: State) {
@@ -375,6 +399,11 @@ impl Feed {
     }
 }
 
+/// Returns a node that stays on its machine.
+fn standing(host: &str) -> RobotId {
+    RobotId { host: host.to_owned(), fleet: Fleet::Standing }
+}
+
 async fn read(place: Place, mut answers: Answers, sink: Sender<SourceMessage>) {
     loop {
         let message = match answers.next().await {
@@ -394,8 +423,19 @@ async fn read(place: Place, mut answers: Answers, sink: Sender<SourceMessage>) {
 async fn look_for_nodes(number: usize, client: Arc<Client>, sink: Sender<SourceMessage>) {
     loop {
         let looked = clock::now();
-        if let Ok(hosts) = client.all().await
-            && sink.send(SourceMessage::Found(number, hosts)).await.is_err()
+        let message = match client.listed().await {
+            Some(Ok(hosts)) => Some(SourceMessage::Listed(number, hosts)),
+            Some(Err(_)) => None,
+            // The nodes of a command end with it.
+            None if client.has_ended() => {
+                sink.send(SourceMessage::Listed(number, BTreeSet::new())).await.unwrap_or_default();
+                return;
+            }
+            // That a node of this machine does not answer does not mean that others have left.
+            None => client.hosts(&[]).await.ok().map(|hosts| SourceMessage::Found(number, hosts)),
+        };
+        if let Some(message) = message
+            && sink.send(message).await.is_err()
         {
             return;
         }
@@ -433,6 +473,19 @@ mod tests {
     use super::*;
     use node::logic::protocol::Report;
 
+    /// Returns the items that wait, in words.
+    fn said(feed: &Feed) -> Vec<String> {
+        let words = |item: &FeedItem| match item {
+            FeedItem::Event(home, event) => format!("{home}: {} {}", event.deployment.name, event.number),
+            FeedItem::Current => "current".to_owned(),
+            FeedItem::Left(robot) => format!("left {robot}"),
+            FeedItem::Lost(robot, why) => format!("lost {robot}: {why}"),
+            FeedItem::Back(robot) => format!("back {robot}"),
+            FeedItem::Reached(_, hosts) => format!("reached {hosts:?}"),
+        };
+        feed.ready.iter().map(words).collect()
+    }
+
     #[test]
     fn a_node_that_answers_late_is_back() {
         let places = ["c2", "c3"].map(|host| (0, host.to_owned()));
@@ -443,10 +496,10 @@ mod tests {
         feed.take(SourceMessage::Late);
         feed.take(SourceMessage::Events(c2, Vec::new()));
         feed.take(SourceMessage::Broken(c3, "it went away".to_owned()));
-        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
         let why = "it has not answered in time";
-        let expected = [format!("Lost(\"c2\", {why:?})"), format!("Lost(\"c3\", {why:?})")];
-        assert_eq!(said, [&expected[..], &["Current".to_owned(), "Back(\"c2\")".to_owned()]].concat());
+        let expected =
+            [format!("lost c2: {why}"), format!("lost c3: {why}"), "current".to_owned(), "back c2".to_owned()];
+        assert_eq!(said(&feed), expected);
     }
 
     #[test]
@@ -461,14 +514,12 @@ mod tests {
         let mut feed = Feed { before: first.heard(), ..Feed::new(Mode::Follow) };
         let again = [("door", 0), ("door", 1), ("door", 2), ("arm", 0)].map(|(name, number)| event(name, number));
         feed.take(SourceMessage::Events((0, "c2".to_owned()), again.into()));
-        let heard: Vec<(&str, u64)> = feed
-            .ready
-            .iter()
-            .filter_map(|item| {
-                if let FeedItem::Event(event) = item { Some((&*event.deployment.name, event.number)) } else { None }
-            })
-            .collect();
-        assert_eq!(heard, [("door", 2), ("arm", 0)]);
+        // The other home has a deployment of that name, whose events nothing has told.
+        let expected = ["c2: door 0", "c2: door 1", "c2: door 2", "c2: arm 0"];
+        assert_eq!(said(&feed), expected);
+        let again = [("door", 0), ("door", 1), ("door", 2)].map(|(name, number)| event(name, number));
+        feed.take(SourceMessage::Events((0, "c1".to_owned()), again.into()));
+        assert_eq!(said(&feed)[4..], ["c1: door 2"]);
     }
 
     #[test]
@@ -478,13 +529,12 @@ mod tests {
         feed.catching_up = Some([c1.clone()].into());
         feed.take(SourceMessage::Behind(c1.clone(), vec!["c2".to_owned(), "c1".to_owned()]));
         feed.take(SourceMessage::Ended(c1));
-        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
         let expected = [
-            "Lost(\"c2\", \"`c1` has not heard everything that it had to report\")",
-            "Lost(\"c1\", \"its node was killed, and has not heard of all of its programs again\")",
-            "Current",
+            "lost c2: `c1` has not heard everything that it had to report",
+            "lost c1: its node was killed, and has not heard of all of its programs again",
+            "current",
         ];
-        assert_eq!(said, expected);
+        assert_eq!(said(&feed), expected);
     }
 
     #[test]
@@ -495,7 +545,6 @@ mod tests {
         feed.take(SourceMessage::Events(c2.clone(), Vec::new()));
         feed.take(SourceMessage::Ended(c2));
         feed.take(SourceMessage::Ended(c3));
-        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
-        assert_eq!(said, ["Lost(\"c3\", \"it has ended before it had told everything\")", "Current"]);
+        assert_eq!(said(&feed), ["lost c3: it has ended before it had told everything", "current"]);
     }
 }

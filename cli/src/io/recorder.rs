@@ -9,7 +9,7 @@ mod disk;
 mod queue;
 
 use crate::io::named_file;
-use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run};
+use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run, Timeline};
 use comms::io::clock;
 use comms::logic::human::cause;
 use comms::logic::time::Time;
@@ -105,7 +105,15 @@ pub fn read_with_values(path: &Path) -> Result<Run, RecordError> {
     read_as(path, Run::with_values)
 }
 
-fn read_as(path: &Path, read: impl Fn(&[u8]) -> Result<Run, ReadError>) -> Result<Run, RecordError> {
+/// Reads the messages of a record, as far as it goes.
+///
+/// # Errors
+/// When there is no such file, or it has no whole message.
+pub(crate) fn read_timeline(path: &Path) -> Result<Timeline, RecordError> {
+    read_as(path, Timeline::from_bytes)
+}
+
+fn read_as<T>(path: &Path, read: impl Fn(&[u8]) -> Result<T, ReadError>) -> Result<T, RecordError> {
     let bytes =
         named_file::bytes(path, RECORD_MAX).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
     read(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })

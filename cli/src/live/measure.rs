@@ -83,7 +83,8 @@ async fn run(
     };
     taps.close().await;
     let text = format!("`{}` cannot be measured: {}", output.port, words(&failed?));
-    Some(Input::Note { host: output.program.host, text })
+    let Program { mission, host, .. } = output.program;
+    Some(Input::Note { robot: mission.robot(&host), text })
 }
 
 async fn measure(
@@ -92,7 +93,8 @@ async fn measure(
     output: &ProgramOutput,
     sink: &Sender<Heard>,
 ) -> Result<(), Failure> {
-    let ProgramOutput { program: Program { deployment, host, path }, port } = output;
+    let ProgramOutput { program: Program { mission, host, path }, port } = output;
+    let deployment = &mission.deployment;
     let located = locations(client, host, deployment).await?;
     let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
     let dial = dial.ok_or_else(|| anyhow!("`{path}` has no links yet"))?;
@@ -110,8 +112,8 @@ async fn measure(
             },
             () = clock::sleep_until(told_at) => {
                 if let Some(hertz) = rate.hertz() {
-                    let (deployment, path, port) = (deployment.clone(), path.clone(), port.clone());
-                    let measured = Measured { deployment, path, port, hertz };
+                    let (mission, path, port) = (mission.clone(), path.clone(), port.clone());
+                    let measured = Measured { mission, path, port, hertz };
                     if sink.send(Heard::Input(Input::Measured(measured))).await.is_err() {
                         return Ok(());
                     }

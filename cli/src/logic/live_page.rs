@@ -1,10 +1,10 @@
 //! The page of a live view: its files, and the changes of the model as JSON for its script.
 
 use comms::logic::time::Time;
-use node::logic::protocol::Deployment;
 use serde_json::{Value, json};
 use view::{
-    Changes, EventLine, Freshness, Gone, Health, LiveDeployment, Model, Presence, Process, Robot, STALE_AFTER, Wire,
+    Changes, EventLine, Freshness, Gone, Health, LiveDeployment, MissionId, Model, Presence, Process, Robot,
+    STALE_AFTER, Wire,
 };
 
 /// The page. The script takes the token of its session from it.
@@ -29,7 +29,7 @@ pub(crate) fn changes(model: &Model, changes: &Changes<'_>, now: Time) -> Value 
         "events": changes.events.iter().map(|one| event(one)).collect::<Vec<_>>(),
         "gone": changes.gone.iter().map(|one| gone(one)).collect::<Vec<_>>(),
         "questions": model.questions().map(|one| json!({
-            "deployment": one.deployment.to_string(), "path": one.path, "number": one.question.number,
+            "mission": one.mission.key(), "deployment": one.mission.to_string(), "path": one.path, "number": one.question.number,
             "text": one.question.text, "options": one.question.options,
         })).collect::<Vec<_>>(),
         "ages": ages(model, now),
@@ -44,40 +44,32 @@ pub(crate) fn ages(model: &Model, now: Time) -> Value {
         Freshness::Never => Value::Null,
     };
     let robots: serde_json::Map<String, Value> =
-        model.robots().map(|robot| (robot.host.clone(), seconds(robot.freshness(now)))).collect();
+        model.robots().map(|robot| (robot.id.to_string(), seconds(robot.freshness(now)))).collect();
     json!({ "all": seconds(model.freshness(now)), "robots": robots, "limit": STALE_AFTER.as_secs() })
 }
 
 fn robot(robot: &Robot, now: Time) -> Value {
-    let (presence, why) = match &robot.presence {
-        Presence::Here => ("here", String::new()),
-        Presence::Silent(why) => ("does not answer", why.clone()),
-        Presence::Lost => ("lost", String::new()),
-    };
-    let database = robot.database.as_ref().map(|lag| {
-        json!({
-            "behind": lag.behind, "transactions": lag.transactions, "conflicts": lag.conflicts,
-        })
-    });
+    let why = if let Presence::Silent(why) = &robot.presence { why.as_str() } else { "" };
+    let database = robot.database.as_ref().map(ToString::to_string);
     json!({
-        "host": robot.host, "presence": presence, "why": why, "version": robot.version,
+        "host": robot.id.to_string(), "presence": robot.presence.word(), "why": why, "version": robot.version,
         "up": robot.up(now).map(|up| up.as_secs()), "estop": robot.estop, "waiting": robot.waiting, "database": database,
     })
 }
 
 fn deployment(live: &LiveDeployment, now: Time) -> Value {
     json!({
-        "id": live.id.to_string(), "phase": live.phase(), "ended": live.end.is_some(),
+        "id": live.id.key(), "title": live.id.to_string(), "home": live.id.home, "phase": live.phase(), "ended": live.end.is_some(),
         "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
         "age": live.end.as_ref().map(|end| end.at).or(live.began).map(|at| age(now, at)),
     })
 }
 
-fn process(model: &Model, id: &Deployment, process: &Process, now: Time) -> Value {
-    let health = health_word(model.health(process));
+fn process(model: &Model, id: &MissionId, process: &Process, now: Time) -> Value {
+    let health = model.health(id, process);
     json!({
-        "deployment": id.to_string(), "path": process.path, "kind": process.kind, "host": process.host,
-        "state": process.state, "health": health, "age": age(now, process.since.at), "exact": process.since.is_exact,
+        "mission": id.key(), "path": process.path, "kind": process.kind, "host": process.host,
+        "state": process.state_text(health), "health": health_word(health), "age": age(now, process.since.at), "exact": process.since.is_exact,
         "pid": process.pid, "restarts": process.restarts,
     })
 }
@@ -93,27 +85,29 @@ pub(crate) fn health_word(health: Health) -> &'static str {
     }
 }
 
-fn wire(id: &Deployment, wire: &Wire) -> Value {
+fn wire(id: &MissionId, wire: &Wire) -> Value {
     json!({
-        "deployment": id.to_string(), "name": wire.name, "lost": wire.lost, "lostASecond": wire.lost_a_second,
+        "mission": id.key(), "name": wire.name, "lost": wire.lost, "lostASecond": wire.lost_a_second,
         "refused": wire.refused,
     })
 }
 
 fn event(event: &EventLine) -> Value {
+    // The deployment tells the command.
+    let host = event.mission.as_ref().map_or_else(|| event.robot.to_string(), |_| event.robot.host.clone());
     json!({
-        "time": event.time.map(|time| time.as_secs_f64()), "host": event.host,
-        "deployment": event.deployment.as_ref().map(ToString::to_string), "path": event.path, "text": event.text,
+        "time": event.time.map(|time| time.as_secs_f64()), "host": host,
+        "deployment": event.mission.as_ref().map(ToString::to_string), "path": event.path, "text": event.text,
         "failure": event.is_failure,
     })
 }
 
 fn gone(gone: &Gone) -> Value {
     match gone {
-        Gone::Robot(host) => json!({ "robot": host }),
-        Gone::Deployment(id) => json!({ "deployment": id.to_string() }),
-        Gone::Process(id, path) => json!({ "deployment": id.to_string(), "process": path }),
-        Gone::Wire(id, name) => json!({ "deployment": id.to_string(), "wire": name }),
+        Gone::Robot(id) => json!({ "robot": id.to_string() }),
+        Gone::Deployment(id) => json!({ "mission": id.key() }),
+        Gone::Process(id, path) => json!({ "mission": id.key(), "process": path }),
+        Gone::Wire(id, name) => json!({ "mission": id.key(), "wire": name }),
     }
 }
 
@@ -124,9 +118,9 @@ fn age(now: Time, at: Time) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use node::logic::protocol::{Event, Report};
+    use node::logic::protocol::{Deployment, Event, Report};
     use std::time::Duration;
-    use view::{Input, Position};
+    use view::{Fleet, Input, Position, RobotId};
 
     #[test]
     fn nothing_runs_within_the_page() {
@@ -148,8 +142,9 @@ mod tests {
             (Deployment { name: "door".into(), epoch: 1 }, vec!["<img src=x onerror=alert(1)>".into()]);
         let report = Report::Refused { reasons };
         let event = Event { deployment, number: 0, host: "r1".into(), ago: Duration::ZERO, report, time };
-        model.apply(now, Input::Event(Box::new(event)));
-        model.apply(now, Input::Silent { host: "r1".into(), why: "it sleeps".into() });
+        let robot = RobotId { host: "r1".into(), fleet: Fleet::Standing };
+        model.apply(now, Input::Event { home: robot.clone(), event: Box::new(event) });
+        model.apply(now, Input::Silent { robot, why: "it sleeps".into() });
         let json = changes(&model, &model.since(Position::default()), now);
         assert_eq!(json["whole"], true);
         assert_eq!(json["events"][0]["text"], "refused: <img src=x onerror=alert(1)>");

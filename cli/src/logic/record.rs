@@ -15,6 +15,7 @@ mod ports;
 mod read;
 mod row;
 mod schema;
+mod timeline;
 mod value;
 
 pub use lines::Lines;
@@ -27,6 +28,9 @@ pub use read::ReadError;
 pub use row::{EVENTS, Form, LOG, PORTS, Row, Rows, SIGNALS, Topic};
 pub(crate) use row::{base64, kind as report_kind};
 pub(crate) use schema::{event as event_schema, free_name, log as log_schema, plain_name, plain_path};
+#[cfg(test)]
+pub(crate) use timeline::RecordedMessage;
+pub(crate) use timeline::{RecordedTopic, Timeline};
 pub use value::{RecordedValue, ValueForm};
 
 use crate::logic::mission::Mission;

@@ -7,9 +7,8 @@ mod table;
 
 use crate::logic::keys::Key;
 use comms::logic::time::Time;
-use node::logic::protocol::Deployment;
 use rows::Row;
-use view::{Model, Robot};
+use view::{MissionId, Model, Robot};
 
 /// The longest filter, in bytes.
 const FILTER_MAX: usize = 60;
@@ -66,7 +65,7 @@ pub(crate) struct Look {
 /// A process, and where it runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Program {
-    pub(crate) deployment: Deployment,
+    pub(crate) mission: MissionId,
     pub(crate) host: String,
     pub(crate) path: String,
 }
@@ -81,8 +80,7 @@ pub(crate) struct ProgramOutput {
 /// An answer to a question of an activity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct GivenAnswer {
-    pub(crate) deployment: Deployment,
-    pub(crate) home: String,
+    pub(crate) mission: MissionId,
     pub(crate) path: String,
     pub(crate) question: u64,
     pub(crate) option: String,
@@ -267,9 +265,8 @@ impl Top {
             self.say(&format!("the answers end before {digit}"));
             return None;
         };
-        let (deployment, home, path) =
-            (question.deployment.clone(), question.home.to_owned(), question.path.to_owned());
-        Some(Action::Answer(GivenAnswer { deployment, home, path, question: question.question.number, option }))
+        let (mission, path) = (question.mission.clone(), question.path.to_owned());
+        Some(Action::Answer(GivenAnswer { mission, path, question: question.question.number, option }))
     }
 
     /// Opens the row under the cursor: the output of a process, or the answers to a question.

@@ -1,7 +1,9 @@
 //! The server of a view for Foxglove and Lichtblick: its connections, and the robots behind it.
 
 mod connection;
+mod layout;
 mod orders;
+mod recording;
 mod robots;
 
 use super::results;
@@ -22,6 +24,10 @@ use tokio::net::TcpStream;
 use tokio::sync::{Notify, watch};
 use tokio::task::{JoinError, JoinSet};
 use view::Model;
+
+pub(crate) use layout::put as put_layout;
+pub(super) use layout::write as write_layout;
+pub(crate) use recording::serve as serve_record;
 
 /// A client is let in when its handshake is finished.
 const LIMITS: Limits = Limits { connections: 64, strangers: 32 };
@@ -44,10 +50,47 @@ enum Event {
     Look,
 }
 
-/// The server.
-pub(super) struct Foxglove {
+/// A server, and the clients that are connected.
+struct FoxgloveServer {
     visitors: Visitors,
     shared: Arc<Shared>,
+}
+
+impl FoxgloveServer {
+    /// Begins to listen, and prints the address to open.
+    async fn open(address: SocketAddr, origins: Vec<String>, hub: Hub) -> anyhow::Result<Self> {
+        let (visitors, address) = Visitors::listen("--foxglove", address, LIMITS).await?;
+        let entrance = Entrance { key: super::secret()?, origins };
+        let link =
+            if address.is_ipv4() { format!("ws://localhost:{}", address.port()) } else { format!("ws://{address}") };
+        console::say(&link);
+        console::note(&format!(
+            "open this address in Foxglove or Lichtblick on this machine, as a connection of the kind `Foxglove WebSocket` (Ctrl-C \
+             to leave); another user of this machine needs `{link}/?key={}`",
+            entrance.key
+        ));
+        let (changed, _) = watch::channel(0);
+        let shared =
+            Arc::new(Shared { entrance, hub: Mutex::new(hub), changed, asked: Notify::new(), told: Mutex::default() });
+        Ok(Self { visitors, shared })
+    }
+
+    /// Serves a client.
+    fn accept(&mut self, stream: TcpStream) {
+        let shared = Arc::clone(&self.shared);
+        self.visitors.serve(|guest| connection::run(stream, shared, guest));
+    }
+
+    /// Ends all connections.
+    async fn close(self) {
+        self.shared.end();
+        self.visitors.close(ANSWERED_WITHIN).await;
+    }
+}
+
+/// The server of the view.
+pub(super) struct Foxglove {
+    server: FoxgloveServer,
     given: JoinSet<Carried>,
     robots: Robots,
     /// When the clock of the model began, since 1970.
@@ -59,28 +102,10 @@ pub(super) struct Foxglove {
 impl Foxglove {
     /// Begins to listen, and prints the address to open.
     pub(super) async fn open(address: SocketAddr, origins: Vec<String>, number: u64) -> anyhow::Result<Self> {
-        let (visitors, address) = Visitors::listen(address, LIMITS).await?;
-        let entrance = Entrance { key: super::secret()?, origins };
-        let link =
-            if address.is_ipv4() { format!("ws://localhost:{}", address.port()) } else { format!("ws://{address}") };
-        console::say(&link);
-        console::note(&format!(
-            "open this address in Foxglove or Lichtblick on this machine, as a connection of the kind `Foxglove WebSocket` (Ctrl-C \
-             to leave); another user of this machine needs `{link}/?key={}`",
-            entrance.key
-        ));
-        let (changed, _) = watch::channel(0);
-        let shared = Arc::new(Shared {
-            entrance,
-            hub: Mutex::new(Hub::new(number)),
-            changed,
-            asked: Notify::new(),
-            told: Mutex::default(),
-        });
+        let server = FoxgloveServer::open(address, origins, Hub::new(number)).await?;
         let (now, since_1970) = (clock::now(), clock::unix_time());
         Ok(Self {
-            visitors,
-            shared,
+            server,
             given: JoinSet::new(),
             robots: Robots::new(),
             origin: since_1970.saturating_sub(now.since(Time::ZERO)),
@@ -91,8 +116,8 @@ impl Foxglove {
 
     /// Tells clients about an event of a robot.
     pub(super) fn event(&self, event: &protocol::Event) {
-        self.shared.hub().event(event);
-        self.shared.wake();
+        self.server.shared.hub().event(event);
+        self.server.shared.wake();
     }
 
     /// Takes note that the model has changed.
@@ -111,8 +136,8 @@ impl Foxglove {
     async fn next_event(&mut self) -> Event {
         let look = self.looked + if self.has_changed { LOOK_AGAIN } else { LOOK_EVERY };
         tokio::select! {
-            accepted = self.visitors.next() => Event::Accepted(accepted),
-            () = self.shared.asked.notified() => Event::Asked,
+            accepted = self.server.visitors.next() => Event::Accepted(accepted),
+            () = self.server.shared.asked.notified() => Event::Asked,
             news = self.robots.next() => Event::News(news),
             Some(done) = self.given.join_next() => Event::Given(done),
             () = clock::sleep_until(look) => Event::Look,
@@ -126,15 +151,14 @@ impl Foxglove {
         live: &Live,
         model: &Model,
     ) -> anyhow::Result<()> {
-        let mut hub = self.shared.hub();
+        let shared = Arc::clone(&self.server.shared);
+        let mut hub = shared.hub();
         match event {
-            Event::Accepted(accepted) => {
-                let (stream, shared) = (accepted?, Arc::clone(&self.shared));
-                self.visitors.serve(|guest| connection::run(stream, shared, guest));
-            }
+            Event::Accepted(accepted) => self.server.accept(accepted?),
             Event::Asked => {
                 for given in hub.orders() {
-                    self.given.spawn(orders::give(given, live, model, self.robots.taps()));
+                    let taps = given.callee().and_then(|program| self.robots.taps(program.mission.fleet));
+                    self.given.spawn(orders::give(given, live, model, taps));
                 }
                 // New subscriptions are fetched at once.
                 self.robots.follow(live, model, &mut hub);
@@ -154,7 +178,7 @@ impl Foxglove {
             }
         }
         drop(hub);
-        self.shared.wake();
+        shared.wake();
         Ok(())
     }
 
@@ -164,15 +188,14 @@ impl Foxglove {
             results(async {
                 while let Some(done) = self.given.join_next().await {
                     if let Ok(Carried { viewer, ticket, answer }) = done {
-                        self.shared.hub().answer(viewer, &ticket, &answer);
-                        self.shared.wake();
+                        self.server.shared.hub().answer(viewer, &ticket, &answer);
+                        self.server.shared.wake();
                     }
                 }
             })
             .await;
         }
-        self.shared.end();
-        self.visitors.close(ANSWERED_WITHIN).await;
+        self.server.close().await;
         self.given.shutdown().await;
         self.robots.close().await;
     }

@@ -45,7 +45,7 @@ impl Page {
         model: Arc<Mutex<Model>>,
         version: watch::Receiver<u64>,
     ) -> anyhow::Result<Self> {
-        let (visitors, address) = Visitors::listen(address, LIMITS).await?;
+        let (visitors, address) = Visitors::listen("--page", address, LIMITS).await?;
         let (orders_tx, orders) = mpsc::channel(ORDERS_MAX);
         let door =
             Door { address: address.to_string(), port: address.port(), key: super::secret()?, token: super::secret()? };
@@ -106,12 +106,16 @@ fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = Stri
     let Order { path, body, reply } = order;
     let action = action(&shared.model(), &path, &body);
     let (clients, connect) = (live.clients(), live.connect());
-    let home = if let Some(Action::Answer(answer)) = &action { live.client_of(&answer.home) } else { None };
+    let home = if let Some(Action::Answer(answer)) = &action {
+        live.client_of(&answer.mission.robot(&answer.mission.home))
+    } else {
+        None
+    };
     async move {
         let word = match action {
             Some(Action::Answer(answer)) => match home {
                 Some(client) => orders::tell(client, answer).await,
-                None => format!("`{}` does not answer", answer.home),
+                None => format!("`{}` does not answer", answer.mission.home),
             },
             Some(action) => orders::everywhere(&clients, &connect, &action).await,
             None => "the question is no longer open".to_owned(),
@@ -134,12 +138,11 @@ fn action(model: &Model, path: &str, body: &Value) -> Option<Action> {
             let question = open.find(|one| {
                 one.question.number == number
                     && text("path") == Some(one.path)
-                    && text("deployment") == Some(&one.deployment.to_string())
+                    && text("mission") == Some(&one.mission.key())
             })?;
             let option = question.question.options.iter().find(|known| *known == option)?.clone();
-            let (deployment, home, path) =
-                (question.deployment.clone(), question.home.to_owned(), question.path.to_owned());
-            Some(Action::Answer(GivenAnswer { deployment, home, path, question: number, option }))
+            let (mission, path) = (question.mission.clone(), question.path.to_owned());
+            Some(Action::Answer(GivenAnswer { mission, path, question: number, option }))
         }
         _ => None,
     }

@@ -1,8 +1,10 @@
 //! The connections of one server of a view. Connections that have not been let in yet have a limit of their own.
 
 use super::serve::Guest;
-use anyhow::Context as _;
+use anyhow::anyhow;
+use comms::logic::human::cause;
 use std::collections::VecDeque;
+use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,9 +32,13 @@ pub(super) struct Visitors {
 }
 
 impl Visitors {
-    /// Begins to listen; returns the address as well.
-    pub(super) async fn listen(address: SocketAddr, limits: Limits) -> anyhow::Result<(Self, SocketAddr)> {
-        let listener = TcpListener::bind(address).await.with_context(|| format!("listening on `{address}`"))?;
+    /// Begins to listen; returns the address as well. `option` is the option of the command that has the address.
+    pub(super) async fn listen(
+        option: &str,
+        address: SocketAddr,
+        limits: Limits,
+    ) -> anyhow::Result<(Self, SocketAddr)> {
+        let listener = TcpListener::bind(address).await.map_err(|error| unheard(option, address, &error))?;
         let address = listener.local_addr()?;
         Ok((Self { listener, limits, tasks: JoinSet::new(), strangers: VecDeque::new() }, address))
     }
@@ -76,4 +82,17 @@ impl Visitors {
         timeout(within, ended).await.unwrap_or_default();
         self.tasks.shutdown().await;
     }
+}
+
+/// Returns the failure that a server cannot listen, with a way out.
+fn unheard(option: &str, address: SocketAddr, error: &io::Error) -> anyhow::Error {
+    let free = SocketAddr::new(address.ip(), 0);
+    let hint = match error.kind() {
+        ErrorKind::AddrInUse => {
+            format!("another program listens there, perhaps another view; `{option} {free}` takes a free port")
+        }
+        ErrorKind::PermissionDenied => format!("ports below 1024 are for root; `{option} {free}` takes a free port"),
+        _ => format!("`{option} {free}` takes a free port"),
+    };
+    anyhow!("cannot listen on `{address}`: {}; {hint}", cause(error))
 }

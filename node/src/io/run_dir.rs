@@ -214,12 +214,16 @@ pub fn visitors_identity(base: &Path, name: &str) -> Option<PathBuf> {
 pub fn groups(base: &Path) -> Vec<PathBuf> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(&base).into_iter().flatten().flatten();
-    let command = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(COMMAND_PREFIX)?.parse::<u32>().ok();
     let commands = entries.map(|entry| entry.path()).filter(|path| command(path).is_some());
     let mut commands: Vec<PathBuf> =
         commands.filter(|path| running(path).is_ok_and(|nodes| !nodes.is_empty())).collect();
     commands.sort_by_key(|path| (fs::metadata(path).and_then(|folder| folder.modified()).ok(), path.clone()));
     std::iter::once(base).filter(|base| is_own(base)).chain(commands).collect()
+}
+
+/// Returns the process id of the command that runs the nodes of this folder; none for nodes that stay.
+pub fn command(folder: &Path) -> Option<u32> {
+    folder.file_name()?.to_str()?.strip_prefix(COMMAND_PREFIX)?.parse().ok()
 }
 
 /// Returns whether a folder belongs to this user, and is not a link to another.
@@ -230,8 +234,8 @@ fn is_own(path: &Path) -> bool {
 /// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
 pub fn of_this_command(base: &Path) -> PathBuf {
     for entry in fs::read_dir(base).into_iter().flatten().flatten() {
-        let (name, path) = (entry.file_name(), entry.path());
-        let pid = name.to_str().and_then(|name| name.strip_prefix(COMMAND_PREFIX)?.parse::<u32>().ok());
+        let path = entry.path();
+        let pid = command(&path);
         // A command that is starting has no locks yet, but it is alive.
         let alive = pid.is_none_or(|pid| Path::new(&format!("/proc/{pid}")).exists());
         if !alive && running(&path).is_ok_and(|nodes| nodes.is_empty()) {

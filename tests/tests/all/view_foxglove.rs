@@ -11,6 +11,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -38,7 +39,11 @@ struct View {
 
 impl View {
     fn open(here: &Host) -> Self {
-        let view = here.dca(&["view", "--foxglove", "127.0.0.1:0"]);
+        Self::of(here.dca(&["view", "--foxglove", "127.0.0.1:0"]))
+    }
+
+    /// Returns a command that serves clients.
+    fn of(view: Program) -> Self {
         view.wait_for(Stream::Out, "\n", SOON);
         view.wait_for(Stream::Err, "Ctrl-C", SOON);
         let link = view.text(Stream::Out);
@@ -170,6 +175,130 @@ fn in_a_team_orders_have_the_rights_of_the_user() {
     assert!(status.out.contains("everything was stopped by "), "{status}");
 }
 
+/// Returns the panels of a layout that are of a type, with their settings.
+fn panels(layout: &Value, kind: &str) -> Vec<Value> {
+    let all = layout["configById"].as_object().expect("a layout has panels");
+    all.iter().filter(|(id, _)| id.starts_with(kind)).map(|(_, panel)| panel.clone()).collect()
+}
+
+fn read_layout(file: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(file).expect("it was written")).expect("it is JSON")
+}
+
+/// A client plays the record of a run, pauses it, and jumps in it. A layout has panels for its topics.
+#[test]
+fn a_record_is_played_and_searched_by_a_client() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let programs = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
+    let [controller, examples] = &programs;
+    let ending = "internal_event_actions { (beat, monitor, wheels, guard) # wait(1 s) }";
+    let file =
+        cluster.file("door.dca", &SPEC.replace("internal_event_actions { beat, monitor, wheels, guard }", ending));
+    let arguments = ["run", "--record", "all", "--controllers", controller, "--controllers", examples, &file];
+    let ended = here.dca(&arguments).ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let view = View::of(here.dca(&["replay", "runs/door-1", "--foxglove", "127.0.0.1:0"]));
+    let mut client = Client::connect(&view.address);
+    let info = client.word("serverInfo");
+    assert_eq!(info["capabilities"], json!(["time", "playbackControl", "services"]), "{info}");
+    let time = |name: &str| {
+        let part = |part: &str| info[name][part].as_u64().expect("it is a number");
+        Duration::from_secs(part("sec")) + Duration::from_nanos(part("nsec"))
+    };
+    let (begin, end) = (time("dataStartTime"), time("dataEndTime"));
+    assert!(end >= begin + Duration::from_secs(1), "{info}");
+    assert_eq!(client.playback(1).at, begin, "it waits for a subscription");
+    let monitor = client.channel("/signals/main/monitor");
+    client.subscribe(1, &monitor);
+    assert_eq!(client.playback(0).at, begin);
+    assert!(client.value(1)["stamp"].is_number());
+    client.control(false, 1.0, None, "pause");
+    assert_eq!(client.playback(1).request, "pause");
+    // After a jump, a client gets the last value of each channel: here the last event of the run.
+    let events = client.channel("/events");
+    client.control(false, 1.0, Some(end), "end");
+    let jumped = client.playback(1);
+    assert_eq!((jumped.at, jumped.has_jumped, jumped.request.as_str()), (end, true, "end"));
+    client.subscribe(2, &events);
+    assert_eq!(client.value(2)["kind"], "finished");
+    // Played from its end, it begins again. Another client hears it as well.
+    client.control(true, 100.0, None, "again");
+    let again = client.playback(0);
+    assert_eq!((again.at, again.has_jumped), (begin, true));
+    assert_eq!(client.playback(3).at, end);
+    let mut other = Client::connect(&view.address);
+    assert_eq!(other.playback(3).at, end);
+    let replay = other.service("/replay");
+    let Message::Response(state) = other.call(replay, 1, &json!({ "play": false, "seconds": 0 })) else {
+        panic!("it is paused")
+    };
+    assert_eq!((&state["playing"], &state["seconds"]), (&json!(false), &json!(0.0)), "{state}");
+    assert_eq!(client.playback(1).at, begin);
+    view.view.signal(Signal::INT);
+    assert_eq!(view.view.ended(SOON).code, Some(0));
+    let written = here.ask(&["replay", "runs/door-1", "--layout", "layout.json"]);
+    assert_eq!((written.code, written.out.as_str()), (Some(0), "layout.json\n"), "{written}");
+    let layout = read_layout(&cluster.folder().join("layout.json"));
+    assert!(
+        panels(&layout, "Plot!").iter().any(|plot| plot.to_string().contains("/signals/main/monitor.")),
+        "{layout}"
+    );
+    let states = panels(&layout, "StateTransitions!");
+    assert!(states[0].to_string().contains("/events{process==\\\"main/wheels\\\"}.kind"), "{layout}");
+}
+
+/// The layout of a running mission has its states, its signals and a stop. Without a mission there is nothing to lay out.
+#[test]
+fn a_layout_has_panels_for_the_missions_that_run() {
+    let cluster = Cluster::new();
+    let (here, [_node, mission]) = deployed(&cluster);
+    let file = cluster.folder().join("layout.json");
+    let written = here.ask(&["view", "--layout", &file.display().to_string()]);
+    assert_eq!(written.code, Some(0), "{written}");
+    let layout = read_layout(&file);
+    let states = panels(&layout, "StateTransitions!");
+    assert!(states[0].to_string().contains("/mission.processes[:]{path==\\\"main/wheels\\\"}.state"), "{layout}");
+    assert_eq!(panels(&layout, "RosOut!")[0]["topicToRender"], "/log");
+    assert_eq!((panels(&layout, "Parameters!").len(), panels(&layout, "CallService!stop").len()), (1, 1));
+    let stop = &panels(&layout, "CallService!stop")[0];
+    assert_eq!(
+        (&stop["serviceName"], &stop["requestPayload"]),
+        (&json!("/dca/stop"), &json!("{\"deployment\":\"door\"}"))
+    );
+    assert_eq!(here.ask(&["stop", "door"]).code, Some(0));
+    drop(mission);
+    let refused = here.ask(&["view", "--layout", &file.display().to_string()]);
+    assert!(refused.code == Some(1) && refused.err.contains("no mission runs"), "{refused}");
+    assert_eq!(read_layout(&file), layout, "the file is as it was");
+}
+
+#[test]
+fn a_file_that_is_no_record_is_not_served() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    for (name, text, why) in [
+        ("text", "process main() {}", "it does not begin as one"),
+        ("empty", "", "it does not begin as one"),
+        ("cut", "\u{89}", "it does not begin as one"),
+    ] {
+        let file = cluster.file(name, text);
+        let refused = here.ask(&["replay", &file, "--foxglove", "127.0.0.1:0"]);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
+    }
+    let refused = here.ask(&["replay", "away.mcap", "--foxglove", "127.0.0.1:0"]);
+    assert!(refused.code == Some(1) && refused.err.contains("away.mcap"), "{refused}");
+    for (arguments, why) in [
+        (&["replay", "a.mcap", "b.dca", "--foxglove"][..], "cannot be used with"),
+        (&["replay", "a.mcap"], "required"),
+        (&["replay", "a.mcap", "--foxglove", "0.0.0.0:0"], "open to the network"),
+        (&["view", "--layout", "a", "--page"], "cannot be used with"),
+    ] {
+        let refused = here.ask(arguments);
+        assert!(refused.code == Some(2) && refused.err.contains(why), "{refused}");
+    }
+}
+
 /// A suspended host confirms nothing, and the answer says so.
 #[test]
 #[ignore = "long: waits for a host that does not answer"]
@@ -185,7 +314,7 @@ fn an_estop_that_no_host_confirms_is_not_said_to_be_confirmed() {
     match answer {
         Message::Response(unknown) => assert_eq!(unknown["confirmed"], json!(false), "{unknown}"),
         Message::Word(failure) => assert_eq!(failure["op"], "serviceCallFailure", "{failure}"),
-        Message::Value { .. } => panic!("no topic was subscribed to"),
+        other => panic!("no topic was subscribed to: {other:?}"),
     }
 }
 
@@ -210,7 +339,7 @@ fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
     }
     let rebound = handshake(address, "evil.example:8765", "");
     assert!(rebound.starts_with("HTTP/1.1 403"), "{rebound}");
-    view.view.wait_for(Stream::Err, "`dca view --foxglove --origin https://evil.example` allows it", SOON);
+    view.view.wait_for(Stream::Err, "the option `--origin https://evil.example` allows it", SOON);
     // Half handshakes, idle connections and garbage take nothing from others.
     let mut idle: Vec<TcpStream> = (0..200).map(|_| TcpStream::connect(address).expect("it listens")).collect();
     for stream in &mut idle {

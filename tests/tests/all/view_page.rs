@@ -179,8 +179,56 @@ fn the_page_stays_on_its_machine() {
         let refused = cluster.here().ask(&["view", "--page", address]);
         assert!(refused.code == Some(2) && refused.err.contains("open to the network"), "{refused}");
     }
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port is free");
+    let port = taken.local_addr().expect("it listens").port();
+    let _node = cluster.here().with_run_dir(cluster.folder().join("other")).node("c1", &[]);
+    let other = cluster.here().with_run_dir(cluster.folder().join("other"));
+    let refused = other.ask(&["view", "--page", &format!("127.0.0.1:{port}")]);
+    let hint = "another program listens there, perhaps another view; `--page 127.0.0.1:0` takes a free port";
+    assert!(refused.code == Some(1) && refused.err.contains(hint), "{refused}");
+    let refused = other.ask(&["view", "--page", "7400"]);
+    assert!(
+        refused.code == Some(2) && refused.err.contains("an address has a host and a port: `127.0.0.1:7400`"),
+        "{refused}"
+    );
     let alone = cluster.here().ask(&["view", "--page"]);
     assert!(alone.code == Some(3) && alone.err.contains("no node runs on this machine"), "{alone}");
+}
+
+/// Each of two commands has a node `c1` and a deployment `door@1`.
+#[test]
+fn two_runs_of_one_spec_are_two_missions() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let file = cluster.file("door.dca", SPEC);
+    let runs = [0, 1].map(|_| here.dca(&["run", "--no-record", &file]));
+    runs.iter().for_each(|run| run.wait_for(Stream::Err, "started in", SOON));
+    let page = Page::open(&here);
+    let mut stream = page.request("GET /events", &page.cookie(), "");
+    let mut seen = String::new();
+    let mut see = |wanted: &str| {
+        if !seen.contains(wanted) {
+            seen += &read_until(&mut stream, wanted);
+        }
+    };
+    for run in &runs {
+        see(&format!("\"id\":\"door@1 c1 (command {})\"", run.pid()));
+        see(&format!("\"mission\":\"door@1 c1 (command {})\",\"path\":\"main/one\"", run.pid()));
+    }
+    // The first command ends. Its robot leaves, and the robot of the second stays.
+    runs[0].signal(Signal::INT);
+    see(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[0].pid()));
+    assert!(!seen.contains(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[1].pid())), "{seen}");
+    // The result of one command does not hide that of another.
+    let third = here.dca(&["run", "--no-record", &file]);
+    third.wait_for(Stream::Err, "started in", SOON);
+    let stopped = here.ask(&["estop"]);
+    for run in [&runs[1], &third] {
+        let line = format!("c1 (command {}): stopped; no program runs", run.pid());
+        assert!(stopped.out.contains(&line), "{stopped}");
+    }
+    let again = page.ask("POST /estop", &page.fields_of_orders(), "{}");
+    assert!(!again.contains(&runs[0].pid().to_string()), "a command that has ended is not asked: {again}");
 }
 
 /// A person at a browser.

@@ -60,7 +60,7 @@ impl Entrance {
         }
         if let Some(origin) = head.origin.as_ref().filter(|origin| !self.is_allowed(origin)) {
             // A person may copy the words, so they never have a command that a stranger has written.
-            let how = format!("; `dca view --foxglove --origin {origin}` allows it");
+            let how = format!("; the option `--origin {origin}` allows it");
             let how = if self::origin(origin).is_ok() { how } else { String::new() };
             let why = format!("the page `{origin}` may not connect{how}");
             return Err(Refusal { status: Status::Forbidden, why, origin: Some(origin.clone()) });

@@ -4,48 +4,39 @@
 //! out. Each client has limits of its own, so that none can slow down another.
 
 use super::catalog::{Catalog, Description, Source, Target};
+use super::lasting::Lasting;
+use super::layout::{LayoutMission, of_missions};
 use super::mission::{LiveMission, Published};
 use super::order::{Answer, Given, Order, Ticket, read as read_order};
 use super::outbox::Frame;
-use super::protocol::{self, Call, Level, ParameterValue, Request, Subscription};
+use super::protocol::{self, Call, Control, Level, ParameterValue, Request, Subscription};
+use super::recording::{Played, Recording};
 use super::viewer::{ORDERS_MAX, Viewer};
 use super::{JSON, ProgramName};
-use crate::logic::record::{Entry, LOG, Rows, log_schema};
+use crate::logic::record::{Entry, LOG, Rows, Timeline, log_schema};
 use comms::logic::object::Exports;
 use comms::logic::signals::Signals;
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::time::Time;
-use node::logic::protocol::{Deployment, Event};
+use node::logic::protocol::Event;
 use node::logic::table::counted;
 use serde_json::Value;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
-use view::Model;
+use view::{MissionId, Model};
 
 /// The most clients at once: a few windows of a few people.
 pub(super) const VIEWERS_MAX: usize = 8;
-/// How many of the last events, and how many lines of output, a client gets that comes later.
-const KEPT_MAX: usize = 200;
-/// The most bytes of them.
-const KEPT_SIZE_MAX: usize = 1 << 20;
-
 /// How many problems of one order are told.
 const PROBLEMS_MAX: usize = 5;
 
-/// A message that is kept for clients that come later.
-#[derive(Debug)]
-struct Kept {
-    at: Duration,
-    payload: Vec<u8>,
-}
-
-/// A channel whose last messages are kept.
-#[derive(Debug)]
-struct Lasting {
-    channel: Option<u32>,
-    kept: VecDeque<Kept>,
-    size: usize,
+/// When a message came.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Arrival {
+    /// On the clock that does not jump.
+    pub(crate) now: Time,
+    pub(crate) since_1970: Duration,
 }
 
 /// All clients.
@@ -54,13 +45,15 @@ pub(crate) struct Hub {
     /// The number of this view, which tells a client whether it connects to another one.
     session: String,
     catalog: Catalog,
-    missions: BTreeMap<Deployment, LiveMission>,
+    missions: BTreeMap<MissionId, LiveMission>,
     events: Lasting,
     log: Lasting,
     viewers: BTreeMap<u64, Viewer>,
     last_viewer: u64,
     parameters: BTreeMap<String, Value>,
     orders: Vec<Given>,
+    /// The record that is played, if this is not the view of robots.
+    recording: Option<Recording>,
 }
 
 impl Hub {
@@ -84,6 +77,25 @@ impl Hub {
             last_viewer: 0,
             parameters: BTreeMap::new(),
             orders: Vec::new(),
+            recording: None,
+        }
+    }
+
+    /// Returns the hub of a record that is played.
+    pub(crate) fn of_record(session: u64, timeline: Timeline) -> Self {
+        let mut catalog = Catalog::default();
+        let recording = Recording::new(timeline, &mut catalog);
+        Self {
+            session: session.to_string(),
+            catalog,
+            missions: BTreeMap::new(),
+            events: Lasting::new(None),
+            log: Lasting::new(None),
+            viewers: BTreeMap::new(),
+            last_viewer: 0,
+            parameters: BTreeMap::new(),
+            orders: Vec::new(),
+            recording: Some(recording),
         }
     }
 
@@ -93,12 +105,19 @@ impl Hub {
             return None;
         }
         let mut viewer = Viewer::default();
+        let info = match &self.recording {
+            Some(recording) => protocol::record_info(&self.session, recording.span()),
+            None => protocol::server_info(&self.session),
+        };
         let words = [
-            protocol::server_info(&self.session),
+            info,
             protocol::advertise(self.catalog.channels.values()),
             protocol::advertise_services(self.catalog.services.values()),
         ];
         words.into_iter().for_each(|word| viewer.outbox.word(Frame::Text(word)));
+        if let Some(recording) = &self.recording {
+            recording.greeting().into_iter().for_each(|frame| viewer.outbox.latest(frame));
+        }
         self.last_viewer += 1;
         self.viewers.insert(self.last_viewer, viewer);
         Some(self.last_viewer)
@@ -115,15 +134,27 @@ impl Hub {
     }
 
     /// Takes a message of a client in.
-    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Duration) {
+    pub(crate) fn take(&mut self, number: u64, frame: &Frame, arrival: Arrival) {
+        let Arrival { now, since_1970: at } = arrival;
         let request = match frame {
             Frame::Text(text) => protocol::read_text(text),
             Frame::Binary(bytes) => protocol::read_binary(bytes),
         };
         match request {
-            Ok(Request::Subscribe(subscriptions)) => self.subscribe(number, &subscriptions, at),
+            Ok(Request::Subscribe(subscriptions)) => {
+                self.subscribe(number, &subscriptions, at);
+                if self.recording.as_ref().is_some_and(Recording::is_new) {
+                    self.control(number, now, &Control { plays: Some(true), ..Control::default() });
+                }
+            }
             Ok(Request::Unsubscribe(ids)) => {
                 self.with(number, |viewer| ids.iter().for_each(|id| viewer.unsubscribe(*id)));
+            }
+            Ok(Request::Parameters { .. } | Request::SetParameters { .. }) if self.recording.is_some() => {
+                self.with(number, |viewer| complain(viewer, "a record has no parameters"));
+            }
+            Ok(Request::Control(_)) if self.recording.is_none() => {
+                self.with(number, |viewer| complain(viewer, "this server shows running missions, and plays no record"));
             }
             Ok(Request::Parameters { names, id }) => {
                 self.order(number, Ticket::Parameters(id), Order::Parameters { names });
@@ -133,7 +164,9 @@ impl Hub {
             }
             Ok(Request::FollowParameters(names)) => self.with(number, |viewer| viewer.follow(names)),
             Ok(Request::UnfollowParameters(names)) => self.with(number, |viewer| viewer.unfollow(&names)),
+            Ok(Request::Call(call)) if self.recording.is_some() => self.replay_call(number, &call, now),
             Ok(Request::Call(call)) => self.call(number, &call),
+            Ok(Request::Control(control)) => self.control(number, now, &control),
             Err(why) => self.with(number, |viewer| complain(viewer, &why)),
         }
     }
@@ -212,7 +245,7 @@ impl Hub {
     /// began, since 1970.
     pub(crate) fn look(&mut self, model: &Model, now: Time, origin: Duration) {
         self.change(|hub| {
-            let present: BTreeSet<&Deployment> = model.deployments().map(|live| &live.id).collect();
+            let present: BTreeSet<&MissionId> = model.deployments().map(|live| &live.id).collect();
             let mut running = model.deployments().filter(|live| live.end.is_none());
             let has_new = running.any(|live| !hub.missions.contains_key(&live.id));
             // The topics of a mission stay after its end, until another one takes its place.
@@ -238,6 +271,23 @@ impl Hub {
         });
     }
 
+    /// Returns a layout with panels for the topics of the missions that run. None if nothing runs.
+    pub(crate) fn layout(&self, model: &Model) -> Option<Value> {
+        let topic = |id: &MissionId| {
+            let source = Source::State(id.clone());
+            self.catalog.channels.values().find(|channel| channel.source == source).map(|channel| &*channel.topic)
+        };
+        let running = model.deployments().filter(|live| live.end.is_none());
+        let missions: Vec<LayoutMission<'_>> =
+            running.filter_map(|live| Some(LayoutMission { topic: topic(&live.id)?, live })).collect();
+        (!missions.is_empty()).then(|| of_missions(self.catalog.channels.values(), &missions))
+    }
+
+    /// Returns how many channels there are.
+    pub(crate) fn channels(&self) -> usize {
+        self.catalog.channels.len()
+    }
+
     /// Takes an event in.
     pub(crate) fn event(&mut self, event: &Event) {
         if let Some(payload) = super::events::payload(event) {
@@ -250,7 +300,7 @@ impl Hub {
 
     /// Takes in lines that a program has written.
     pub(crate) fn wrote(&mut self, program: &ProgramName, text: String, at: Duration) {
-        let path = format!("{}:{}", program.deployment.name, program.path);
+        let path = format!("{}:{}", program.mission.deployment.name, program.path);
         let payload = Rows::default().row(&Entry::Output { path, at: Duration::ZERO, text }, at).data;
         self.log.keep(at, &payload);
         if let Some(channel) = self.log.channel {
@@ -260,13 +310,13 @@ impl Hub {
 
     /// Forgets the lines so far: they are told again.
     pub(crate) fn log_begins(&mut self) {
-        (self.log.kept, self.log.size) = (VecDeque::new(), 0);
+        self.log.clear();
     }
 
     /// Takes in the outputs and exports of a program.
     pub(crate) fn described(&mut self, program: &ProgramName, outputs: &Outputs, exports: Exports) {
         self.change(|hub| {
-            if let Some(mission) = hub.missions.get_mut(&program.deployment).filter(|mission| !mission.is_over) {
+            if let Some(mission) = hub.missions.get_mut(&program.mission).filter(|mission| !mission.is_over) {
                 mission.describe(&program.path, outputs, exports, &mut hub.catalog);
             }
         });
@@ -274,7 +324,7 @@ impl Hub {
 
     /// Takes note that an output is heard from now on: earlier values are not lost, they were not wanted.
     pub(crate) fn hears(&mut self, source: &Source) {
-        let mission = source.program().and_then(|program| self.missions.get_mut(&program.deployment));
+        let mission = source.program().and_then(|program| self.missions.get_mut(&program.mission));
         if let Some(mission) = mission {
             mission.hears(source);
         }
@@ -283,25 +333,23 @@ impl Hub {
     /// Takes a value of an output in.
     pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Duration) {
         let Some(program) = source.program() else { return };
-        self.publish_of(&program.deployment, at, |mission, catalog| mission.value(source, tapped, at, catalog));
+        self.publish_of(&program.mission, at, |mission, catalog| mission.value(source, tapped, at, catalog));
     }
 
     /// Takes a sample of the signals of a program in.
     pub(crate) fn signals(&mut self, program: &ProgramName, sample: Signals, at: Duration) {
-        self.publish_of(&program.deployment, at, |mission, catalog| {
-            mission.signals(&program.path, sample, at, catalog)
-        });
+        self.publish_of(&program.mission, at, |mission, catalog| mission.signals(&program.path, sample, at, catalog));
     }
 
     fn publish_of(
         &mut self,
-        deployment: &Deployment,
+        mission: &MissionId,
         at: Duration,
         take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
     ) {
         // A channel is compared only if there may be a new one: values come often.
         let before = self.catalog.channels.len();
-        let Some(mission) = self.missions.get_mut(deployment) else { return };
+        let Some(mission) = self.missions.get_mut(mission) else { return };
         let published = take(mission, &mut self.catalog);
         if self.catalog.channels.len() > before {
             let new = self.catalog.channels.values().skip(before);
@@ -353,12 +401,12 @@ impl Hub {
         }
     }
 
-    fn forget(&mut self, deployment: &Deployment) {
-        let Some(mut mission) = self.missions.remove(deployment) else { return };
+    fn forget(&mut self, id: &MissionId) {
+        let Some(mut mission) = self.missions.remove(id) else { return };
         for path in mission.programs().map(str::to_owned).collect::<Vec<_>>() {
             mission.forget(&path, &mut self.catalog);
         }
-        self.catalog.channels.retain(|_, channel| channel.source != Source::State(deployment.clone()));
+        self.catalog.channels.retain(|_, channel| channel.source != Source::State(id.clone()));
     }
 
     fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Duration) {
@@ -382,11 +430,15 @@ impl Hub {
             match &channel.source {
                 Source::Events => self.events.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
                 Source::Log => self.log.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
-                Source::State(deployment) => {
-                    let state = self.missions.get(deployment).and_then(LiveMission::state);
+                Source::State(mission) => {
+                    let state = self.missions.get(mission).and_then(LiveMission::state);
                     state.iter().for_each(|state| send(at, &state.payload));
                 }
                 Source::Output { .. } | Source::Signals(_) => {}
+                Source::Recorded(_) => {
+                    let last = self.recording.as_ref().and_then(|recording| recording.last(channel.id));
+                    last.iter().for_each(|message| send(message.at, &message.data));
+                }
             }
         }
         if let Some(first) = first {
@@ -402,12 +454,12 @@ impl Hub {
                 Err(format!("`{}` is not an encoding of this server; it takes `{}`", call.encoding, protocol::ENCODING))
             }
             Some(Target::Procedure { program, procedure }) => {
-                let mission = self.missions.get(&program.deployment);
+                let mission = self.missions.get(&program.mission);
                 let found = mission.and_then(|mission| mission.procedure(&program.path, procedure));
                 let gone = || format!("`{}` has ended", program.path);
                 found.ok_or_else(gone).and_then(|found| super::order::procedure(program, found, &call.payload))
             }
-            Some(target @ (Target::Stop | Target::Estop)) => read_order(target, &call.payload),
+            Some(target @ (Target::Stop | Target::Estop | Target::Replay)) => read_order(target, &call.payload),
         };
         match read {
             Ok(order) => self.order(number, ticket, order),
@@ -415,6 +467,73 @@ impl Hub {
                 viewer.outbox.word(Frame::Text(protocol::call_failure(call.service, call.number, &why)));
             }),
         }
+    }
+
+    /// Returns when the record that is played goes on.
+    pub(crate) fn deadline(&self) -> Option<Time> {
+        self.recording.as_ref()?.deadline()
+    }
+
+    /// Plays the record up to now.
+    pub(crate) fn play(&mut self, now: Time) {
+        if let Some(played) = self.recording.as_mut().map(|recording| recording.advance(now)) {
+            self.tell(played, None);
+        }
+    }
+
+    /// Does what a client asks of the record.
+    fn control(&mut self, number: u64, now: Time, control: &Control) {
+        if let Some(played) = self.recording.as_mut().map(|recording| recording.control(now, control)) {
+            self.tell(played, Some(number));
+        }
+    }
+
+    /// Sends the state of the record, which clients get first, and messages. The client that has asked gets its answer.
+    fn tell(&mut self, Played { messages, frames, answer, has_jumped }: Played, asker: Option<u64>) {
+        if has_jumped {
+            self.viewers.values_mut().for_each(|viewer| viewer.outbox.drop_values());
+        }
+        for place in messages {
+            let Some((channel, message)) = self.recording.as_ref().and_then(|recording| recording.message(place))
+            else {
+                continue;
+            };
+            for viewer in self.viewers.values_mut() {
+                if let Some(subscription) = viewer.subscription(channel)
+                    && let Some(topic) = self.catalog.channels.get(&channel).map(|channel| &channel.topic)
+                {
+                    let frame = protocol::data(subscription, message.at, &message.data);
+                    viewer.outbox.value(topic, subscription, frame);
+                }
+            }
+        }
+        for (number, viewer) in &mut self.viewers {
+            frames.iter().for_each(|frame| viewer.outbox.latest(frame.clone()));
+            match &answer {
+                Some(answer) if asker == Some(*number) => viewer.outbox.answer(answer.asker.clone()),
+                Some(answer) => viewer.outbox.latest(answer.others.clone()),
+                None => {}
+            }
+        }
+    }
+
+    /// Plays the record, or pauses it, for a client without controls of its own.
+    fn replay_call(&mut self, number: u64, call: &Call, now: Time) {
+        let (service, call_number) = (call.service, call.number);
+        let is_known = self.catalog.services.contains_key(&service);
+        let control = match &self.recording {
+            Some(recording) if is_known => recording.read(&call.payload),
+            Some(_) | None => Err(format!("the service {service} does not exist")),
+        };
+        let frame = match control {
+            Ok(control) => {
+                self.control(number, now, &control);
+                let state = self.recording.as_ref().map(Recording::in_json).unwrap_or_default();
+                Frame::Binary(protocol::call_response(service, call_number, &state))
+            }
+            Err(why) => Frame::Text(protocol::call_failure(service, call_number, &why)),
+        };
+        self.with(number, |viewer| viewer.outbox.word(frame));
     }
 
     /// Takes note of an order of a client, unless it waits for too many.
@@ -437,21 +556,6 @@ impl Hub {
     fn with(&mut self, number: u64, change: impl FnOnce(&mut Viewer)) {
         if let Some(viewer) = self.viewers.get_mut(&number) {
             change(viewer);
-        }
-    }
-}
-
-impl Lasting {
-    fn new(channel: Option<u32>) -> Self {
-        Self { channel, kept: VecDeque::new(), size: 0 }
-    }
-
-    fn keep(&mut self, at: Duration, payload: &[u8]) {
-        self.size += payload.len();
-        self.kept.push_back(Kept { at, payload: payload.to_vec() });
-        while self.kept.len() > KEPT_MAX || self.size > KEPT_SIZE_MAX {
-            let Some(oldest) = self.kept.pop_front() else { return };
-            self.size -= oldest.payload.len();
         }
     }
 }

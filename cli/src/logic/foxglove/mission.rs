@@ -11,12 +11,11 @@ use comms::logic::object::{ExportKind, Exports};
 use comms::logic::signals::Signals;
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::time::Time;
-use node::logic::protocol::Deployment;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
-use view::{LiveDeployment, Model};
+use view::{LiveDeployment, MissionId, Model};
 
 /// The beginning of the name of a service that calls a procedure; the path of its program and its name follow.
 const CALLS: &str = "/calls/";
@@ -44,7 +43,7 @@ pub(super) struct Published {
 /// A deployment.
 #[derive(Debug)]
 pub(super) struct LiveMission {
-    deployment: Deployment,
+    id: MissionId,
     rows: Rows,
     /// The channel of each topic of the rows, while there is one.
     channels: BTreeMap<usize, u32>,
@@ -57,15 +56,15 @@ pub(super) struct LiveMission {
 }
 
 impl LiveMission {
-    pub(super) fn new(deployment: Deployment, catalog: &mut Catalog) -> Self {
+    pub(super) fn new(id: MissionId, catalog: &mut Catalog) -> Self {
         let described = Description {
             form: super::JSON,
             schema_name: "dca.Mission".to_owned(),
             schema: state_schema().to_string(),
         };
-        let state_channel = catalog.add("/mission", described, Source::State(deployment.clone()));
+        let state_channel = catalog.add("/mission", described, Source::State(id.clone()));
         Self {
-            deployment,
+            id,
             rows: Rows::default(),
             channels: BTreeMap::new(),
             outputs: BTreeMap::new(),
@@ -95,7 +94,7 @@ impl LiveMission {
 
     /// Takes in the outputs and exports of a program.
     pub(super) fn describe(&mut self, path: &str, outputs: &Outputs, exports: Exports, catalog: &mut Catalog) {
-        let program = ProgramName { deployment: self.deployment.clone(), path: path.to_owned() };
+        let program = ProgramName { mission: self.id.clone(), path: path.to_owned() };
         let mut there = BTreeMap::new();
         for output in outputs.all() {
             let source = Source::Output { program: program.clone(), output: output.name.clone() };
@@ -146,7 +145,7 @@ impl LiveMission {
 
     /// Forgets a program that has gone.
     pub(super) fn forget(&mut self, path: &str, catalog: &mut Catalog) {
-        let program = ProgramName { deployment: self.deployment.clone(), path: path.to_owned() };
+        let program = ProgramName { mission: self.id.clone(), path: path.to_owned() };
         let of_program = catalog.channels.values().filter(|channel| channel.source.program() == Some(&program));
         let gone: Vec<u32> = of_program.map(|channel| channel.id).collect();
         for channel in gone {
@@ -201,7 +200,7 @@ impl LiveMission {
         at: Duration,
         catalog: &mut Catalog,
     ) -> Option<Published> {
-        let program = ProgramName { deployment: self.deployment.clone(), path: path.to_owned() };
+        let program = ProgramName { mission: self.id.clone(), path: path.to_owned() };
         let source = Source::Signals(program);
         let count = catalog.channels.values().filter(|channel| channel.source == source).count();
         let is_full = count >= SIGNALS_MAX && !self.rows.knows(path, &sample);
@@ -237,13 +236,14 @@ fn state(model: &Model, live: &LiveDeployment, origin: Duration) -> Value {
     let processes = live.processes.values().map(|process| {
         json!({
             "path": process.path, "kind": process.kind, "state": process.state,
-            "health": health_word(model.health(process)), "since": since_1970(process.since.at),
+            "health": health_word(model.health(&live.id, process)), "since": since_1970(process.since.at),
             "is_exact": process.since.is_exact, "host": process.host, "pid": process.pid.unwrap_or_default(),
             "restarts": process.restarts,
         })
     });
     json!({
-        "deployment": live.id.to_string(), "home": live.home, "phase": live.phase(), "ended": live.end.is_some(),
+        "deployment": live.id.deployment.to_string(), "home": live.id.home,
+        "command": live.id.fleet.command().unwrap_or_default(), "phase": live.phase(), "ended": live.end.is_some(),
         "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
         "since": live.end.as_ref().map(|end| end.at).or(live.began).map_or(0.0, since_1970),
         "processes": processes.collect::<Vec<_>>(),
@@ -271,6 +271,7 @@ fn state_schema() -> Value {
         "type": "object",
         "properties": {
             "deployment": text("name and number"), "home": text("the host of `main`"),
+            "command": number("the process id of the command that its nodes are inside of; 0 if they stay"),
             "phase": text("the phase, or how it has ended"), "ended": truth("whether it is over"),
             "failed": truth("whether it has failed"),
             "since": number("when it began or ended, in seconds since 1970; 0 if that is not known"),

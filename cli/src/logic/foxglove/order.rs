@@ -62,6 +62,13 @@ pub(crate) struct Given {
     pub(crate) order: Order,
 }
 
+impl Given {
+    /// Returns the program that is called, if it is a call.
+    pub(crate) fn callee(&self) -> Option<&ProgramName> {
+        if let Order::Call(call) = &self.order { Some(&call.program) } else { None }
+    }
+}
+
 /// The result of an order.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Answer {
@@ -131,7 +138,7 @@ pub(super) fn read(target: &Target, payload: &[u8]) -> Result<Order, String> {
             let name = name.ok_or("the deployment is missing: `{\"deployment\": \"NAME\"}`")?;
             DeploymentName::parse(name).map(Order::Stop)
         }
-        Target::Procedure { .. } => Err("this is not a stop".to_owned()),
+        Target::Procedure { .. } | Target::Replay => Err("this is not a stop".to_owned()),
     }
 }
 
@@ -146,7 +153,7 @@ pub(super) fn procedure(program: &ProgramName, procedure: Procedure, payload: &[
     Ok(Order::Call(Box::new(ProcedureCall { program: program.clone(), exported, exports, argument })))
 }
 
-fn value(payload: &[u8]) -> Result<Value, String> {
+pub(super) fn value(payload: &[u8]) -> Result<Value, String> {
     if payload.is_empty() {
         return Ok(json!({}));
     }

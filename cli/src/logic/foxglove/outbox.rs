@@ -52,10 +52,14 @@ struct Value {
 pub(super) struct Outbox {
     words: VecDeque<Frame>,
     words_size: usize,
+    /// Messages of which only the last one counts, by the first byte, which is their kind.
+    latest: BTreeMap<u8, Vec<u8>>,
     values: VecDeque<Value>,
     values_size: usize,
     /// How many values were left out since the client was told, by topic.
     lost: BTreeMap<Arc<str>, u64>,
+    /// The same, since the client has connected.
+    lost_all: u64,
     told: Option<Time>,
     is_overrun: bool,
 }
@@ -69,6 +73,21 @@ impl Outbox {
         }
         self.words_size += frame.size();
         self.words.push_back(frame);
+    }
+
+    /// Adds a binary message that takes the place of an earlier one of its kind.
+    pub(super) fn latest(&mut self, bytes: Vec<u8>) {
+        if let Some(kind) = bytes.first() {
+            self.latest.insert(*kind, bytes);
+        }
+    }
+
+    /// Adds a binary message that is not left out, and drops an earlier one of its kind of which only the last one counts.
+    pub(super) fn answer(&mut self, bytes: Vec<u8>) {
+        if let Some(kind) = bytes.first() {
+            self.latest.remove(kind);
+        }
+        self.word(Frame::Binary(bytes));
     }
 
     /// Returns whether a word found no room: the client does not know everything any more, and has to be cut off.
@@ -93,6 +112,7 @@ impl Outbox {
     /// Counts values that were left out on the way to the client.
     pub(super) fn lose(&mut self, topic: &Arc<str>, count: u64) {
         *self.lost.entry(Arc::clone(topic)).or_default() += count;
+        self.lost_all += count;
     }
 
     /// Drops the values of a subscription that has ended.
@@ -101,16 +121,24 @@ impl Outbox {
         self.values_size = self.values.iter().map(|value| value.bytes.len()).sum();
     }
 
+    /// Drops all values that wait, without counting them as lost.
+    pub(super) fn drop_values(&mut self) {
+        (self.values, self.values_size) = (VecDeque::new(), 0);
+    }
+
     /// Returns the next message: words first, so that a client hears of a channel before its values.
     pub(super) fn next(&mut self, now: Time) -> Option<Frame> {
         if !self.lost.is_empty() && self.told.is_none_or(|told| now.since(told) >= TOLD_EVERY) {
             self.told = Some(now);
             let lost = std::mem::take(&mut self.lost);
-            return Some(Frame::Text(protocol::status(Level::Warning, &words(&lost))));
+            return Some(Frame::Text(protocol::status(Level::Warning, &words(&lost, self.lost_all))));
         }
         if let Some(word) = self.words.pop_front() {
             self.words_size -= word.size();
             return Some(word);
+        }
+        if let Some((_, bytes)) = self.latest.pop_last() {
+            return Some(Frame::Binary(bytes));
         }
         let value = self.values.pop_front()?;
         self.values_size -= value.bytes.len();
@@ -118,15 +146,17 @@ impl Outbox {
     }
 }
 
-/// Returns the sentence about losses.
-fn words(lost: &BTreeMap<Arc<str>, u64>) -> String {
+/// Returns the sentence about losses. `ever` is how many there are since the client has connected.
+fn words(lost: &BTreeMap<Arc<str>, u64>, ever: u64) -> String {
     let all: u64 = lost.values().sum();
     let mut most: Vec<(&Arc<str>, &u64)> = lost.iter().collect();
     most.sort_by_key(|(topic, count)| (std::cmp::Reverse(**count), Arc::clone(topic)));
     let named = most.iter().take(NAMED_MAX).map(|(topic, count)| format!("{count} of `{topic}`"));
     let more = if most.len() > NAMED_MAX { ", and others" } else { "" };
     let values = counted(usize::try_from(all).unwrap_or(usize::MAX), "value");
-    format!("{values} did not get here in time and were left out: {}{more}", named.collect::<Vec<_>>().join(", "))
+    let ever = if ever > all { format!("; {ever} since this client has connected") } else { String::new() };
+    let named = named.collect::<Vec<_>>().join(", ");
+    format!("{values} did not get here in time and were left out: {named}{more}{ever}")
 }
 
 #[cfg(test)]
@@ -155,8 +185,22 @@ mod tests {
         outbox.lose(&a, 1);
         assert_eq!(outbox.next(at(999)), Some(Frame::Binary(vec![1])));
         assert_eq!(outbox.next(at(999)), None);
-        assert!(matches!(outbox.next(at(1000)), Some(Frame::Text(told)) if told.contains("1 value did")));
+        assert!(
+            matches!(outbox.next(at(1000)), Some(Frame::Text(told)) if told.contains("1 value did") && told.contains("; 3 since this client has connected"))
+        );
         assert_eq!(outbox.next(at(5000)), None);
+    }
+
+    #[test]
+    fn of_some_messages_only_the_last_one_waits() {
+        let mut outbox = Outbox::default();
+        outbox.value(&topic("/a"), 1, vec![1]);
+        (0..2 * WORDS_MAX).for_each(|_| outbox.latest(vec![2, 0]));
+        outbox.latest(vec![5]);
+        outbox.latest(vec![2, 1]);
+        let got: Vec<_> = std::iter::from_fn(|| outbox.next(at(0))).collect();
+        assert_eq!(got, [vec![5], vec![2, 1], vec![1]].map(Frame::Binary));
+        assert!(!outbox.is_overrun());
     }
 
     #[test]

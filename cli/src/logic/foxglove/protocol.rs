@@ -3,7 +3,7 @@
 //! Text messages are JSON objects with a field `op`. Binary messages begin with one byte for their kind; numbers in them are
 //! little-endian. Source: <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>.
 
-use super::catalog::{Channel, Service};
+use super::catalog::{Channel, Encodings, Service};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -15,9 +15,14 @@ pub(super) const ENCODING: &str = "json";
 
 /// The kinds of binary messages of a server.
 const DATA: u8 = 1;
+const TIME: u8 = 2;
 const CALL_RESPONSE: u8 = 3;
-/// The kind of the only binary message of a client that is taken.
+const PLAYBACK_STATE: u8 = 5;
+/// The kinds of binary messages of a client that are taken.
 const CALL_REQUEST: u8 = 2;
+const PLAYBACK_CONTROL: u8 = 3;
+/// The longest name of a request to play a record.
+const REQUEST_MAX: usize = 256;
 
 /// A message of a client.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +42,45 @@ pub(super) enum Request {
     FollowParameters(Vec<String>),
     UnfollowParameters(Vec<String>),
     Call(Call),
+    Control(Control),
+}
+
+/// A request to play a record, to pause it, or to jump. Absent fields change nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Control {
+    pub(super) plays: Option<bool>,
+    pub(super) speed: Option<f64>,
+    /// The time to jump to, since 1970.
+    pub(super) seek: Option<Duration>,
+    /// The name that the client has given to it.
+    pub(super) request: String,
+}
+
+/// Whether a record is being played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PlaybackStatus {
+    Playing,
+    Paused,
+    Ended,
+}
+
+/// The state of a record that is played.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Playback {
+    pub(super) status: PlaybackStatus,
+    /// The time of the record, since 1970.
+    pub(super) position: Duration,
+    pub(super) speed: f64,
+    pub(super) has_jumped: bool,
+    /// The name of the request that is answered, if one is.
+    pub(super) request: String,
+}
+
+/// The begin and the end of a record, since 1970.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Span {
+    pub(super) begin: Duration,
+    pub(super) end: Duration,
 }
 
 /// A subscription, with the number that its client has chosen.
@@ -139,6 +183,9 @@ pub(super) fn read_text(text: &str) -> Result<Request, String> {
 pub(super) fn read_binary(bytes: &[u8]) -> Result<Request, String> {
     let cut = || "a binary request is cut off".to_owned();
     let (kind, rest) = bytes.split_first().ok_or_else(cut)?;
+    if *kind == PLAYBACK_CONTROL {
+        return read_control(rest).ok_or_else(cut).map(Request::Control);
+    }
     if *kind != CALL_REQUEST {
         return Err(format!("a binary request of kind {kind} was ignored: this server takes calls of services only"));
     }
@@ -149,6 +196,64 @@ pub(super) fn read_binary(bytes: &[u8]) -> Result<Request, String> {
     let (encoding, payload) = rest.split_at_checked(length).ok_or_else(cut)?;
     let encoding = String::from_utf8_lossy(encoding).into_owned();
     Ok(Request::Call(Call { service, number: call, encoding, payload: payload.to_vec() }))
+}
+
+/// Reads a request to play a record. None if it is cut off.
+/// Source: `foxglove` 0.25, protocol/common/client/playback_control_request.rs.
+fn read_control(bytes: &[u8]) -> Option<Control> {
+    let (command, rest) = bytes.split_first()?;
+    let (speed, rest) = rest.split_first_chunk()?;
+    let (has_seek, rest) = rest.split_first()?;
+    let (seek, rest) = rest.split_first_chunk()?;
+    let (length, rest) = rest.split_first_chunk()?;
+    let request = rest.get(..usize::try_from(u32::from_le_bytes(*length)).ok()?)?;
+    Some(Control {
+        plays: Some(*command == 0),
+        speed: Some(f64::from(f32::from_le_bytes(*speed))),
+        seek: (*has_seek != 0).then(|| Duration::from_nanos(u64::from_le_bytes(*seek))),
+        request: String::from_utf8_lossy(request.get(..REQUEST_MAX).unwrap_or(request)).into_owned(),
+    })
+}
+
+/// Returns the first message to each client of a record.
+pub(super) fn record_info(session: &str, span: Span) -> String {
+    let time = |at: Duration| json!({ "sec": at.as_secs(), "nsec": at.subsec_nanos() });
+    json!({
+        "op": "serverInfo",
+        "name": "dca replay",
+        "capabilities": ["time", "playbackControl", "services"],
+        "supportedEncodings": [ENCODING],
+        "metadata": {},
+        "sessionId": session,
+        "dataStartTime": time(span.begin),
+        "dataEndTime": time(span.end),
+    })
+    .to_string()
+}
+
+/// Returns the state of a record that is played.
+/// Source: `foxglove` 0.25, protocol/common/server/playback_state.rs.
+pub(super) fn playback_state(state: &Playback) -> Vec<u8> {
+    let status = match state.status {
+        PlaybackStatus::Playing => 0,
+        PlaybackStatus::Paused => 1,
+        PlaybackStatus::Ended => 3,
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "the protocol has this width, and a speed is from 0.01 to 100")]
+    let speed = state.speed as f32;
+    let length = u32::try_from(state.request.len()).unwrap_or_default();
+    let mut bytes = vec![PLAYBACK_STATE, status];
+    bytes.extend(nanos(state.position).to_le_bytes());
+    bytes.extend(speed.to_le_bytes());
+    bytes.push(u8::from(state.has_jumped));
+    bytes.extend(length.to_le_bytes());
+    bytes.extend(state.request.bytes());
+    bytes
+}
+
+/// Returns the time of a record that is played.
+pub(super) fn time(at: Duration) -> Vec<u8> {
+    [TIME].into_iter().chain(nanos(at).to_le_bytes()).collect()
 }
 
 /// Returns the first message to each client.
@@ -168,7 +273,7 @@ pub(super) fn server_info(session: &str) -> String {
 pub(super) fn advertise<'a>(channels: impl Iterator<Item = &'a Channel>) -> String {
     let channels: Vec<Value> = channels
         .map(|channel| {
-            let (encoding, schema_encoding) = channel.form.encodings();
+            let Encodings { messages: encoding, schema: schema_encoding } = &channel.encodings;
             json!({
                 "id": channel.id, "topic": channel.topic, "encoding": encoding, "schemaName": channel.schema_name,
                 "schema": channel.schema, "schemaEncoding": schema_encoding,
@@ -246,13 +351,16 @@ pub(super) fn call_response(service: u32, call: u32, result: &Value) -> Vec<u8> 
 
 /// Returns a value of a subscription; `at` is when it came here, since 1970.
 pub(super) fn data(subscription: u32, at: Duration, payload: &[u8]) -> Vec<u8> {
-    let nanos = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
     let mut bytes = Vec::with_capacity(13 + payload.len());
     bytes.push(DATA);
     bytes.extend(subscription.to_le_bytes());
-    bytes.extend(nanos.to_le_bytes());
+    bytes.extend(nanos(at).to_le_bytes());
     bytes.extend(payload);
     bytes
+}
+
+fn nanos(at: Duration) -> u64 {
+    u64::try_from(at.as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]
@@ -307,6 +415,26 @@ mod tests {
         let huge = [2, 7, 0, 0, 0, 9, 0, 0, 0, 255, 255, 255, 255, b'j'];
         assert!(read_binary(&huge).unwrap_err().contains("cut off"));
         assert!(read_binary(&[1, 0, 0, 0, 0]).unwrap_err().contains("kind 1"));
+    }
+
+    #[test]
+    fn a_record_is_played_as_the_protocol_says() {
+        let begin = [&[3, 0][..], &1.5_f32.to_le_bytes(), &[1]].concat();
+        let request = [&begin[..], &100_500_000_000_u64.to_le_bytes(), &[2, 0, 0, 0], b"id"].concat();
+        let (speed, seek) = (Some(1.5), Some(Duration::from_millis(100_500)));
+        let expected = Control { plays: Some(true), speed, seek, request: "id".to_owned() };
+        assert_eq!(read_binary(&request), Ok(Request::Control(expected)));
+        for end in 1..request.len() {
+            assert!(read_binary(&request[..end]).unwrap_err().contains("cut off"), "{end}");
+        }
+        let pause = [&[3, 1, 0, 0, 0, 0, 0][..], &[9; 8], &[0; 4]].concat();
+        let Ok(Request::Control(pause)) = read_binary(&pause) else { panic!("it is a request") };
+        assert_eq!((pause.plays, pause.seek, pause.request.as_str()), (Some(false), None, ""));
+        let (position, request) = (Duration::from_nanos(12_345), "i".to_owned());
+        let state = Playback { status: PlaybackStatus::Ended, position, speed: 1.0, has_jumped: true, request };
+        let expected = [&[5, 3][..], &12_345_u64.to_le_bytes(), &1_f32.to_le_bytes(), &[1, 1, 0, 0, 0, b'i']].concat();
+        assert_eq!(playback_state(&state), expected);
+        assert_eq!(time(position), [&[2][..], &12_345_u64.to_le_bytes()].concat());
     }
 
     #[test]

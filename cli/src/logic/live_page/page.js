@@ -33,10 +33,10 @@ function phase(live) {
   return live.ended ? `${live.phase}, ${age(time)} ago` : `${live.phase} for ${age(time)}`;
 }
 
-function forget(deployment) {
-  model.deployments.delete(deployment);
+function forget(mission) {
+  model.deployments.delete(mission);
   for (const part of [model.processes, model.wires]) {
-    for (const [key, item] of part) if (item.deployment === deployment) part.delete(key);
+    for (const [key, item] of part) if (item.mission === mission) part.delete(key);
   }
 }
 
@@ -47,15 +47,15 @@ function take(data) {
   }
   for (const gone of data.gone) {
     if (gone.robot !== undefined) model.robots.delete(gone.robot);
-    else if (gone.process !== undefined) model.processes.delete(`${gone.deployment}:${gone.process}`);
-    else if (gone.wire !== undefined) model.wires.delete(`${gone.deployment}:${gone.wire}`);
-    else forget(gone.deployment);
+    else if (gone.process !== undefined) model.processes.delete(`${gone.mission}:${gone.process}`);
+    else if (gone.wire !== undefined) model.wires.delete(`${gone.mission}:${gone.wire}`);
+    else forget(gone.mission);
   }
   const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
   for (const robot of data.robots) model.robots.set(robot.host, robot);
   for (const live of data.deployments) model.deployments.set(live.id, dated(live));
-  for (const process of data.processes) model.processes.set(`${process.deployment}:${process.path}`, dated(process));
-  for (const wire of data.wires) model.wires.set(`${wire.deployment}:${wire.name}`, wire);
+  for (const process of data.processes) model.processes.set(`${process.mission}:${process.path}`, dated(process));
+  for (const wire of data.wires) model.wires.set(`${wire.mission}:${wire.name}`, wire);
   model.events.push(...data.events);
   model.events.splice(0, Math.max(0, model.events.length - EVENTS_MAX));
   model.questions = data.questions;
@@ -75,11 +75,7 @@ function drawRobots() {
     if (robot.why) card.append(element("small", "", robot.why));
     if (robot.estop) card.append(element("small", "", robot.estop));
     if (robot.up !== null) card.append(element("small", "", `DCA ${robot.version}`));
-    if (robot.database) {
-      const lag = robot.database;
-      const words = lag.behind ? `${lag.behind} databases behind, by ${lag.transactions} transactions` : "databases level";
-      card.append(element("small", "", lag.conflicts ? `${words}, ${lag.conflicts} conflicts` : words));
-    }
+    if (robot.database) card.append(element("small", "", `databases ${robot.database}`));
     for (const waiting of robot.waiting) card.append(element("small", "", waiting));
     return card;
   });
@@ -88,9 +84,9 @@ function drawRobots() {
 
 function drawProcesses() {
   const tables = [...model.deployments.values()].sort((a, b) => (a.id < b.id ? -1 : 1)).map((live) => {
-    const own = [...model.processes.values()].filter((one) => one.deployment === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
+    const own = [...model.processes.values()].filter((one) => one.mission === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
     const table = element("table", "tree");
-    const caption = element("caption", "", `${live.id}  `);
+    const caption = element("caption", "", `${live.title}, home ${live.home}  `);
     caption.append(element("span", live.failed ? "failed" : "quiet", phase(live)));
     table.append(caption);
     if (own.length > 0) {
@@ -104,11 +100,10 @@ function drawProcesses() {
       const name = element("td", "", `${process.path.split("/").pop()}: ${process.kind}`);
       // The policy forbids styles in the page, and permits them from its script.
       name.style.paddingLeft = `${depth * INDENT}px`;
-      const state = process.health === "unknown" ? "unknown" : process.state;
       // Without an event that tells the moment, it was then or before.
       const began = (process.exact ? "" : ">") + age(since(process));
       const restarts = process.restarts ? `, restarted ${process.restarts} times` : "";
-      row.append(name, element("td", process.health, state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
+      row.append(name, element("td", process.health, process.state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
       table.append(row);
     }
     return table;
@@ -154,8 +149,8 @@ function drawQuestions() {
     for (const option of question.options) {
       const button = element("button", "", option);
       button.type = "button";
-      const { deployment, path, number } = question;
-      button.addEventListener("click", () => order("/answer", { deployment, path, question: number, option }));
+      const { mission, path, number } = question;
+      button.addEventListener("click", () => order("/answer", { mission, path, question: number, option }));
       item.append(button);
     }
     return item;

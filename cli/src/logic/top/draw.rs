@@ -94,12 +94,12 @@ impl Canvas<'_> {
             return self.alarm(0, &format!(" {}: no robot answers", freshness.to_string().to_uppercase()));
         }
         if let Some((_, by)) = stopped(model).next() {
-            let hosts: Vec<&str> = stopped(model).map(|(robot, _)| robot.host.as_str()).collect();
+            let hosts: Vec<String> = stopped(model).map(|(robot, _)| robot.id.to_string()).collect();
             return self.alarm(0, &format!(" EVERYTHING IS STOPPED (R releases) on {}: {by}", hosts.join(", ")));
         }
         let (robots, running) = (model.robots().count(), model.deployments().filter(|live| live.end.is_none()).count());
-        let processes = || model.deployments().flat_map(|live| live.processes.values());
-        let failed = processes().filter(|process| model.health(process) == Health::Failed).count();
+        let processes = || model.deployments().flat_map(|live| live.processes.values().map(move |one| (&live.id, one)));
+        let failed = processes().filter(|(id, process)| model.health(id, process) == Health::Failed).count();
         let away = model.robots().filter(|robot| robot.presence != Presence::Here).count();
         let text = format!(
             " {}  {}  {}",
@@ -155,7 +155,7 @@ impl Canvas<'_> {
         let placed = table::fit(columns, &widest, usize::from(self.area.width.saturating_sub(1)));
         let titles: Vec<String> = columns.iter().map(|column| column.title.to_owned()).collect();
         let title = match (self.top.tab, &self.top.program) {
-            (Tab::Output, Some(program)) => format!("{}:{}", program.deployment, program.path),
+            (Tab::Output, Some(program)) => format!("{}:{}", program.mission, program.path),
             (_, _) => line(columns, &placed, &titles),
         };
         self.put(1, 2, &title, Style::new().add_modifier(Modifier::UNDERLINED));

@@ -6,7 +6,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use view::sentence::time_of_day;
-use view::{DatabaseLag, Health, LiveDeployment, Model, Presence, Process, Question, Robot, STALE_AFTER, Wire};
+use view::{Health, LiveDeployment, Model, Presence, Process, Question, Robot, RobotId, STALE_AFTER, Wire};
 
 /// The importance of a row, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +70,7 @@ const WIRES: [Column; 5] = [
 const EVENTS: [Column; 4] = [
     column("TIME", Width::UpTo(8)),
     column("HOST", Width::UpTo(10)),
-    column("DEPLOYMENT", Width::Spare(14)),
+    column("DEPLOYMENT", Width::Spare(24)),
     column("EVENT", Width::Rest),
 ];
 const OUTPUT: [Column; 1] = [column("LINE", Width::Rest)];
@@ -124,7 +124,7 @@ pub(crate) fn question_of<'a>(model: &'a Model, id: &str) -> Option<Question<'a>
 }
 
 fn program(live: &LiveDeployment, process: &Process) -> Program {
-    Program { deployment: live.id.clone(), host: process.host.clone(), path: process.path.clone() }
+    Program { mission: live.id.clone(), host: process.host.clone(), path: process.path.clone() }
 }
 
 fn wires(model: &Model) -> impl Iterator<Item = (&LiveDeployment, &Wire)> {
@@ -132,34 +132,35 @@ fn wires(model: &Model) -> impl Iterator<Item = (&LiveDeployment, &Wire)> {
 }
 
 fn process_id(live: &LiveDeployment, process: &Process) -> String {
-    format!("{}:{}", live.id, process.path)
+    format!("{}:{}", live.id.key(), process.path)
 }
 
 fn wire_id(live: &LiveDeployment, wire: &Wire) -> String {
-    format!("{}:{}", live.id, wire.name)
+    format!("{}:{}", live.id.key(), wire.name)
 }
 
 fn question_id(question: &Question<'_>) -> String {
-    format!("{}:{} {}", question.deployment, question.path, question.question.number)
+    format!("{}:{} {}", question.mission.key(), question.path, question.question.number)
 }
 
 fn robot_rows(model: &Model, now: Time) -> Vec<Row> {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for process in model.deployments().flat_map(|live| live.processes.values()) {
-        *counts.entry(&process.host).or_default() += 1;
+    let mut counts: BTreeMap<RobotId, usize> = BTreeMap::new();
+    for live in model.deployments() {
+        for process in live.processes.values() {
+            *counts.entry(live.id.robot(&process.host)).or_default() += 1;
+        }
     }
-    let count = |robot: &Robot| counts.get(robot.host.as_str()).copied().unwrap_or_default();
+    let count = |robot: &Robot| counts.get(&robot.id).copied().unwrap_or_default();
     model.robots().map(|robot| robot_row(now, robot, count(robot))).collect()
 }
 
 fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
     let freshness = robot.freshness(now);
     let (state, tone) = match &robot.presence {
-        Presence::Here if robot.estop.is_some() => ("STOPPED".to_owned(), Tone::Bad),
-        Presence::Here if freshness.is_live() => ("here".to_owned(), Tone::Good),
-        Presence::Here => ("not live".to_owned(), Tone::Bad),
-        Presence::Silent(_) => ("does not answer".to_owned(), Tone::Bad),
-        Presence::Lost => ("lost".to_owned(), Tone::Bad),
+        Presence::Here if robot.estop.is_some() => ("stopped", Tone::Bad),
+        Presence::Here if freshness.is_live() => (robot.presence.word(), Tone::Good),
+        Presence::Here => ("not live", Tone::Bad),
+        Presence::Silent(_) | Presence::Lost => (robot.presence.word(), Tone::Bad),
     };
     let age = robot.heard.map_or_else(|| "-".to_owned(), |heard| age(now.since(heard)));
     let note = match (&robot.estop, &robot.presence) {
@@ -168,22 +169,13 @@ fn robot_row(now: Time, robot: &Robot, count: usize) -> Row {
         (None, Presence::Here | Presence::Lost) => robot.waiting.join("; "),
     };
     let up = robot.up(now).map_or_else(|| "-".to_owned(), self::age);
-    let database = robot.database.as_ref().map(lag).unwrap_or_default();
+    let database = robot.database.as_ref().map(ToString::to_string).unwrap_or_default();
     let note = if note.is_empty() { robot.guard.clone() } else { note };
     Row {
-        id: robot.host.clone(),
-        cells: vec![robot.host.clone(), state, age, up, count.to_string(), database, note],
+        id: robot.id.to_string(),
+        cells: vec![robot.id.to_string(), state.to_owned(), age, up, count.to_string(), database, note],
         tone,
     }
-}
-
-/// Returns how far other databases are behind, in words.
-fn lag(lag: &DatabaseLag) -> String {
-    let behind = match lag.behind {
-        0 => "level".to_owned(),
-        _ => format!("{} behind, {} tx", lag.behind, lag.transactions),
-    };
-    if lag.conflicts == 0 { behind } else { format!("{behind}, {} conflicts", lag.conflicts) }
 }
 
 fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> {
@@ -192,8 +184,8 @@ fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> 
     let since = since.map_or_else(String::new, |at| age(now.since(at)));
     let none = String::new;
     let title = Row {
-        id: live.id.to_string(),
-        cells: vec![live.id.to_string(), live.phase(), since, live.home.clone(), none(), none()],
+        id: live.id.key(),
+        cells: vec![live.id.to_string(), live.phase(), since, live.id.home.clone(), none(), none()],
         tone,
     };
     std::iter::once(title)
@@ -204,24 +196,17 @@ fn deployment_rows(model: &Model, now: Time, live: &LiveDeployment) -> Vec<Row> 
 fn process_row(model: &Model, now: Time, live: &LiveDeployment, process: &Process) -> Row {
     let depth = process.path.matches('/').count();
     let name = process.path.rsplit('/').next().unwrap_or(&process.path);
-    let health = model.health(process);
+    let health = model.health(&live.id, process);
     let tone = match health {
         Health::Running => Tone::Good,
         Health::Quiet => Tone::Quiet,
         Health::Changing => Tone::Changing,
         Health::Failed | Health::Unknown => Tone::Bad,
     };
-    let state = match (health, process.states.is_empty(), process.questions.is_empty()) {
-        (Health::Unknown, _, _) => "unknown".to_owned(),
-        (Health::Running, _, false) => "asks a question".to_owned(),
-        (Health::Running, false, true) => process.states.join(", "),
-        (Health::Running, true, true) => process.word().to_owned(),
-        (Health::Quiet | Health::Changing | Health::Failed, _, _) => process.state.clone(),
-    };
     let mark = if process.since.is_exact { "" } else { ">" };
     let cells = vec![
         format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind),
-        state,
+        process.state_text(health),
         format!("{mark}{}", age(now.since(process.since.at))),
         process.host.clone(),
         process.pid.map(|pid| pid.to_string()).unwrap_or_default(),
@@ -236,7 +221,10 @@ fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
     let is_losing = wire.lost_a_second > 0.0;
     let count = |count: u64| if count == 0 { "-".to_owned() } else { count.to_string() };
     let lost_a_second = if is_losing { format!("{:.1}", wire.lost_a_second) } else { "-".to_owned() };
-    let name = format!("{}: {}.{} -> {}.{}", live.id.name, wire.from.path, wire.from.port, wire.to.path, wire.to.port);
+    let name = format!(
+        "{}: {}.{} -> {}.{}",
+        live.id.deployment.name, wire.from.path, wire.from.port, wire.to.path, wire.to.port
+    );
     let cells = vec![name, rate.unwrap_or_default(), count(wire.lost), lost_a_second, count(wire.refused)];
     let tone = match (is_losing, wire.lost + wire.refused) {
         (true, _) => Tone::Bad,
@@ -248,22 +236,22 @@ fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
 
 fn event_row(event: &view::EventLine) -> Row {
     let time = event.time.map(time_of_day).unwrap_or_default();
-    let deployment = event.deployment.as_ref().map(ToString::to_string).unwrap_or_default();
+    let deployment = event.mission.as_ref().map(ToString::to_string).unwrap_or_default();
     let text = event.path.as_ref().map_or_else(|| event.text.clone(), |path| format!("{path}  {}", event.text));
     let tone = if event.is_failure { Tone::Bad } else { Tone::Plain };
-    Row { id: event.ordinal.to_string(), cells: vec![time, event.host.clone(), deployment, text], tone }
+    Row { id: event.ordinal.to_string(), cells: vec![time, event.robot.host.clone(), deployment, text], tone }
 }
 
 fn output_rows(model: &Model, program: Option<&Program>) -> Vec<Row> {
     let Some(program) = program else { return Vec::new() };
-    let own = model.lines().filter(|line| line.deployment == program.deployment && line.path == program.path);
+    let own = model.lines().filter(|line| line.mission == program.mission && line.path == program.path);
     own.map(|line| Row { id: line.ordinal.to_string(), cells: vec![line.text.clone()], tone: Tone::Plain }).collect()
 }
 
 fn question_row(question: &Question<'_>) -> Row {
     let open = question.question;
     let cells = vec![
-        format!("{}:{}", question.deployment.name, question.path),
+        format!("{}:{}", question.mission.deployment.name, question.path),
         open.number.to_string(),
         open.text.clone(),
         open.options.join(", "),

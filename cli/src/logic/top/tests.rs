@@ -4,14 +4,14 @@ use super::*;
 use comms::logic::time::Time;
 use expect_test::{Expect, expect};
 use node::logic::protocol::{
-    ActivityStatus, Change, Containment, DeploymentStatus, Estop, Event, FailureCause, LostValues, Network, NodeStatus,
-    OpenQuestion, ProcessStatus, Report,
+    ActivityStatus, Change, Containment, Deployment, DeploymentStatus, Estop, Event, FailureCause, LostValues, Network,
+    NodeStatus, OpenQuestion, ProcessStatus, Report,
 };
 use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
 use ratatui_core::style::{Color, Modifier};
 use std::time::Duration;
-use view::Input;
+use view::{Fleet, Input, MissionId, RobotId};
 
 const PLAIN: Look = Look { is_ascii: false, is_coloured: true };
 
@@ -21,6 +21,23 @@ fn at(seconds: u64) -> Time {
 
 fn door() -> Deployment {
     Deployment { name: "door".into(), epoch: 3 }
+}
+
+fn robot(host: &str) -> RobotId {
+    RobotId { host: host.into(), fleet: Fleet::Standing }
+}
+
+/// The deployment [`door`] with its home on `r1`.
+fn mission() -> MissionId {
+    MissionId { deployment: door(), home: "r1".into(), fleet: Fleet::Standing }
+}
+
+fn told(status: NodeStatus) -> Input {
+    Input::Status { fleet: Fleet::Standing, status: Box::new(status) }
+}
+
+fn happened(event: Event) -> Input {
+    Input::Event { home: robot("r1"), event: Box::new(event) }
 }
 
 fn process(path: &str, kind: &str, state: &str) -> ProcessStatus {
@@ -59,7 +76,7 @@ fn event(number: u64, path: &str, change: Change) -> Input {
     let report = Report::Process { path: path.into(), change, at: Duration::from_secs(4) };
     let time = Duration::from_secs(1_795_392_000 + number);
     let ago = Duration::from_secs(40);
-    Input::Event(Box::new(Event { deployment: door(), number, host: "r2".into(), ago, report, time }))
+    happened(Event { deployment: door(), number, host: "r2".into(), ago, report, time })
 }
 
 /// Two robots with a door, a crash and a question.
@@ -69,8 +86,8 @@ fn model() -> Model {
     let second = vec![process("main/hit/arm", "Arm", "running"), process("main/hit/force", "Force", "dead: SIGSEGV")];
     model.apply(at(0), event(0, "main/hit/arm", Change::Started { pid: 4711 }));
     model.apply(at(0), event(1, "main/hit/force", Change::Died(FailureCause::Signal(11))));
-    model.apply(at(0), Input::Status(Box::new(node("r1", first))));
-    model.apply(at(1), Input::Status(Box::new(node("r2", second))));
+    model.apply(at(0), told(node("r1", first)));
+    model.apply(at(1), told(node("r2", second)));
     model
 }
 
@@ -200,7 +217,7 @@ fn events_are_in_order() {
 fn the_output_of_the_process_under_the_cursor_is_shown() {
     let mut model = model();
     let bytes = b"\x1b[2Jhello\nworld\n".to_vec();
-    model.apply(at(1), Input::Output { deployment: door(), path: "main/ask".into(), bytes });
+    model.apply(at(1), Input::Output { mission: mission(), path: "main/ask".into(), bytes });
     check(
         &[Key::Down, Key::Down, Key::Enter],
         &model,
@@ -251,8 +268,8 @@ fn a_question_is_answered_by_a_number() {
     assert_eq!(press(&mut top, &[Key::Char('6'), Key::Char('a'), Key::Char('3')]), None, "there are two answers");
     assert_eq!(press(&mut top, &[Key::Char('a'), Key::Escape, Key::Char('1')]), None);
     let answer = press(&mut top, &[Key::Char('6'), Key::Char('a'), Key::Char('2')]);
-    let (home, path, option) = ("r1".into(), "main/ask".into(), "no".into());
-    assert_eq!(answer, Some(Action::Answer(GivenAnswer { deployment: door(), home, path, question: 2, option })));
+    let (path, option) = ("main/ask".into(), "no".into());
+    assert_eq!(answer, Some(Action::Answer(GivenAnswer { mission: mission(), path, question: 2, option })));
 }
 
 #[test]
@@ -308,7 +325,7 @@ fn a_long_question_is_shown_whole_where_it_is_answered() {
     let activity = ask.activity.as_mut().expect("it asks");
     activity.questions[0].text = text.into();
     let mut model = Model::new(1);
-    model.apply(at(0), Input::Status(Box::new(node("r1", vec![ask]))));
+    model.apply(at(0), told(node("r1", vec![ask])));
     let mut top = Top::new(PLAIN);
     top.tick(at(1));
     for key in [Key::Char('6'), Key::Enter] {
@@ -325,7 +342,7 @@ fn a_long_question_is_shown_whole_where_it_is_answered() {
 fn an_estop_is_on_every_page() {
     let mut model = model();
     let estop = Some(Estop { by: "ann@c1".into(), reason: "a person".into() });
-    model.apply(at(1), Input::Status(Box::new(NodeStatus { estop, ..node("r1", Vec::new()) })));
+    model.apply(at(1), told(NodeStatus { estop, ..node("r1", Vec::new()) }));
     for page in ['1', '2', '3', '4', '5', '6', '?'] {
         let mut top = Top::new(PLAIN);
         top.tick(at(2));
@@ -336,7 +353,7 @@ fn an_estop_is_on_every_page() {
         assert!(shown[(1, 0)].fg == Color::Red && shown[(79, 0)].modifier.contains(Modifier::REVERSED));
     }
     // A robot that does not answer now stays stopped, and can be released.
-    model.apply(at(2), Input::Silent { host: "r1".into(), why: "it sleeps".into() });
+    model.apply(at(2), Input::Silent { robot: robot("r1"), why: "it sleeps".into() });
     let mut top = Top::new(PLAIN);
     let released = [Key::Char('R'), Key::Char('y')].iter().find_map(|key| top.key(&model, *key));
     assert_eq!(released, Some(Action::Release));
@@ -357,7 +374,7 @@ fn data_that_is_not_live_is_said_to_be_so() {
 fn without_colours_there_are_none_and_ascii_is_ascii() {
     let mut model = model();
     let bytes = "é√\n".as_bytes().to_vec();
-    model.apply(at(1), Input::Output { deployment: door(), path: "main".into(), bytes });
+    model.apply(at(1), Input::Output { mission: mission(), path: "main".into(), bytes });
     let mut top = Top::new(Look { is_ascii: true, is_coloured: false });
     top.tick(at(9));
     for keys in ["1", "2", "3", "4", "6", "2j\r"] {
@@ -378,18 +395,18 @@ fn the_cursor_stays_on_its_row_and_a_filter_hides_rows() {
     top.resize(14);
     let selected = |top: &Top, model: &Model| top.selected(model).map(|(id, _)| id);
     top.key(&model, Key::End);
-    assert_eq!(selected(&top, &model).as_deref(), Some("door@3:main/hit/force"));
+    assert_eq!(selected(&top, &model).as_deref(), Some("door@3 r1:main/hit/force"));
     // A row that comes before it does not move it.
     let more = vec![process("main", "Main", "running"), with_question(), process("main/a", "A", "idle")];
-    model.apply(at(2), Input::Status(Box::new(node("r1", more))));
-    assert_eq!(selected(&top, &model).as_deref(), Some("door@3:main/hit/force"));
+    model.apply(at(2), told(node("r1", more)));
+    assert_eq!(selected(&top, &model).as_deref(), Some("door@3 r1:main/hit/force"));
     for key in
         [Key::Char('/'), Key::Char('A'), Key::Char('r'), Key::Char('x'), Key::Backspace, Key::Char('m'), Key::Enter]
     {
         top.key(&model, key);
     }
     assert_eq!(top.rows(&model).len(), 1);
-    assert_eq!(selected(&top, &model).as_deref(), Some("door@3:main/hit/arm"));
+    assert_eq!(selected(&top, &model).as_deref(), Some("door@3 r1:main/hit/arm"));
     top.key(&model, Key::Escape);
     assert!(top.rows(&model).len() > 3);
 }
@@ -446,7 +463,7 @@ fn a_thousand_processes_are_drawn_quickly() {
     for robot in 0..20 {
         let path = |number: usize| format!("main/r{robot}/p{number}");
         let processes = (0..50).map(|number| process(&path(number), "Any", "running")).collect();
-        model.apply(at(0), Input::Status(Box::new(node(&format!("r{robot}"), processes))));
+        model.apply(at(0), told(node(&format!("r{robot}"), processes)));
     }
     let (mut top, begun) = (Top::new(PLAIN), comms::io::clock::now());
     top.resize(50);

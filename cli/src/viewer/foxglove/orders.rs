@@ -18,7 +18,7 @@ use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
-use view::Model;
+use view::{Model, RobotId};
 
 /// How long a procedure has to answer. A client such as Foxglove waits without an end.
 const CALL_WITHIN: Duration = Duration::from_secs(10);
@@ -37,8 +37,8 @@ struct Ways {
     clients: Clients,
     connect: ConnectArgs,
     taps: Option<Arc<Taps>>,
-    /// The host of the program that is called, and the connection to it.
-    callee: Option<(String, Arc<Client>)>,
+    /// The connection to the program that is called, and its host.
+    callee: Option<(Arc<Client>, String)>,
 }
 
 /// Carries an order out.
@@ -48,10 +48,9 @@ pub(super) fn give(
     model: &Model,
     taps: Option<Arc<Taps>>,
 ) -> impl Future<Output = Carried> + Send + use<> {
+    let robot = given.callee().and_then(|program| robot_of(model, program));
     let Given { viewer, ticket, order } = given;
-    let program = if let Order::Call(call) = &order { Some(&call.program) } else { None };
-    let host = program.and_then(|program| host_of(model, program));
-    let callee = host.and_then(|host| Some((host.clone(), live.client_of(&host)?)));
+    let callee = robot.and_then(|robot| Some((live.client_of(&robot)?, robot.host)));
     let ways = Ways { clients: live.clients(), connect: live.connect(), taps, callee };
     async move {
         let answer = timeout(ORDER_WITHIN, carry_out(order, ways)).await.unwrap_or_else(|_| {
@@ -61,10 +60,10 @@ pub(super) fn give(
     }
 }
 
-/// Returns the host of a program.
-fn host_of(model: &Model, program: &ProgramName) -> Option<String> {
-    let live = model.deployments().find(|live| live.id == program.deployment)?;
-    Some(live.processes.get(&program.path)?.host.clone())
+/// Returns the robot of a program.
+fn robot_of(model: &Model, program: &ProgramName) -> Option<RobotId> {
+    let live = model.deployments().find(|live| live.id == program.mission)?;
+    Some(live.id.robot(&live.processes.get(&program.path)?.host))
 }
 
 async fn carry_out(order: Order, ways: Ways) -> Answer {
@@ -121,8 +120,9 @@ async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
 }
 
 async fn called(ways: &Ways, call: ProcedureCall) -> Answer {
-    let ProcedureCall { program: ProgramName { deployment, path }, exported, exports, argument } = call;
-    let (Some((host, client)), Some(taps)) = (&ways.callee, &ways.taps) else {
+    let ProcedureCall { program: ProgramName { mission, path }, exported, exports, argument } = call;
+    let deployment = mission.deployment;
+    let (Some((client, host)), Some(taps)) = (&ways.callee, &ways.taps) else {
         return Answer::Failed(format!("`{path}` cannot be reached"));
     };
     let prepared = taps.prepare(&exported, argument, CALL_WITHIN);

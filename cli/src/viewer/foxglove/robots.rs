@@ -18,7 +18,6 @@ use comms::logic::signals::Signals;
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
-use node::logic::protocol::Deployment;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -27,7 +26,7 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::timeout;
-use view::Model;
+use view::{Fleet, MissionId, Model, RobotId};
 
 /// How often each host is asked for the programs of a deployment.
 const LOCATE_EVERY: Duration = Duration::from_secs(1);
@@ -44,8 +43,8 @@ const CLOSED_WITHIN: Duration = Duration::from_secs(5);
 
 /// News of a robot.
 pub(super) enum News {
-    Opened(Option<Arc<Taps>>),
-    Located { host: String, deployment: Deployment, programs: Vec<(String, Dial)> },
+    Opened { fleet: Fleet, taps: Option<Arc<Taps>> },
+    Located { host: String, mission: MissionId, programs: Vec<(String, Dial)> },
     Described { program: ProgramName, session: String, forms: Option<Box<Forms>> },
     Value { source: Source, tapped: Tapped, at: Duration },
     Signals { program: ProgramName, samples: Vec<Signals>, at: Duration },
@@ -71,7 +70,7 @@ struct Program {
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Line {
     Source(Source),
-    Log { host: String, deployment: Deployment },
+    Log { host: String, mission: MissionId },
 }
 
 /// A line that is heard, until this is dropped.
@@ -80,19 +79,20 @@ struct Hearing {
     _end: oneshot::Sender<()>,
 }
 
-/// The data session, which is opened for the first client.
+/// A data session.
 enum Session {
-    Closed,
     Opening,
     Open(Arc<Taps>),
 }
 
 /// The robots.
 pub(super) struct Robots {
-    session: Session,
+    /// The data sessions, which are opened for the first client. Programs in two commands may have the same names, so each command
+    /// has a session of its own.
+    sessions: BTreeMap<Fleet, Session>,
     programs: BTreeMap<ProgramName, Program>,
     /// When each host was asked for the programs of a deployment.
-    located: BTreeMap<(String, Deployment), Time>,
+    located: BTreeMap<(String, MissionId), Time>,
     hearing: BTreeMap<Line, Hearing>,
     parameters_read: Option<Time>,
     describing: Arc<Semaphore>,
@@ -105,7 +105,7 @@ impl Robots {
     pub(super) fn new() -> Self {
         let (sink, news) = mpsc::channel(NEWS_MAX);
         Self {
-            session: Session::Closed,
+            sessions: BTreeMap::new(),
             programs: BTreeMap::new(),
             located: BTreeMap::new(),
             hearing: BTreeMap::new(),
@@ -129,18 +129,22 @@ impl Robots {
         }
     }
 
-    /// Returns the data session, for calls.
-    pub(super) fn taps(&self) -> Option<Arc<Taps>> {
-        if let Session::Open(taps) = &self.session { Some(Arc::clone(taps)) } else { None }
+    /// Returns the data session to the programs of these nodes.
+    pub(super) fn taps(&self, fleet: Fleet) -> Option<Arc<Taps>> {
+        if let Session::Open(taps) = self.sessions.get(&fleet)? { Some(Arc::clone(taps)) } else { None }
     }
 
     /// Takes news in.
     pub(super) fn take(&mut self, news: News, hub: &mut Hub) {
         match news {
-            News::Opened(taps) => self.session = taps.map_or(Session::Closed, Session::Open),
-            News::Located { host, deployment, programs } => {
+            News::Opened { fleet, taps } => match taps {
+                Some(taps) => drop(self.sessions.insert(fleet, Session::Open(taps))),
+                // The next look tries it again.
+                None => drop(self.sessions.remove(&fleet)),
+            },
+            News::Located { host, mission, programs } => {
                 for (path, dial) in programs {
-                    self.describe(&host, ProgramName { deployment: deployment.clone(), path }, dial);
+                    self.describe(&host, ProgramName { mission: mission.clone(), path }, dial);
                 }
             }
             News::Described { program, session, forms } => {
@@ -173,13 +177,10 @@ impl Robots {
             return;
         }
         let now = clock::now();
-        match &self.session {
-            Session::Closed => self.open(live),
-            Session::Opening => {}
-            Session::Open(_) => self.locate(live, model, now),
-        }
+        self.open(live, model);
+        self.locate(live, model, now);
         let is_there = |name: &ProgramName| {
-            let mut lives = model.deployments().filter(|live| live.id == name.deployment && live.end.is_none());
+            let mut lives = model.deployments().filter(|live| live.id == name.mission && live.end.is_none());
             lives.any(|live| live.processes.contains_key(&name.path))
         };
         self.programs.retain(|name, _| is_there(name));
@@ -191,32 +192,47 @@ impl Robots {
         }
     }
 
-    fn open(&mut self, live: &Live) {
-        self.session = Session::Opening;
-        let team = live.clients().iter().find_map(Client::team);
-        let sink = self.sink.clone();
-        self.tasks.spawn(async move {
-            let opened = Taps::open(team).await.inspect_err(|failure| {
-                tracing::warn!(why = %crate::client::words(failure), "values cannot be heard");
+    /// Opens a session to the programs of each command, and of the nodes that stay. Sessions to ended commands are closed.
+    fn open(&mut self, live: &Live, model: &Model) {
+        let running = model.deployments().filter(|one| one.end.is_none());
+        let present: BTreeSet<Fleet> = running.map(|one| one.id.fleet).chain([Fleet::Standing]).collect();
+        let is_over = |fleet: &Fleet, session: &mut Session| {
+            !present.contains(fleet) && matches!(session, Session::Open(taps) if Arc::strong_count(taps) == 1)
+        };
+        let over: Vec<Session> = self.sessions.extract_if(.., is_over).map(|(_, session)| session).collect();
+        over.into_iter().for_each(|session| drop(self.tasks.spawn(close(session))));
+        for fleet in present {
+            if self.sessions.contains_key(&fleet) {
+                continue;
+            }
+            self.sessions.insert(fleet, Session::Opening);
+            let team = live.clients().iter().filter(|client| client.fleet() == fleet).find_map(Client::team);
+            let sink = self.sink.clone();
+            self.tasks.spawn(async move {
+                let opened = Taps::open(team).await.inspect_err(|failure| {
+                    tracing::warn!(why = %crate::client::words(failure), "values cannot be heard");
+                });
+                let taps = opened.ok().map(Arc::new);
+                sink.send(News::Opened { fleet, taps }).await.unwrap_or_default();
             });
-            sink.send(News::Opened(opened.ok().map(Arc::new))).await.unwrap_or_default();
-        });
+        }
     }
 
     fn locate(&mut self, live: &Live, model: &Model, now: Time) {
-        for one in model.deployments().filter(|one| one.end.is_none()) {
+        let heard = |fleet| matches!(self.sessions.get(&fleet), Some(Session::Open(_)));
+        for one in model.deployments().filter(|one| one.end.is_none() && heard(one.id.fleet)) {
             for host in one.phases.keys() {
                 let place = (host.clone(), one.id.clone());
                 if self.located.get(&place).is_some_and(|asked| now.since(*asked) < LOCATE_EVERY) {
                     continue;
                 }
-                let Some(client) = live.client_of(host) else { continue };
+                let Some(client) = live.client_of(&one.id.robot(host)) else { continue };
                 self.located.insert(place, now);
-                let (host, deployment, sink) = (host.clone(), one.id.clone(), self.sink.clone());
+                let (host, mission, sink) = (host.clone(), one.id.clone(), self.sink.clone());
                 self.tasks.spawn(async move {
                     // A host that does not answer is asked again.
-                    if let Ok(programs) = locations(&client, &host, &deployment).await {
-                        sink.send(News::Located { host, deployment, programs }).await.unwrap_or_default();
+                    if let Ok(programs) = locations(&client, &host, &mission.deployment).await {
+                        sink.send(News::Located { host, mission, programs }).await.unwrap_or_default();
                     }
                 });
             }
@@ -227,7 +243,7 @@ impl Robots {
     /// Asks a program for its outputs and exports, unless it has told them.
     fn describe(&mut self, host: &str, name: ProgramName, dial: Dial) {
         let now = clock::now();
-        let Some(taps) = self.taps() else { return };
+        let Some(taps) = self.taps(name.mission.fleet) else { return };
         if let Some(known) = self.programs.get(&name) {
             let is_known = known.is_described || now.since(known.asked) < DESCRIBE_AGAIN;
             if known.session == dial.session && is_known && known.host == host {
@@ -257,12 +273,12 @@ impl Robots {
                 Source::Output { .. } | Source::Signals(_) => drop(lines.insert(Line::Source(source))),
                 Source::Log => {
                     for one in model.deployments().filter(|one| one.end.is_none()) {
-                        let line = |host: &String| Line::Log { host: host.clone(), deployment: one.id.clone() };
+                        let line = |host: &String| Line::Log { host: host.clone(), mission: one.id.clone() };
                         lines.extend(one.phases.keys().map(line));
                     }
                 }
                 // The view hears these anyway.
-                Source::Events | Source::State(_) => {}
+                Source::Events | Source::State(_) | Source::Recorded(_) => {}
             }
         }
         let described = self.programs.iter().filter(|(_, program)| program.is_described);
@@ -288,13 +304,17 @@ impl Robots {
     fn begin(&mut self, line: Line, live: &Live) {
         let (end, ended) = oneshot::channel();
         let sink = self.sink.clone();
-        let task = match (&line, self.taps()) {
-            (Line::Log { host, deployment }, _) => {
-                let Some(client) = live.client_of(host) else { return };
-                self.tasks.spawn(hear_log(client, host.clone(), deployment.clone(), sink, ended))
+        let task = match &line {
+            Line::Log { host, mission } => {
+                let robot = mission.robot(host);
+                let Some(client) = live.client_of(&robot) else { return };
+                self.tasks.spawn(hear_log(client, robot, mission.clone(), sink, ended))
             }
-            (Line::Source(source), Some(taps)) => self.tasks.spawn(hear_source(taps, source.clone(), sink, ended)),
-            (Line::Source(_), None) => return,
+            Line::Source(source) => {
+                let fleet = source.program().map(|program| program.mission.fleet);
+                let Some(taps) = fleet.and_then(|fleet| self.taps(fleet)) else { return };
+                self.tasks.spawn(hear_source(taps, source.clone(), sink, ended))
+            }
         };
         self.hearing.insert(line, Hearing { task, _end: end });
     }
@@ -307,16 +327,23 @@ impl Robots {
         timeout(CLOSED_WITHIN, ended).await.unwrap_or_default();
         self.tasks.shutdown().await;
         while self.news.try_recv().is_ok() {}
-        if let Session::Open(taps) = self.session
-            && let Some(taps) = Arc::into_inner(taps)
-        {
-            taps.close().await;
+        for session in self.sessions.into_values() {
+            close(session).await;
         }
     }
 }
 
+async fn close(session: Session) {
+    if let Session::Open(taps) = session
+        && let Some(taps) = Arc::into_inner(taps)
+    {
+        taps.close().await;
+    }
+}
+
 async fn forms(taps: &Taps, name: &ProgramName, dial: Dial) -> Option<Forms> {
-    let ProgramName { deployment, path } = name;
+    let ProgramName { mission, path } = name;
+    let deployment = &mission.deployment;
     let outputs = outputs_of(taps, deployment, path, dial.clone()).await;
     let exports = exports_of(taps, deployment, path, dial).await;
     match (outputs, exports) {
@@ -332,7 +359,7 @@ async fn forms(taps: &Taps, name: &ProgramName, dial: Dial) -> Option<Forms> {
 async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended: oneshot::Receiver<()>) {
     match source {
         Source::Output { ref program, ref output } => {
-            let key = key::tap(&program.deployment.name, &program.path, output);
+            let key = key::tap(&program.mission.deployment.name, &program.path, output);
             let take = move |bytes: Cow<'_, [u8]>| {
                 if let Ok(tapped) = codec::decode(&bytes) {
                     let news = News::Value { source: source.clone(), tapped, at: clock::unix_time() };
@@ -343,7 +370,7 @@ async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended:
             hold(&taps, key, take, ended).await;
         }
         Source::Signals(program) => {
-            let key = key::signals(&program.deployment.name, &program.path);
+            let key = key::signals(&program.mission.deployment.name, &program.path);
             let take = move |bytes: Cow<'_, [u8]>| {
                 let samples = samples(&program.path, &bytes, clock::now()).into_iter().map(|sample| sample.signals);
                 let samples: Vec<Signals> = samples.collect();
@@ -352,7 +379,7 @@ async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended:
             };
             hold(&taps, key, take, ended).await;
         }
-        Source::Events | Source::Log | Source::State(_) => {}
+        Source::Events | Source::Log | Source::State(_) | Source::Recorded(_) => {}
     }
 }
 
@@ -376,17 +403,17 @@ async fn hold(
 /// Hears the lines that the programs of a deployment on a host write.
 async fn hear_log(
     client: Arc<Client>,
-    host: String,
-    deployment: Deployment,
+    robot: RobotId,
+    mission: MissionId,
     sink: Sender<News>,
     mut ended: oneshot::Receiver<()>,
 ) {
     let mut written = Written::default();
-    written.hear(&client, &host, &deployment);
+    written.hear(&client, &robot.host, &mission.deployment);
     loop {
         tokio::select! {
             (path, text) = written.next() => {
-                let program = ProgramName { deployment: deployment.clone(), path };
+                let program = ProgramName { mission: mission.clone(), path };
                 if sink.send(News::Wrote { program, text }).await.is_err() {
                     return;
                 }

@@ -18,6 +18,20 @@ pub(super) enum Message {
     },
     /// The result of a call.
     Response(Value),
+    /// The time of a record that is played.
+    Time,
+    /// The state of a record that is played.
+    Playback(Playback),
+}
+
+/// The state of a record that is played.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Playback {
+    /// 0 while it is played, 1 while it is paused, 3 at its end.
+    pub(super) status: u8,
+    pub(super) at: Duration,
+    pub(super) has_jumped: bool,
+    pub(super) request: String,
 }
 
 /// A client.
@@ -106,8 +120,26 @@ impl Client {
         self.until(|message| match message {
             Message::Response(_) => true,
             Message::Word(word) => word["op"] == "serviceCallFailure",
-            Message::Value { .. } => false,
+            Message::Value { .. } | Message::Time | Message::Playback(_) => false,
         })
+    }
+
+    /// Asks to play a record, or to pause it, and perhaps to jump.
+    pub(super) fn control(&mut self, plays: bool, speed: f32, seek: Option<Duration>, request: &str) {
+        let nanos = seek.map_or(0, |seek| u64::try_from(seek.as_nanos()).unwrap_or(u64::MAX));
+        let length = u32::try_from(request.len()).unwrap_or_default().to_le_bytes();
+        let head =
+            [&[3, u8::from(!plays)][..], &speed.to_le_bytes(), &[u8::from(seek.is_some())], &nanos.to_le_bytes()];
+        self.frame(0x82, &[&head.concat()[..], &length, request.as_bytes()].concat());
+    }
+
+    /// Returns the next state of a record with this status.
+    pub(super) fn playback(&mut self, wanted: u8) -> Playback {
+        let is_it = |message: &Message| matches!(message, Message::Playback(state) if state.status == wanted);
+        match self.until(is_it) {
+            Message::Playback(state) => state,
+            other => unreachable!("only states are waited for: {other:?}"),
+        }
     }
 
     /// As [`Client::call`], for a result that takes longer.
@@ -120,7 +152,7 @@ impl Client {
     pub(super) fn word(&mut self, op: &str) -> Value {
         match self.until(|message| matches!(message, Message::Word(word) if word["op"] == op)) {
             Message::Word(word) => word,
-            Message::Value { .. } | Message::Response(_) => unreachable!("only words are waited for"),
+            other => unreachable!("only words are waited for: {other:?}"),
         }
     }
 
@@ -128,7 +160,7 @@ impl Client {
     pub(super) fn value(&mut self, id: u32) -> Value {
         match self.until(|message| matches!(message, Message::Value { subscription, .. } if *subscription == id)) {
             Message::Value { value, .. } => value,
-            Message::Word(_) | Message::Response(_) => unreachable!("only values are waited for"),
+            other => unreachable!("only values are waited for: {other:?}"),
         }
     }
 
@@ -181,7 +213,7 @@ impl Client {
                 return message;
             }
             // Values come without an end.
-            if !matches!(message, Message::Value { .. }) {
+            if !matches!(message, Message::Value { .. } | Message::Time) {
                 self.waiting.push_back(message);
             }
         }
@@ -248,10 +280,21 @@ fn frame(bytes: &[u8]) -> Option<(u8, Vec<u8>, usize)> {
     Some((first & 0xf, bytes.get(begin..begin + length)?.to_vec(), begin + length))
 }
 
+fn nanos(payload: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(*payload[at..].first_chunk().expect("a message is whole"))
+}
+
 fn binary(payload: &[u8]) -> Message {
     let number = |at: usize| u32::from_le_bytes(*payload[at..].first_chunk().expect("a message is whole"));
     let json = |bytes: &[u8]| serde_json::from_slice(bytes).unwrap_or_else(|why| panic!("{why}"));
     match payload.first() {
+        Some(2) => Message::Time,
+        Some(5) => Message::Playback(Playback {
+            status: payload[1],
+            at: Duration::from_nanos(nanos(payload, 2)),
+            has_jumped: payload[14] != 0,
+            request: String::from_utf8_lossy(&payload[19..]).into_owned(),
+        }),
         Some(1) => Message::Value { subscription: number(1), value: json(&payload[13..]) },
         Some(3) => {
             assert_eq!(&payload[13..17], b"json");

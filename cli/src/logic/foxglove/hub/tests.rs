@@ -1,5 +1,6 @@
 //! Tests of the hub on virtual time.
 
+use super::super::lasting::KEPT_MAX;
 use super::super::outbox::{VALUES_SIZE_MAX, WORDS_MAX};
 use super::super::viewer::SUBSCRIPTIONS_MAX;
 use super::*;
@@ -7,15 +8,19 @@ use comms::logic::object::{Access, ExportKind, Exported, Signature, TypeForm};
 use comms::logic::signals::Signal;
 use comms::logic::tap::OutputType;
 use node::logic::protocol::{
-    Change, Containment, DeploymentStatus, Ending, Network, NodeStatus, ProcessStatus, Report,
+    Change, Containment, Deployment, DeploymentStatus, Ending, Network, NodeStatus, ProcessStatus, Report,
 };
 use serde_json::json;
-use view::Input;
+use view::{Fleet, Input};
 
 const NOW: Duration = Duration::from_secs(1_800_000_000);
 
 fn at(millis: u64) -> Time {
     Time::ZERO + Duration::from_secs(1000) + Duration::from_millis(millis)
+}
+
+fn arrival() -> Arrival {
+    Arrival { now: at(0), since_1970: NOW }
 }
 
 fn deployment(name: &str, epoch: u64) -> Deployment {
@@ -26,8 +31,12 @@ fn door() -> Deployment {
     deployment("door", 1)
 }
 
+fn mission(deployment: Deployment) -> MissionId {
+    MissionId { deployment, home: "r1".to_owned(), fleet: Fleet::Standing }
+}
+
 fn program(path: &str) -> ProgramName {
-    ProgramName { deployment: door(), path: path.to_owned() }
+    ProgramName { mission: mission(door()), path: path.to_owned() }
 }
 
 fn output(path: &str, output: &str) -> Source {
@@ -53,7 +62,7 @@ fn status(parts: &[(Deployment, &[(&str, &str)])]) -> Input {
             refused: Vec::new(),
         }
     };
-    Input::Status(Box::new(NodeStatus {
+    let status = NodeStatus {
         host: "r1".to_owned(),
         pid: 1,
         version: "1".to_owned(),
@@ -66,7 +75,8 @@ fn status(parts: &[(Deployment, &[(&str, &str)])]) -> Input {
         policy: None,
         missing: Vec::new(),
         waiting: Vec::new(),
-    }))
+    };
+    Input::Status { fleet: Fleet::Standing, status: Box::new(status) }
 }
 
 fn outputs(all: &[(&str, &str, &str)]) -> Outputs {
@@ -121,13 +131,13 @@ impl Bench {
     }
 
     fn give(&mut self, request: &Value) {
-        self.hub.take(self.client, &Frame::Text(request.to_string()), NOW);
+        self.hub.take(self.client, &Frame::Text(request.to_string()), arrival());
     }
 
     fn call(&mut self, service: u32, number: u32, payload: &str) {
         let numbers = [service, number, 4].into_iter().flat_map(u32::to_le_bytes);
         let bytes = [2].into_iter().chain(numbers).chain(*b"json").chain(payload.bytes());
-        self.hub.take(self.client, &Frame::Binary(bytes.collect()), NOW);
+        self.hub.take(self.client, &Frame::Binary(bytes.collect()), arrival());
     }
 
     /// Returns all messages that wait: those in text, and the values with their subscriptions.
@@ -312,7 +322,7 @@ fn subscriptions_have_limits_and_mistakes_are_told_in_one_sentence() {
 fn a_client_that_sends_nonsense_and_reads_nothing_is_cut_off() {
     let mut bench = Bench::new();
     for _ in 0..2 * WORDS_MAX {
-        bench.hub.take(bench.client, &Frame::Text("{".to_owned()), NOW);
+        bench.hub.take(bench.client, &Frame::Text("{".to_owned()), arrival());
     }
     assert!(bench.hub.is_overrun(bench.client));
     let other = bench.hub.enter().unwrap();
@@ -415,7 +425,7 @@ fn the_topics_of_a_mission_stay_after_its_end_until_the_next() {
     else {
         panic!("it is a state")
     };
-    assert_eq!(of, deployment("door", 2));
+    assert_eq!(of, mission(deployment("door", 2)));
     // The model still has the first run. That takes nothing from the second.
     bench.look(&[(deployment("gate", 1), &[])]);
     bench.look(&[(deployment("gate", 1), &[])]);
@@ -454,6 +464,9 @@ fn calls_become_orders_and_mistakes_are_answered() {
     assert_eq!(bench.hub.orders().len(), ORDERS_MAX);
     let (words, _) = bench.received();
     assert_eq!(words.len(), 100 - ORDERS_MAX);
+    bench.hub.take(bench.client, &Frame::Binary([&[3, 0][..], &[0; 17]].concat()), arrival());
+    let (words, _) = bench.received();
+    assert!(words[0]["message"].as_str().is_some_and(|text| text.contains("plays no record")), "{words:?}");
     bench.call(bench.services()["/dca/estop"], 5, "");
     let orders = bench.hub.orders();
     assert!(matches!(&orders[..], [Given { order: Order::Estop { .. }, .. }]), "{orders:?}");
