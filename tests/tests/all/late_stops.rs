@@ -24,7 +24,7 @@ fn late(seed: u64) -> Disturbance {
     Disturbance { transfer_jitter, hold_chance, hold_max, drop_chance: 0.02, seed, ..Disturbance::NONE }
 }
 
-/// What ends a mission.
+/// The reason for which a mission ends.
 #[derive(Clone, Copy, Debug)]
 enum Trouble {
     /// Nothing but the door.
@@ -35,7 +35,7 @@ enum Trouble {
     Stop,
 }
 
-/// A mission that ends this long after a phase has begun (s), on a machine that is busy from then on.
+/// A mission that ends this long after a phase has begun (s), on a machine that is busy after that.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     spec: &'static str,

@@ -1,4 +1,4 @@
-//! The load on the hand of an arm that stops: it is taken off, and what is left is measured.
+//! The load on the hand of an arm that stops: the arm takes it off, and measures the rest.
 //!
 //! On a machine that is busy, samples are late. A late sample says nothing about the load, so the arm waits at rest for
 //! the next one. An arm that took a late sample for none left 65 N on the handle of a locked door. The wait has a limit,
@@ -20,7 +20,7 @@ const GROWN: f64 = 12.0;
 /// A smaller force that is left (N) is not reported: a lever that is not quite up pushes back with less.
 const REPORTED: f64 = 20.0;
 
-/// What is known of the load on the hand.
+/// The knowledge of the load on the hand.
 #[derive(Debug, Default)]
 pub(super) struct Load {
     unloading: Unloading,
