@@ -85,6 +85,25 @@ impl Watch {
     }
 }
 
+/// For how long a device has been told to rest. A command is only certain from one calculation to the next: the time
+/// before the first zero does not count, however long that calculation was held up.
+#[derive(Clone, Copy, Debug, Default)]
+struct Still {
+    since: Option<Time>,
+}
+
+impl Still {
+    /// Takes whether the device is told to rest now.
+    fn update(&mut self, now: Time, rests: bool) {
+        self.since = if rests { self.since.or(Some(now)) } else { None };
+    }
+
+    /// Returns for how long the device has been told to rest.
+    fn lasts(self, now: Time) -> Duration {
+        self.since.map_or(Duration::ZERO, |since| now.since(since))
+    }
+}
+
 /// A sensor hangs when this many further samples are equal to the first one: noise makes each sample different.
 const EQUAL_MAX: u32 = 5;
 

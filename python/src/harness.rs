@@ -116,6 +116,7 @@ impl NativeHarness {
             Ending::Done(value) => ("done", value, String::new()),
             Ending::Aborted(reason) => ("aborted", Vec::new(), reason),
             Ending::Stopped => ("stopped", Vec::new(), String::new()),
+            Ending::Unconfirmed(why) => ("unconfirmed", Vec::new(), why),
         };
         Ok(Some((module.number(), seconds(at), word, PyBytes::new(py, &value), reason)))
     }

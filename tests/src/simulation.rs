@@ -56,6 +56,8 @@ pub struct Simulation {
     finish: Option<Finish>,
     steps: Vec<Vec<StepRecord>>,
     loses: Option<fn(&Command) -> bool>,
+    /// The first leaf whose stop could not be confirmed, and why.
+    unconfirmed: Option<String>,
 }
 
 /// A group at work. `parent` is its group and its slot there.
@@ -123,7 +125,8 @@ impl Simulation {
         let leaves = modules.into_iter().enumerate().map(leaf).collect();
         let queue = BTreeMap::from([((Time::ZERO, 0), (0, Event::Start(Value::EMPTY)))]);
         let steps = vec![Vec::new(); plan.groups.len()];
-        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered: 0, finish: None, steps, loses: None })
+        let (numbered, finish, loses, unconfirmed) = (0, None, None, None);
+        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered, finish, steps, loses, unconfirmed })
     }
 
     /// Returns the present time.
@@ -263,6 +266,11 @@ impl Simulation {
                 Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }
             }
             Ending::Stopped => Event::Stopped { member, activation },
+            Ending::Unconfirmed(why) => {
+                let path = &self.plan.leaves[index].path;
+                self.unconfirmed.get_or_insert(format!("{path}: its stop could not be confirmed: {why}"));
+                Event::StopUnconfirmed { member, activation }
+            }
         };
         self.put(self.now() + LATENCY, group, event);
     }
@@ -345,6 +353,9 @@ impl Simulation {
         let activation = self.groups[group].activation;
         let event = match outcome {
             Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Aborted(Reason { cause: Cause::StopUnconfirmed, .. }) => {
+                Event::StopUnconfirmed { member, activation }
+            }
             Outcome::Aborted(reason) => {
                 let report = Value::new(self.why(group, &reason).as_bytes());
                 Event::Aborted { member, activation, report }
@@ -361,7 +372,9 @@ impl Simulation {
         match &reason.cause {
             Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
             Cause::Busy => format!("{path}: it was already running"),
-            Cause::StopUnconfirmed => format!("{path}: its stop is not confirmed"),
+            Cause::StopUnconfirmed => {
+                self.unconfirmed.clone().unwrap_or_else(|| format!("{path}: its stop is not confirmed"))
+            }
             Cause::ServiceEnded => format!("{path}: a service ended"),
             Cause::Failed(text) => format!("{path}: {text}"),
             Cause::NoMatch => format!("{path}: no arm of `match` has this outcome"),

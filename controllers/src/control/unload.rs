@@ -28,10 +28,14 @@ const SPEED_MAX: f64 = 0.04;
 const TURN_MAX: f64 = 0.2;
 /// The length of a mean of the force (s). The force stays if its mean has changed by less than a share of its size. The
 /// first number is the largest such share. The second one divided by the delay (s) is the share that a grasp of 9 kN/m
-/// loses. A force does not stay before the last time (s), within which a late answer may come.
+/// loses: a hand that follows a softer grasp lets go of it sooner. The third one is that for a hand that holds a door and
+/// does not follow, a grasp of 2 kN/m; it may change by the noise of a mean as well (N). A force does not stay before the
+/// last time (s), within which a late answer may come.
 const LOOK: f64 = 0.1;
 const STEADY: f64 = 0.2;
 const STEADY_DELAY: f64 = 0.011;
+const STEADY_DELAY_HELD: f64 = 0.0022;
+const STEADY_NOISE: f64 = 0.4;
 const LATE: f64 = 0.25;
 /// The largest gain and speed with which the hand follows a force that stays (m/s/N, m/s), and the frequency below
 /// which a part of the force counts as slow (Hz).
@@ -42,8 +46,10 @@ const SLOW: f64 = 6.0;
 /// place: then a spring has relaxed, and the rest comes from elsewhere.
 const AIMED: f64 = 0.3;
 const GONE: f64 = 0.7;
-/// The change of these speeds (m/s²), and the speed that may end at once (m/s).
+/// The change of these speeds (m/s²), the longest step in which they change (s): a calculation that was held up does not
+/// make it a jump. And the speed that may end at once (m/s).
 const ACCELERATION: f64 = 0.1;
+const STEP_MAX: f64 = 0.03;
 const AT_REST: f64 = 0.001;
 /// A hand that feels less than the first at the beginning has nothing to let go of (N); it has let go once it feels
 /// less than the second so many times in a row.
@@ -55,9 +61,10 @@ const IN_A_ROW: u32 = 5;
 const STRETCH: f64 = 0.012;
 const FALL: f64 = 1.5;
 const FALL_SHARE: f64 = 0.05;
-/// The longest way (m) and time (s).
+/// The longest way (m) and time (s), and the time (s) after which a drive without a new command has stopped.
 const WAY_MAX: f64 = 0.06;
 const TIME_MAX: f64 = 2.9;
+const DRIVEN: f64 = 0.1;
 /// A force that is smaller than before by this much (N), and by this share, has fallen: more than noise and friction.
 const FALLEN: f64 = 1.0;
 const FALLEN_SHARE: f64 = 0.1;
@@ -81,8 +88,9 @@ pub struct Unloading {
     phase: Phase,
     /// Whether it follows a force that stays.
     follows: bool,
-    /// The speed that follows a force or goes back (m/s, tool axes).
+    /// The speed that follows a force or goes back, and the last velocity of the hand (m/s, tool axes).
     led: Vector3<f64>,
+    linear: Vector3<f64>,
 }
 
 /// The parts of an unloading.
@@ -132,15 +140,17 @@ struct Felt {
     slow: Vector3<f64>,
     /// The mean that is complete now, and the previous one.
     means: Option<(Vector3<f64>, Vector3<f64>)>,
-    /// The share by which the mean of a force that stays may change.
+    /// The share, and the force (N), by which the mean of a force that stays may change.
     steady: f64,
+    noise: f64,
 }
 
 impl Felt {
     /// Returns the mean of a force that stays.
     fn that_stays(&self) -> Option<Vector3<f64>> {
         let (mean, last) = self.means?;
-        let stays = (mean - last).norm() < self.steady * last.norm() && mean.norm() < last.norm() + GROWS;
+        let change = self.steady * last.norm() + self.noise;
+        let stays = (mean - last).norm() < change && mean.norm() < last.norm() + GROWS;
         stays.then_some(mean)
     }
 }
@@ -181,6 +191,7 @@ impl Default for Unloading {
             phase: Phase::Relaxes,
             follows: true,
             led: Vector3::zeros(),
+            linear: Vector3::zeros(),
         }
     }
 }
@@ -201,6 +212,7 @@ impl Unloading {
             (self.phase, self.led) = (Phase::Ends, Vector3::zeros());
         }
         self.time += dt;
+        self.place += self.linear * dt.min(DRIVEN);
         let share = self.guard.update(&force, dt);
         let slow = Vector3::from(self.slow.update(&force.into(), dt));
         let first = self.least.map_or(size, |least| least.first);
@@ -210,7 +222,8 @@ impl Unloading {
         }
         self.least = Some(least);
         let means = self.means.update(&force, dt).filter(|_| self.time > LATE.max(delay + 2.0 * LOOK));
-        self.phase = self.next(&Felt { force, slow, means, steady: STEADY.min(STEADY_DELAY / delay) }, &least);
+        let (steady, noise) = if self.follows { (STEADY_DELAY, 0.0) } else { (STEADY_DELAY_HELD, STEADY_NOISE) };
+        self.phase = self.next(&Felt { force, slow, means, steady: STEADY.min(steady / delay), noise }, &least);
         let wanted = match self.phase {
             Phase::Follows(Follow { force, .. }) => {
                 let along = direction(&force);
@@ -225,13 +238,16 @@ impl Unloading {
         };
         let is_falling = matches!(self.phase, Phase::Follows(_)) && wanted.norm() < self.led.norm();
         // A force that falls is that of a spring: nothing heavy follows the hand.
-        let step = if is_falling { FOLLOW_MAX } else { ACCELERATION * dt };
+        let step = if is_falling { FOLLOW_MAX } else { ACCELERATION * dt.min(STEP_MAX) };
         self.led += (wanted - self.led).cap_magnitude(step);
         let given = match self.phase {
             Phase::Relaxes => force,
             // A stiff direction answers to a hand that is led: the hand gives way to the difference.
             Phase::Follows(follow) | Phase::Returns(follow) => force - follow.force,
-            Phase::Ends if self.led.norm() < AT_REST => return None,
+            Phase::Ends if self.led.norm() < AT_REST => {
+                self.linear = Vector3::zeros();
+                return None;
+            }
             Phase::Ends => Vector3::zeros(),
         };
         let linear = self.led + (given * gain_max(delay) / STIFFEST * share).cap_magnitude(SPEED_MAX);
@@ -239,11 +255,17 @@ impl Unloading {
             Phase::Relaxes => (torque * TURN * share).cap_magnitude(TURN_MAX),
             Phase::Follows(_) | Phase::Returns(_) | Phase::Ends => Vector3::zeros(),
         };
-        self.place += linear * dt;
+        self.linear = linear;
         if let Phase::Follows(follow) | Phase::Returns(follow) = &mut self.phase {
-            follow.way += self.led.norm() * dt;
+            follow.way += self.led.norm() * dt.min(DRIVEN);
         }
         Some(Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+    }
+
+    /// Takes note that the hand has been told to rest, because its force is not known now, `dt` (s) after the last call.
+    pub fn pause(&mut self, dt: f64) {
+        self.place += self.linear * dt.min(DRIVEN);
+        (self.led, self.linear) = (self.led * 0.5, Vector3::zeros());
     }
 
     /// Returns the next phase.
@@ -441,6 +463,26 @@ mod tests {
                     let limit = if delay > 0.1 { TIME_MAX } else { 2.0 };
                     assert!(most < first && ended.is_some_and(|time| time < limit), "{held:?}: {most} N, {ended:?} s");
                     assert!(left < closer + 10.0 && moved < 0.012, "{held:?}: {left} N left, {moved} m");
+                }
+            }
+        }
+    }
+
+    /// Soft fingers relax slowly. Their load was taken for that of a closer, and 17 N of 28 N across the way stayed. Fingers of
+    /// 3 kN/m still keep 19 N to 23 N, and so may fingers before a closer that pulls with 40 N.
+    #[test]
+    fn a_soft_grasp_is_let_go_of_as_well() {
+        for stiffness in [6000.0, 9000.0] {
+            for delay in [0.01, 0.03, 0.06] {
+                for closer in [0.0, 15.0] {
+                    let held = Held { stiffness, delay, closer, mass: 10.0 };
+                    let Course { most, left, moved, ended } = held.unload(Unloading::of_a_door());
+                    let first = 28f64.hypot(closer) + 1.0;
+                    assert!(
+                        most < first && ended.is_some_and(|time| time < TIME_MAX + 0.3),
+                        "{held:?}: {most} N, {ended:?} s"
+                    );
+                    assert!(left < (closer + 4.0).hypot(7.0) && moved < 0.016, "{held:?}: {left} N left, {moved} m");
                 }
             }
         }

@@ -1,16 +1,17 @@
 //! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
 
+mod load;
+
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
-use super::{FORCE_MAX, FRESH, SENSED, Watch, ramp_dt, seconds};
-use crate::control::compliant::loop_delay;
+use super::{FORCE_MAX, FRESH, SENSED, Still, Watch, ramp_dt, seconds};
 use crate::control::filter::Debounce;
 use crate::control::follow::Follow;
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
-use crate::control::unload::Unloading;
 use crate::message::{ArmCommand, ArmState, FtState, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Parameter, Progress, Stopping, Tick};
-use nalgebra::{Vector3, Vector6};
+use load::{Load, size};
+use nalgebra::Vector6;
 use std::time::Duration;
 
 const ACCELERATION_MAX: f64 = 8.0;
@@ -23,8 +24,6 @@ const STOP_WITHIN: Duration = Duration::from_millis(3500);
 /// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be
 /// wrong.
 const FORCE_IN_A_ROW: u32 = 4;
-/// An arm that stops does not move a hand whose load is off, unless the force has grown by this much (N).
-const GROWN: f64 = 12.0;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
@@ -64,10 +63,8 @@ struct Servo {
     follow: Follow,
     watch: Watch,
     overload: Debounce,
-    unloading: Unloading,
-    /// The force on a hand whose load is off (N).
-    held: Option<f64>,
-    resting: Duration,
+    load: Load,
+    still: Still,
     grant: Grant,
 }
 
@@ -77,14 +74,14 @@ const PARAMETERS: &[Parameter] = &[PRIORITY];
 impl Servo {
     fn new(owner: &'static str, arguments: &Arguments) -> Result<Self, String> {
         let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
-        let (follow, unloading, resting) = (Follow::default(), Unloading::default(), Duration::ZERO);
+        let (follow, load, still) = (Follow::default(), Load::default(), Still::default());
         let overload = Debounce::new(FORCE_IN_A_ROW);
-        Ok(Self { owner, command, follow, watch, overload, unloading, held: None, resting, grant })
+        Ok(Self { owner, command, follow, watch, overload, load, still, grant })
     }
 
     fn begin(&mut self) -> Result<(), String> {
-        (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
-        (self.follow, self.unloading, self.held) = (Follow::default(), Unloading::default(), None);
+        (self.command, self.watch, self.still) = (Joints::zeros(), Watch::default(), Still::default());
+        (self.follow, self.load) = (Follow::default(), Load::default());
         self.overload = Debounce::new(FORCE_IN_A_ROW);
         self.grant.begin()
     }
@@ -99,9 +96,8 @@ impl Servo {
 
     /// Takes whether another law has taken the load off the hand, and a new sample of the wrist sensor.
     fn hold(&mut self, tick: Tick, rests: bool, force: Option<&FtState>) {
-        self.held = force.map(size).or(self.held).filter(|_| rests);
-        let still = self.held.is_some() && self.command.amax() <= 0.0;
-        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
+        self.load.hold(rests, force);
+        self.still.update(tick.now, self.load.is_held() && self.command.amax() <= 0.0);
     }
 
     /// Sends the command that brings the joints to `wanted` (rad/s), if it may.
@@ -167,33 +163,19 @@ impl Servo {
         command: &mut Out<ArmCommand>,
         lock: &mut LockCalls,
     ) -> Stopping {
-        let felt = state.fresh_within(tick.now, FRESH).zip(force.fresh_within(tick.now, FRESH));
-        let wanted = felt.and_then(|(state, wrench)| {
-            self.held = self.held.filter(|held| size(wrench) < held + GROWN);
-            if self.held.is_some() {
-                return None;
-            }
-            let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
-            let delay = loop_delay(force.age(tick.now).unwrap_or_default().as_secs_f64());
-            let twist = self.unloading.update(&Vector6::new(x, y, z, a, b, c), delay, ramp_dt(tick))?;
-            let q = Joints::from(state.angles);
-            Some(within(&q, &puma560::rates_for(&q, &twist)))
+        let wanted = self.load.take_off(tick, state, force).map(|wanted| {
+            let within = |state: &ArmState| within(&state.angles.into(), &wanted);
+            state.latest().map_or_else(Joints::zeros, within)
         });
         self.move_towards(&wanted.unwrap_or_else(Joints::zeros), tick);
-        let still = wanted.is_none() && self.command.amax() <= 0.0;
-        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
-        let rests = self.resting >= SETTLING;
+        self.still.update(tick.now, wanted.is_none() && self.command.amax() <= 0.0);
+        let rests = self.still.lasts(tick.now) >= SETTLING;
         if let Right::Command(fence) = self.grant.keep(tick.now, lock) {
             let rates = (!rests).then(|| self.command.into());
             command.send(ArmCommand { owner: self.owner.to_owned(), rates, fence });
         }
         if self.grant.is_over(tick.now, rests, lock) { Stopping::Finished } else { Stopping::Again }
     }
-}
-
-/// Returns the size of a force (N).
-fn size(wrench: &FtState) -> f64 {
-    Vector3::from(wrench.force).norm()
 }
 
 /// Sends a new sample of the encoders to the readers of the joints, if there is one.
@@ -263,6 +245,10 @@ impl Controller for Puma560Ctrl {
         // A reader that misses the joints would end first, and hide the true reason of an abort.
         tell(&inputs.state, &mut outputs.joints);
         self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
+    }
+
+    fn unconfirmed(&self) -> Option<String> {
+        self.servo.load.unconfirmed()
     }
 }
 
@@ -352,7 +338,7 @@ impl Puma560 {
     fn wanted(&mut self, tick: Tick, inputs: &ArmInputs) -> Option<Joints> {
         let state = inputs.state.fresh_within(tick.now, SENSED)?;
         let velocity = inputs.velocity.fresh_within(tick.now, FRESH)?;
-        let rests = velocity.moves_nothing() && (velocity.rests || self.servo.held.is_some());
+        let rests = velocity.moves_nothing() && (velocity.rests || self.servo.load.is_held());
         self.servo.hold(tick, rests, inputs.force.fresh());
         Some(puma560::rates_for(&state.angles.into(), &Vector6::from(velocity.twist)))
     }
@@ -392,5 +378,9 @@ impl Controller for Puma560 {
 
     fn stop(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
         self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
+    }
+
+    fn unconfirmed(&self) -> Option<String> {
+        self.servo.load.unconfirmed()
     }
 }

@@ -1,7 +1,7 @@
 //! The XR4000: the controller that moves it, and its odometry.
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
-use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
+use super::{FRESH, SENSED, Still, Watch, ramp_dt, seconds};
 use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
 use crate::control::redundancy::BASE_ACCELERATION_MAX;
@@ -53,7 +53,7 @@ pub(super) struct Xr4000Ctrl {
     /// The velocity away from the obstacle that the bumper has met, and the time for which the base has gone back.
     away: Option<[f64; 3]>,
     retreating: Duration,
-    resting: Duration,
+    still: Still,
     grant: Grant,
 }
 
@@ -61,8 +61,7 @@ impl Xr4000Ctrl {
     fn step(&mut self, tick: Tick, wanted: [f64; 3]) -> [f64; 3] {
         let steps = BASE_ACCELERATION_MAX.map(|most| most * ramp_dt(tick));
         self.command = towards_together(&self.command, &wanted, &steps);
-        let still = self.command.iter().all(|rate| rate.abs() <= 0.0);
-        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
+        self.still.update(tick.now, self.command.iter().all(|rate| rate.abs() <= 0.0));
         self.command
     }
 
@@ -106,12 +105,12 @@ impl Controller for Xr4000Ctrl {
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        let (away, retreating, resting) = (None, Duration::ZERO, Duration::ZERO);
-        Ok(Self { command: [0.0; 3], away, retreating, resting, grant: Grant::new("base", arguments)? })
+        let (away, retreating, still) = (None, Duration::ZERO, Still::default());
+        Ok(Self { command: [0.0; 3], away, retreating, still, grant: Grant::new("base", arguments)? })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.command, self.resting) = ([0.0; 3], Duration::ZERO);
+        (self.command, self.still) = ([0.0; 3], Still::default());
         (self.away, self.retreating) = (None, Duration::ZERO);
         self.grant.begin()
     }
@@ -137,7 +136,7 @@ impl Controller for Xr4000Ctrl {
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
         let wanted = self.retreat(tick, &inputs.state);
         let velocity = self.step(tick, wanted);
-        let rests = self.resting >= SETTLING;
+        let rests = self.still.lasts(tick.now) >= SETTLING;
         if let Right::Command(fence) = self.grant.keep(tick.now, &mut outputs.lock) {
             Self::send((!rests).then_some(velocity), fence, outputs);
         }

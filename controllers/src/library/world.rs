@@ -15,7 +15,7 @@ use crate::message::{
 };
 use crate::robot::plant::{Plant, STEP};
 use crate::robot::setup::Setup;
-use crate::sdk::{About, Arguments, Controller, Exports, In, Inputs, Out, Outputs, Progress, Random, Tick};
+use crate::sdk::{About, Arguments, Controller, Exports, In, Inputs, Out, Outputs, Progress, Random, Stopping, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use delay::{Delayed, Delays};
@@ -27,6 +27,10 @@ use std::time::Duration;
 /// A plant that was held up longer than this loses the time.
 const CATCH_UP_MAX: Duration = Duration::from_secs(2);
 const SIGNALS_EVERY: Duration = Duration::from_millis(40);
+/// The longest stop of the plant: arm and base come to rest first, and the arm takes up to 3.5 s. A drive that has had no
+/// command for a while has been left by its controller.
+const STOP_WITHIN: Duration = Duration::from_millis(3500);
+const LEFT_AFTER: Duration = Duration::from_millis(500);
 /// A visitor's push grows for this long (s), then ends.
 const PUSH_TIME: f64 = 4.0;
 
@@ -98,6 +102,8 @@ struct State {
     samples: Samples,
     failure: Failure,
     peak: Peak,
+    /// When it was told to stop.
+    stopping: Option<Time>,
 }
 
 /// A command on its way to its device.
@@ -201,6 +207,7 @@ impl State {
             samples: Samples::default(),
             failure: Failure::new(failing),
             peak: Peak { window, now: 0.0, before: 0.0, ever: 0.0 },
+            stopping: None,
         }
     }
 
@@ -260,6 +267,14 @@ impl State {
             let force = self.plant.force().norm().max(self.plant.collision());
             self.peak.update(self.plant.now, force);
         }
+    }
+
+    /// Returns whether the controllers of arm and base have let go of them, or never will.
+    fn is_left(&mut self, now: Time) -> bool {
+        let began = *self.stopping.get_or_insert(now);
+        let Plant { arm_drive, base_drive, .. } = &self.plant;
+        let is_left = arm_drive.is_left(now, LEFT_AFTER) && base_drive.is_left(now, LEFT_AFTER);
+        is_left || now.since(began) + LEFT_AFTER > STOP_WITHIN
     }
 
     /// Measures the due samples, and publishes those that have arrived.
@@ -376,6 +391,16 @@ fn signal(name: &str, unit: &str, value: f64, headline: bool) -> Signal {
     Signal { name: name.into(), unit: unit.into(), value, headline }
 }
 
+impl DoorWorld {
+    /// Lets the time pass until now.
+    fn work(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) {
+        let Some(state) = &mut self.state else { return };
+        state.obey(tick.now, inputs, &mut self.servers);
+        state.advance(tick.now, self.push);
+        state.publish(tick.now, outputs);
+    }
+}
+
 impl Controller for DoorWorld {
     type Inputs = Inputs;
     type Outputs = Outputs;
@@ -390,6 +415,7 @@ impl Controller for DoorWorld {
         .every(Duration::from_millis(4))
         .with(parameters::PARAMETERS)
         .signals_every(SIGNALS_EVERY)
+        .stop_within(STOP_WITHIN)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
@@ -414,14 +440,19 @@ impl Controller for DoorWorld {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let state = self.state.get_or_insert_with(|| {
+        self.state.get_or_insert_with(|| {
             let plant = Plant::new(self.setup, tick.now);
             Box::new(State::new(plant, self.delays, self.failing, self.setup.seed, tick.now))
         });
-        state.obey(tick.now, inputs, &mut self.servers);
-        state.advance(tick.now, self.push);
-        state.publish(tick.now, outputs);
+        self.work(tick, inputs, outputs);
         Progress::Continue
+    }
+
+    /// The robot and its door go on until the controllers have brought arm and base to rest.
+    fn stop(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Stopping {
+        self.work(tick, inputs, outputs);
+        let is_left = self.state.as_mut().is_none_or(|state| state.is_left(tick.now));
+        if is_left { Stopping::Finished } else { Stopping::Again }
     }
 
     fn signals(&self) -> Vec<Signal> {

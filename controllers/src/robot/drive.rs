@@ -40,6 +40,8 @@ pub struct Drive<const N: usize> {
     limits: Limits<N>,
     target: [f64; N],
     heard: Option<Time>,
+    /// The last command was to let it go.
+    released: bool,
     /// When the watchdog has ended a command last; none if it never had to.
     pub stopped: Option<Time>,
     /// The present speed of each axis (SI).
@@ -60,7 +62,7 @@ pub struct Limits<const N: usize> {
 impl<const N: usize> Drive<N> {
     /// Returns a drive at rest.
     pub const fn new(limits: Limits<N>) -> Self {
-        Self { limits, target: [0.0; N], heard: None, stopped: None, velocity: [0.0; N] }
+        Self { limits, target: [0.0; N], heard: None, released: true, stopped: None, velocity: [0.0; N] }
     }
 
     /// Takes a command, clamped to the speed limits; none brings the axes to rest. A command that is not finite
@@ -69,11 +71,17 @@ impl<const N: usize> Drive<N> {
         if target.is_some_and(|target| !target.iter().all(|speed| speed.is_finite())) {
             return;
         }
-        self.heard = target.map(|_| now);
+        (self.heard, self.released) = (target.map(|_| now), target.is_none());
         if let Some(target) = target {
             let speed = &self.limits.speed;
             self.target = std::array::from_fn(|i| target[i].clamp(-speed[i], speed[i]));
         }
+    }
+
+    /// Returns whether its owner has let it go, or has been silent for `patience` since the watchdog ended a command.
+    pub fn is_left(&self, now: Time, patience: Duration) -> bool {
+        let is_silent = |at| self.heard.is_none() && now.since(at) > patience;
+        self.released || self.stopped.is_some_and(is_silent)
     }
 
     /// Lets `dt` (s) pass until `now`.

@@ -65,6 +65,12 @@ pub trait Controller: Sized + Send + 'static {
         Stopping::Finished
     }
 
+    /// Returns why nothing may be sure about the end of the last [`Controller::stop`], for a person: something outside that
+    /// may go on, or that is not as it should be. Asked once, after the stop. Then the stop counts as unconfirmed.
+    fn unconfirmed(&self) -> Option<String> {
+        None
+    }
+
     /// Declares what others may call and read, between two calculations. The procedures are functions of this type:
     /// `exports.procedure("Grip", "Closes the fingers.", Self::grip).state("opening", "How far it is open.", Self::opening)`.
     fn exports(exports: &mut Exports<Self>) {

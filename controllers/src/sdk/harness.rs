@@ -54,6 +54,8 @@ pub enum Ending {
     Aborted(String),
     /// Because it was asked to.
     Stopped,
+    /// Because it was asked to, and something outside of it may not be as its stop should leave it.
+    Unconfirmed(String),
 }
 
 /// Why a wire cannot be made.
@@ -457,6 +459,12 @@ impl Harness {
             let within = span(stopped.module.interface().about.stop_within);
             ending = Ending::Aborted(format!("did not stop within {within}"));
         }
+        let unconfirmed = stopped.module.unconfirmed();
+        ending = match (ending, unconfirmed) {
+            (Ending::Stopped, Some(why)) => Ending::Unconfirmed(why),
+            (Ending::Aborted(reason), Some(why)) => Ending::Aborted(format!("{reason}; {why}")),
+            (ending, _) => ending,
+        };
         stopped.state = State::Idle;
         stopped.token += 1;
         self.reports.push(Report { at: now, module: ModuleId(slot), ending });

@@ -444,6 +444,10 @@ impl<C: Controller> Module for Instance<C> {
         stopping
     }
 
+    fn unconfirmed(&mut self) -> Option<String> {
+        self.controller.unconfirmed()
+    }
+
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
         let (ports, key_ports) = (&self.interface.ports[self.input_count..], &mut self.key_ports);
         self.outputs.visit(&mut |at, output| {

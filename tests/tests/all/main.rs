@@ -31,6 +31,7 @@ mod json;
 mod kernel;
 mod killed_nodes;
 mod kills;
+mod late_stops;
 mod manual_runs;
 mod many;
 mod messages;

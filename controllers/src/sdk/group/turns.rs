@@ -217,6 +217,12 @@ impl Module for GroupModule {
         all
     }
 
+    fn unconfirmed(&mut self) -> Option<String> {
+        let members = self.members.iter_mut().zip(&self.layout.members);
+        let all = members.filter_map(|(member, place)| Some((&place.name, member.module.unconfirmed()?)));
+        all.map(|(name, why)| format!("`{name}`: {why}")).reduce(|one, other| format!("{one}; {other}"))
+    }
+
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
         self.sent.drain(..).for_each(|(port, bytes)| send(port, bytes));
     }
