@@ -26,7 +26,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
 /// Two examples of each verb: what it is used for most, and a variant.
 const EXAMPLES: [(&str, [&str; 2]); 49] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
-    ("import", ["dca import fetch.scxml -o fetch.dca", "dca import tree.xml --with nodes.xml -o tree.dca"]),
+    ("import", ["dca import fetch.scxml -o fetch.dca", "dca import robot.launch.xml --set robot=r7 -o robot.dca"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     (
         "replay",

@@ -1,20 +1,24 @@
-//! `dca import`: makes a spec of a state chart in SCXML, or of a behavior tree of BehaviorTree.CPP.
+//! `dca import`: makes a spec of a state chart in SCXML, of a behavior tree of BehaviorTree.CPP, or of a launch file of ROS 2.
 
-use crate::check;
-use crate::io::whole_file;
-use ::import::{Imported, RemarkKind};
+use crate::io::{named_file, whole_file};
+use crate::{assignment, check};
+use ::import::{Files, Imported, LaunchSettings, RemarkKind};
 use anyhow::{Context as _, anyhow};
+use language::{Assignment, Source};
 use node::console::{self, Failure};
 use node::logic::table::counted;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The most remarks that are printed; the text has all of them.
 const REMARKS_MAX: usize = 100;
+/// The folder of an installation of ROS 2 in which each package has a file.
+const INDEX: &str = "share/ament_index/resource_index/packages";
 
 /// The arguments of `dca import`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A chart in SCXML, or behavior trees of BehaviorTree.CPP 4; `-` is standard input
+    /// A chart in SCXML, behavior trees of BehaviorTree.CPP 4, or a launch file of ROS 2 in XML or YAML; `-` is standard
+    /// input, not for YAML
     file: PathBuf,
     /// Where the spec goes; the file must not exist yet [default: standard output]
     #[arg(short, long, value_name = "FILE")]
@@ -22,6 +26,12 @@ pub struct Arguments {
     /// Another file with trees, or with the ports of actions (`<TreeNodesModel>`); may be given more than once
     #[arg(long, value_name = "FILE")]
     with: Vec<PathBuf>,
+    /// Give this argument of the launch file a value; may be given more than once [default: as in the file]
+    #[arg(id = "launch-arguments", long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    arguments: Vec<Assignment>,
+    /// The setup file of ROS 2 for the programs of the launch file, such as `/opt/ros/jazzy/setup.bash`
+    #[arg(long, value_name = "FILE")]
+    setup: Option<String>,
 }
 
 /// Runs the verb. Each part that means something else, or that is missing, is a line on standard error.
@@ -32,7 +42,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let source = check::read(&arguments.file)?;
     let others = arguments.with.iter().map(|file| check::read(file)).collect::<Result<Vec<_>, _>>()?;
-    let Imported { text, remarks, .. } = ::import::import(&source, &others)?;
+    let given = arguments.arguments.iter().map(|given| (given.name.clone(), given.value.clone()));
+    let settings = LaunchSettings { arguments: given.collect(), setup: arguments.setup.clone() };
+    let files = Files { read: &included, share: &share };
+    let Imported { text, remarks, .. } = ::import::import_with(&source, &others, &settings, &files)?;
     match &arguments.output {
         None => console::say(text.trim_end()),
         Some(file) => whole_file::put(file, text.as_bytes()).context("writing the spec")?,
@@ -50,4 +63,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ));
     }
     if missing == 0 { Ok(()) } else { Err(Failure::Reported) }
+}
+
+/// Reads a file that a launch file includes.
+fn included(path: &str) -> Result<Source, String> {
+    let text = named_file::text(Path::new(path), named_file::TEXT_MAX);
+    text.map(|text| Source::new(path, text)).map_err(|error| format!("`{path}` cannot be read: {error}"))
+}
+
+/// Returns the folder of shared files of a package, if a setup file of ROS 2 was sourced here and it has the package.
+fn share(package: &str) -> Option<String> {
+    // A package is one name, so it leads out of no folder.
+    let is_name = !package.is_empty() && package.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let prefixes = std::env::var("AMENT_PREFIX_PATH").ok().filter(|_| is_name)?;
+    let mut prefixes = prefixes.split(':').filter(|prefix| !prefix.is_empty());
+    let prefix = prefixes.find(|prefix| Path::new(prefix).join(INDEX).join(package).is_file())?;
+    Some(format!("{}/share/{package}", prefix.trim_end_matches('/')))
 }

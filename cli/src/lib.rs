@@ -124,7 +124,7 @@ enum Verb {
     Conform(conform::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
-    /// Make a spec of a state chart in SCXML, or of a behavior tree of BehaviorTree.CPP
+    /// Make a spec of a state chart in SCXML, a behavior tree of BehaviorTree.CPP, or a launch file of ROS 2
     ///
     /// Each part that differs or is missing is a line on standard error, and a comment in the spec. The exit code is 0 if nothing is
     /// missing. It is 1 if a part is missing, or if the file is refused.

@@ -12,6 +12,7 @@ pub(crate) mod live_page;
 mod locks;
 pub mod mission;
 pub mod names;
+pub(crate) mod node_parameter;
 pub(crate) mod object;
 pub mod page;
 pub(crate) mod process_name;

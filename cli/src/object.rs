@@ -5,7 +5,8 @@
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;
 use crate::io::taps::Taps;
-use crate::logic::object::{ObjectName, argument, result};
+use crate::logic::object::{ObjectName, argument, argument_of_json, result};
+use crate::logic::process_name::ProcessName;
 use crate::reader::Reader;
 use crate::tapped::locations;
 use crate::{ConnectArgs, absent};
@@ -87,10 +88,10 @@ struct Program<'a> {
 /// Runs `dca call`.
 pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
     let name = &arguments.object.name;
-    block_on(with_taps(&arguments.object, async |clients, taps| {
+    block_on(with_taps(&arguments.object.connect, arguments.object.within(), async |clients, taps| {
         let all = clients.statuses().await?;
-        let found = find(&all, taps, name).await?;
-        let exported = exported(&found, name)?;
+        let found = find(&all, taps, &name.process).await?;
+        let exported = exported(&found, &name.name)?;
         if exported.kind == ExportKind::State {
             return Err(anyhow!("`{}` is a state, which is read: `dca get {name}`", name.name).into());
         }
@@ -109,10 +110,10 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
 /// Runs `dca get`.
 pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
     let name = &arguments.object.name;
-    block_on(with_taps(&arguments.object, async |clients, taps| {
+    block_on(with_taps(&arguments.object.connect, arguments.object.within(), async |clients, taps| {
         let all = clients.statuses().await?;
-        let found = find(&all, taps, name).await?;
-        let exported = exported(&found, name)?;
+        let found = find(&all, taps, &name.process).await?;
+        let exported = exported(&found, &name.name)?;
         if exported.kind == ExportKind::Procedure {
             return Err(anyhow!("`{}` is a procedure: `dca call {name}`", name.name).into());
         }
@@ -132,13 +133,53 @@ pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
     }))
 }
 
+/// A program whose procedures are called one after the other.
+pub(crate) struct Visit<'a> {
+    taps: &'a Taps,
+    found: Found<'a>,
+    within: Duration,
+}
+
+impl Visit<'_> {
+    /// Calls a procedure with an argument of JSON; returns its result.
+    pub(crate) async fn call(&self, procedure: &str, given: &Value) -> Result<Value, Failure> {
+        let Self { taps, found, within } = self;
+        let exported = exported(found, procedure)?;
+        let bytes = argument_of_json(&found.exports, &exported.signature, given);
+        let bytes = bytes.map_err(|why| anyhow!("`{procedure}` cannot be called so: {why}"))?;
+        let prepared = taps.prepare(exported, bytes, *within);
+        let Program { client, at } = found.program;
+        let callee = Callee { deployment: at.deployment, host: at.host, path: found.program.path() };
+        let signed = signed(client, callee, exported.access, prepared).await?;
+        Ok(ask(taps, found, exported, signed).await?.0)
+    }
+}
+
+/// Finds a program, and calls some of its procedures. Each has `within` for its answer.
+pub(crate) fn visit<T>(
+    connect: &ConnectArgs,
+    process: &ProcessName,
+    within: Duration,
+    work: impl AsyncFnOnce(&Visit<'_>) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let mut result = None;
+    block_on(with_taps(connect, within, async |clients, taps| {
+        let all = clients.statuses().await?;
+        let found = find(&all, taps, process).await?;
+        result = Some(work(&Visit { taps, found, within }).await?);
+        Ok(())
+    }))?;
+    result.ok_or_else(|| anyhow!("the reader of this command has left").into())
+}
+
 async fn with_taps(
-    arguments: &ObjectArgs,
+    connect: &ConnectArgs,
+    within: Duration,
     work: impl AsyncFnOnce(&Clients, &Taps) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let clients = Clients::open(&arguments.connect).await?;
+    let clients = Clients::open(connect).await?;
     let taps = Taps::open(clients.iter().find_map(Client::team)).await?;
-    let taps = taps.within(arguments.within());
+    let taps = taps.within(within);
     let mut reader = Reader::new()?;
     let done = tokio::select! {
         done = work(&clients, &taps) => done,
@@ -151,14 +192,14 @@ async fn with_taps(
 
 /// Returns the matching processes, each once. A process that stands for one of another deployment counts as that
 /// process.
-fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Program<'a>> {
+fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ProcessName) -> Vec<Program<'a>> {
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
     let programs: Vec<Program<'a>> = programs.collect();
-    let is_meant = |program: &&Program<'a>| name.process.is_process(program.at.deployment, program.path());
+    let is_meant = |program: &&Program<'a>| name.is_process(program.at.deployment, program.path());
     let mut meant: Vec<Program<'a>> = programs.iter().filter(is_meant).copied().collect();
     // The whole of a path goes before the end of another.
-    let is_whole = |program: &Program<'a>| Some(program.path()) == name.process.process();
+    let is_whole = |program: &Program<'a>| Some(program.path()) == name.process();
     if meant.iter().any(is_whole) {
         meant.retain(is_whole);
     }
@@ -175,17 +216,15 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
 }
 
 /// Finds the one matching program, and asks it for its exports.
-async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ObjectName) -> Result<Found<'a>, Failure> {
+async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ProcessName) -> Result<Found<'a>, Failure> {
     let meant = meant(all, name);
     let program = match meant.as_slice() {
-        [] => return Err(absent::no_process(&name.process, all).await),
+        [] => return Err(absent::no_process(name, all).await),
         [one] => *one,
         several => {
             let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));
             let names = names.collect::<Vec<_>>().join(", ");
-            return Err(
-                anyhow!("several processes are called `{}`: {names}; name one of them whole", name.process).into()
-            );
+            return Err(anyhow!("several processes are called `{name}`: {names}; name one of them whole").into());
         }
     };
     let (deployment, path) = (program.at.deployment, program.path());
@@ -327,12 +366,12 @@ pub(crate) async fn exports_of(
     taps.exports(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }
 
-fn exported<'a>(found: &'a Found<'_>, name: &ObjectName) -> Result<&'a Exported, Failure> {
-    let exported = found.exports.exports.iter().find(|exported| exported.name == name.name);
+fn exported<'a>(found: &'a Found<'_>, name: &str) -> Result<&'a Exported, Failure> {
+    let exported = found.exports.exports.iter().find(|exported| exported.name == name);
     let known = || found.exports.exports.iter().map(|exported| exported.name.clone()).collect();
     exported.ok_or_else(|| {
-        let error = ObjectError::NoSuchProcedure { name: name.name.clone(), known: known() };
-        failure(found, &name.name, &error)
+        let error = ObjectError::NoSuchProcedure { name: name.to_owned(), known: known() };
+        failure(found, name, &error)
     })
 }
 

@@ -1,6 +1,7 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
 pub(crate) mod live;
+mod ros;
 
 use super::absent::Absences;
 use super::db::databases::{DatabaseArgs, Databases};
@@ -18,9 +19,13 @@ use language::plan::{Accepts, Constant, Parameter};
 use node::console::{self, Failure};
 use node::logic::database::settings::{key_of_parameter, parameter_key, spelt, stands_for};
 use node::logic::parameters::no_parameter;
+use node::logic::printable::printable;
 use node::logic::protocol::{Deployment, InstanceParameters, ParameterStatus, leaves};
 use node::logic::table::table;
 use std::collections::{BTreeMap, BTreeSet};
+
+/// The columns of a list.
+const HEAD: [&str; 5] = ["PROGRAM", "PARAMETER", "VALUE", "SPEC", "TAKES"];
 
 /// The arguments of `dca param`.
 #[derive(Debug, clap::Args)]
@@ -125,12 +130,27 @@ impl List {
             return Err(found.lacks(name));
         }
         found.away.warnings().iter().for_each(|warning| console::note(warning));
+        // A node of ROS 2 is asked if it is meant alone: each may keep the list waiting.
+        if let (Some(_), [program]) = (&self.instance, programs.as_slice())
+            && program.told.ros_node.is_some()
+        {
+            return self.of_node(program);
+        }
+        let (of_nodes, programs): (Vec<&Program>, Vec<&Program>) =
+            programs.into_iter().partition(|program| program.told.ros_node.is_some());
+        if !of_nodes.is_empty() {
+            let names: Vec<String> = of_nodes.iter().map(|program| format!("`{}`", program.name())).collect();
+            let names = names.join(", ");
+            console::note(&format!(
+                "note: nodes of ROS 2 are asked one at a time, with `dca param list NAME`: {names}"
+            ));
+        }
         if self.database.json {
             let all: Vec<serde_json::Value> = programs.iter().flat_map(|program| program.json()).collect();
             console::answer(&all);
             return Ok(());
         }
-        let mut rows = vec![["PROGRAM", "PARAMETER", "VALUE", "SPEC", "TAKES"].map(str::to_owned).to_vec()];
+        let mut rows = vec![HEAD.map(str::to_owned).to_vec()];
         rows.extend(programs.iter().flat_map(|program| program.rows()));
         let silent = programs.iter().filter(|program| program.told.parameters.is_none());
         let silent: Vec<String> = silent.map(|program| format!("`{}`", program.name())).collect();
@@ -144,12 +164,34 @@ impl List {
         }
         Ok(())
     }
+
+    /// Lists the parameters that a node of ROS 2 has.
+    fn of_node(&self, program: &Program) -> Result<(), Failure> {
+        let found = ros::list(self.database.connect(), program)?;
+        if self.database.json {
+            console::answer(&found.iter().map(|parameter| parameter.json(program)).collect::<Vec<_>>());
+            return Ok(());
+        }
+        let rows = found.iter().map(|parameter| parameter.row(program));
+        let rows: Vec<Vec<String>> = std::iter::once(HEAD.map(str::to_owned).to_vec()).chain(rows).collect();
+        console::say(&table(&rows));
+        Ok(())
+    }
 }
 
 impl Get {
     fn run(self) -> Result<(), Failure> {
         let found = programs(&self.database)?;
         let program = found.one(&self.instance)?;
+        if program.told.ros_node.is_some() {
+            let value = ros::get(self.database.connect(), program, &self.parameter)?;
+            if self.database.json {
+                console::answer(&value);
+            } else {
+                console::say(&printable(&value.to_string()));
+            }
+            return Ok(());
+        }
         let parameter = program.parameter(&self.parameter)?;
         let value = program.value(&parameter.name).with_context(|| {
             format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
@@ -167,6 +209,12 @@ impl Set {
     fn run(self) -> Result<(), Failure> {
         let found = programs(&self.commit.database)?;
         let program = found.one(&self.instance)?;
+        if program.told.ros_node.is_some() {
+            let value = ros::set(self.commit.database.connect(), program, &self.parameter, &self.value)?;
+            console::note(&printable(&format!("{} = {value}", self.parameter)));
+            console::note("note: the node has taken the value, and keeps it until its program ends");
+            return Ok(());
+        }
         let parameter = program.parameter(&self.parameter)?;
         if parameter.accepts == Accepts::Secret {
             let (name, of) = (&parameter.name, program.name());

@@ -63,7 +63,7 @@ fn known(plan: &Plan, host: &str, declared: &Declared) -> Vec<InstanceParameters
         };
         let parameters = declared.map(|declared| parameters::given(declared, &leaf.arguments));
         let (path, module) = (leaf.path.clone(), leaf.module.clone());
-        InstanceParameters { deployment: deployment.clone(), path, module, parameters }
+        InstanceParameters { deployment: deployment.clone(), path, module, parameters, ros_node: None }
     });
     leaves.collect()
 }

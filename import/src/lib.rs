@@ -1,4 +1,6 @@
-//! Makes a spec of a state chart in SCXML or of a behavior tree of BehaviorTree.CPP. Pure: no clock, no file, no network.
+//! Makes a spec of a state chart in SCXML, of a behavior tree of BehaviorTree.CPP, or of a launch file of ROS 2.
+//!
+//! Pure: no clock, no file, no network. The caller of [`import_with`] reads the files that a launch file includes.
 //!
 //! [`import`] returns the text of the spec, formatted, and a [`Remark`] for each part that means something else in DCA or
 //! has no counterpart. The text has the same remarks as comments, `// import: …`. The text is accepted by `dca check`.
@@ -16,8 +18,9 @@
 //! ```
 //!
 //! Way of a text: `xml` reads it within limits. `scxml` makes an activity of a chart; `tree` makes a group of each tree
-//! and a module of each action. `name` turns foreign names into names of the language.
+//! and a module of each action; `launch` makes a module of each program. `name` turns foreign names into names of the language.
 
+mod launch;
 mod name;
 mod remark;
 mod scxml;
@@ -27,6 +30,7 @@ mod xml;
 use language::{Options, Severity, Source};
 use std::collections::BTreeMap;
 
+pub use launch::{Files, LaunchSettings};
 pub use remark::{Remark, RemarkKind};
 pub use xml::ImportError;
 
@@ -49,10 +53,46 @@ pub struct Imported {
 /// The file is not XML, has too many or too deep elements, or is neither a chart nor a tree. Or it contradicts itself, such as
 /// a transition to a state that the chart does not have.
 pub fn import(file: &Source, others: &[Source]) -> Result<Imported, ImportError> {
+    let read = |path: &str| Err(format!("`{path}` is not read here"));
+    let files = Files { read: &read, share: &|_| None };
+    import_with(file, others, &LaunchSettings::default(), &files)
+}
+
+/// Returns the spec that a file means, as [`import`] does; `settings` and `files` are for launch files.
+///
+/// # Errors
+/// As [`import`], and if a setting is for another kind of file, or a launch file includes itself.
+pub fn import_with(
+    file: &Source,
+    others: &[Source],
+    settings: &LaunchSettings,
+    files: &Files<'_>,
+) -> Result<Imported, ImportError> {
+    let refused = |why: &str| ImportError { file: file.name.clone(), line: 1, column: 1, why: why.into() };
+    if file.name.ends_with(".py") {
+        let why = "a launch file in Python is a program; `dca import` reads those in XML and YAML. \
+                   A spec starts it unchanged: `ros \"package file.launch.py\";`";
+        return Err(refused(why));
+    }
+    let with_others = "other files are for behavior trees; a launch file names the files that it includes";
+    if launch::is_yaml(file) {
+        if !others.is_empty() {
+            return Err(refused(with_others));
+        }
+        let imported = launch::import_yaml(file, settings, files)?;
+        return complete(imported, refused);
+    }
     let document = xml::parse(file)?;
     let root = document.root_element();
-    let mut imported = match root.tag_name().name() {
+    let name = root.tag_name().name();
+    let wrong = |why: &str| ImportError::at(&file.name, root, why);
+    if name != "launch" && *settings != LaunchSettings::default() {
+        return Err(wrong("arguments and a setup file are for launch files of ROS 2"));
+    }
+    let imported = match name {
         "scxml" => scxml::import(file, root)?,
+        "launch" if !others.is_empty() => return Err(wrong(with_others)),
+        "launch" => launch::import_xml(file, root, settings, files)?,
         "root" => {
             let parsed = others.iter().map(xml::parse).collect::<Result<Vec<_>, _>>()?;
             let roots = parsed.iter().map(|document| document.root_element());
@@ -62,23 +102,28 @@ pub fn import(file: &Source, others: &[Source]) -> Result<Imported, ImportError>
             tree::import(&files)?
         }
         other => {
-            let why = format!("<{other}> is neither a chart (<scxml>) nor a behavior tree (<root>)");
-            return Err(ImportError::at(&file.name, root, why));
+            let why = format!(
+                "<{other}> is neither a chart (<scxml>), a behavior tree (<root>) nor a launch file (<launch>)"
+            );
+            return Err(wrong(&why));
         }
     };
-    imported.text = checked(file, root, &imported.text)?;
+    complete(imported, wrong)
+}
+
+/// Returns a spec in its last form. `wrong` makes an error about the whole file.
+fn complete(mut imported: Imported, wrong: impl Fn(&str) -> ImportError) -> Result<Imported, ImportError> {
+    imported.text = checked(&imported.text, wrong)?;
     imported.remarks.sort();
     imported.remarks.dedup();
     Ok(imported)
 }
 
 /// The formatted text, if `dca check` accepts it: a file can ask for more than the limits of a spec.
-fn checked(file: &Source, root: xml::Node<'_>, text: &str) -> Result<String, ImportError> {
+fn checked(text: &str, wrong: impl Fn(&str) -> ImportError) -> Result<String, ImportError> {
     let source = Source::new("imported.dca", text);
     let refused = |message: &str| {
-        let why =
-            format!("the spec that it means is refused: {message}; make the file smaller, or import a part of it");
-        ImportError::at(&file.name, root, why)
+        wrong(&format!("the spec that it means is refused: {message}; make the file smaller, or import a part of it"))
     };
     let first = |found: &[language::Diagnostic]| {
         let error = found.iter().find(|found| found.severity == Severity::Error);

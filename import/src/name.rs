@@ -127,7 +127,7 @@ pub(crate) fn pascal(text: &str) -> String {
 }
 
 /// Whether a person cannot see a character, or sees the characters behind it in another order.
-fn is_hidden(found: char) -> bool {
+pub(crate) fn is_hidden(found: char) -> bool {
     found.is_control()
         || matches!(found, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }

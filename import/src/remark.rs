@@ -1,5 +1,6 @@
 //! Remarks: what means something else in a spec than in the file that it was made of.
 
+use crate::launch::Place;
 use crate::name;
 use crate::xml::{Node, place};
 use std::fmt;
@@ -33,6 +34,11 @@ impl Remark {
     pub(crate) fn new(file: &str, node: Node<'_>, kind: RemarkKind, text: impl AsRef<str>) -> Self {
         let (line, column) = place(node);
         Self { file: file.into(), line, column, kind, text: name::plain(text.as_ref()) }
+    }
+
+    /// Returns a remark about an action of a launch file.
+    pub(crate) fn about(file: &str, place: Place, kind: RemarkKind, text: &str) -> Self {
+        Self { file: file.into(), line: place.line, column: place.column, kind, text: name::plain(text) }
     }
 
     /// Returns the remark as a comment of a spec, with the end of its line.

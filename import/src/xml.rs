@@ -4,11 +4,11 @@ use language::Source;
 use roxmltree::{Document, ParsingOptions};
 
 /// The longest file, in bytes.
-const TEXT_MAX: usize = 8 * 1024 * 1024;
+pub(crate) const TEXT_MAX: usize = 8 * 1024 * 1024;
 /// The most elements, attributes and texts of a file. A chart of 1,000 states has some ten thousand.
-const NODES_MAX: u32 = 200_000;
+pub(crate) const NODES_MAX: u32 = 200_000;
 /// The deepest nesting of elements. A spec nests at most 64 levels, and most elements become one.
-const DEPTH_MAX: usize = 48;
+pub(crate) const DEPTH_MAX: usize = 48;
 
 /// An element, or another node of a document.
 pub(crate) type Node<'a> = roxmltree::Node<'a, 'a>;

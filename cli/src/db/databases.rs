@@ -60,6 +60,11 @@ impl DatabaseArgs {
         Self { robot: None, json: false, connect }
     }
 
+    /// Returns where to find the nodes.
+    pub(crate) fn connect(&self) -> &ConnectArgs {
+        &self.connect
+    }
+
     /// Does something with the databases, and closes the connection after it.
     pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {

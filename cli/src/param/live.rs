@@ -16,7 +16,8 @@ use serde_json::Value;
 /// `door:main/hit/force.threshold`. Secrets are left out.
 pub(crate) async fn read(client: &Client) -> Result<Vec<ParameterValue>, Failure> {
     let programs = programs_of(&through(client).await?).await?;
-    Ok(programs.iter().flat_map(Program::values).collect())
+    // A node of ROS 2 has its parameters itself.
+    Ok(programs.iter().filter(|program| program.told.ros_node.is_none()).flat_map(Program::values).collect())
 }
 
 /// Sets parameters, or takes changes back; returns a sentence for each that was not done. Names of programs that this connection does

@@ -18,7 +18,9 @@ fn read(path: &Path) -> Source {
 fn each_file_becomes_the_spec_beside_it() {
     let entries = std::fs::read_dir(folder()).expect("a folder of cases");
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    files.retain(|path| path.extension().is_some_and(|extension| extension == "xml" || extension == "scxml"));
+    files.retain(|path| {
+        path.extension().is_some_and(|extension| ["xml", "scxml", "yaml"].iter().any(|known| extension == *known))
+    });
     files.sort();
     assert!(files.len() > 5, "the cases are there");
     for file in files {

@@ -28,7 +28,7 @@ fn files_that_are_no_xml_are_refused_with_a_place() {
     refused(
         "<html/>",
         expect![
-            "cannot import `file.xml`, line 1, column 1: <html> is neither a chart (<scxml>) nor a behavior tree (<root>)"
+            "cannot import `file.xml`, line 1, column 1: <html> is neither a chart (<scxml>), a behavior tree (<root>) nor a launch file (<launch>)"
         ],
     );
     refused(

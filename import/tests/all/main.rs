@@ -3,6 +3,7 @@
 mod behavior;
 mod cases;
 mod hostile;
+mod launch;
 mod manual;
 #[path = "../../../language/tests/all/random/numbers.rs"]
 mod random;

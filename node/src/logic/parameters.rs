@@ -2,7 +2,7 @@
 
 use crate::logic::database::settings::{parameter_key, stands_for};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
-use language::plan::{Accepts, Argument, Constant, Parameter};
+use language::plan::{Accepts, Argument, BRIDGE_PROGRAM, Constant, Parameter, ROS_NODE, words};
 use std::collections::BTreeMap;
 
 /// The verdict on a key below `robot/HOST/params/` and a value for it.
@@ -146,6 +146,15 @@ pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus
     format!("`{path}`, which is a {module}, has no parameter `{name}` to change; {hint}")
 }
 
+/// Returns the name of the node of ROS 2 whose program an `exec` starts, if the spec says the name.
+pub fn ros_node(exec: &str) -> Option<String> {
+    let words = words(exec).ok()?;
+    let [program, kind, rest @ ..] = words.as_slice() else { return None };
+    let own = rest.iter().take_while(|word| *word != "--");
+    let node = own.filter_map(|word| word.strip_prefix("node=")).next();
+    node.filter(|_| program == BRIDGE_PROGRAM && kind == ROS_NODE).map(str::to_owned)
+}
+
 /// Returns a path without `main`.
 pub fn without_main(path: &str) -> &str {
     path.split_once('/').map_or(path, |(_main, rest)| rest)
@@ -181,7 +190,21 @@ mod tests {
             given: None,
         };
         let parameters = parameters.map(|all| all.iter().map(status).collect());
-        InstanceParameters { deployment, path: path.into(), module: "Sensor".into(), parameters }
+        InstanceParameters { deployment, path: path.into(), module: "Sensor".into(), parameters, ros_node: None }
+    }
+
+    #[test]
+    fn a_node_of_ros_is_known_by_its_command() {
+        for (exec, node) in [
+            ("dca-ros RosNode package=a executable=b node=/r1/nav stop_ms=5000 -- 0", Some("/r1/nav")),
+            ("dca-ros RosNode restarts=true package=a node=/nav -- 1 x", Some("/nav")),
+            ("dca-ros RosNode package=a executable=b -- 1 node=/other", None),
+            ("dca-ros RosBridge node=/nav", None),
+            ("other RosNode node=/nav", None),
+            ("'", None),
+        ] {
+            assert_eq!(ros_node(exec).as_deref(), node, "{exec}");
+        }
     }
 
     #[test]

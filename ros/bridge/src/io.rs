@@ -2,6 +2,7 @@
 
 pub(crate) mod installation;
 pub(crate) mod managed;
+pub(crate) mod parameters;
 pub(crate) mod program;
 pub(crate) mod services;
 

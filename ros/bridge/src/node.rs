@@ -8,17 +8,19 @@
 use crate::io::installation::{self, Environment, Prepared};
 use crate::io::lock;
 use crate::io::managed::{Bell, Managed};
+use crate::io::parameters::{self, Asked, NodeParameters};
 use crate::io::program::{self, End, Program};
 use crate::logic::command::{Declared, What, Written};
 use crate::logic::ending::{Ending, TERMINATE_WITHIN};
 use crate::logic::lifecycle::{Effect, Input, Lifecycle, Standing, State, Wanted};
 use crate::setup;
 use comms::io::clock::now;
+use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::{
-    About, Arguments, Configured, Delivery, DeliveryError, Interface, Kind, Module, Parameter, Progress, Stopping,
-    Waker,
+    About, Activity, Arguments, Configured, Delivery, DeliveryError, Interface, Kind, Module, Parameter, Progress,
+    RawReply, Stopping, Waker,
 };
 use ros::logic::key::GraphName;
 use std::sync::{Arc, Mutex};
@@ -109,6 +111,8 @@ pub(crate) struct RosNode {
     /// Why the program could not be started.
     trouble: Option<String>,
     bell: Arc<Bell>,
+    /// The services for the parameters of its node; or why they cannot be called.
+    parameters: Result<NodeParameters, String>,
 }
 
 impl RosNode {
@@ -127,7 +131,9 @@ impl RosNode {
             _ => Some(Life::new(arguments, &declared, &prepared.environment, &bell)?),
         };
         let about = interface().about.stop_within(stop + FORCE_WITHIN);
-        let interface = Interface { about, ..interface() };
+        let exports = if declared.node.is_some() { parameters::exports() } else { Vec::new() };
+        let interface = Interface { about, exports, ..interface() };
+        let parameters = parameters_of(arguments, &declared, &prepared.environment);
         let care = Arc::new(Mutex::new(Care::Loop));
         let mut node = Self {
             interface,
@@ -141,6 +147,7 @@ impl RosNode {
             is_stopping: false,
             trouble: None,
             bell,
+            parameters,
         };
         program::handle_interrupts()?;
         node.get_ready().inspect_err(|_| node.end(TERMINATE_WITHIN))?;
@@ -288,6 +295,27 @@ impl RosNode {
     }
 }
 
+/// Returns the services for the parameters of a node, or why they cannot be called.
+fn parameters_of(
+    arguments: &Arguments,
+    declared: &Declared,
+    environment: &Environment,
+) -> Result<NodeParameters, String> {
+    let node = declared.node.clone().ok_or("the name of its node is not known: `node \"/name\";`")?;
+    check_middleware(environment).map_err(|middleware| {
+        format!("`RMW_IMPLEMENTATION` is `{middleware}`: parameters can only be asked for with `{MIDDLEWARE}`")
+    })?;
+    let network = setup::network_of(arguments, |name| environment.get(name).cloned())?;
+    let own = format!("{}_parameters", setup::node_name(arguments));
+    Ok(NodeParameters::new(Asked { node, network, own }))
+}
+
+/// Checks that the program has the middleware whose services can be called; else returns which one it has.
+fn check_middleware(environment: &Environment) -> Result<(), &str> {
+    let middleware = environment.get("RMW_IMPLEMENTATION").map_or("", String::as_str);
+    if middleware == MIDDLEWARE { Ok(()) } else { Err(middleware) }
+}
+
 impl Life {
     fn new(
         arguments: &Arguments,
@@ -296,12 +324,9 @@ impl Life {
         bell: &Arc<Bell>,
     ) -> Result<Self, String> {
         let name = declared.node.as_ref().ok_or("a node with a lifecycle needs a name")?;
-        let middleware = environment.get("RMW_IMPLEMENTATION").map_or("", String::as_str);
-        if middleware != MIDDLEWARE {
-            return Err(format!(
-                "`RMW_IMPLEMENTATION` is `{middleware}`: a lifecycle can only be controlled with `{MIDDLEWARE}`"
-            ));
-        }
+        check_middleware(environment).map_err(|middleware| {
+            format!("`RMW_IMPLEMENTATION` is `{middleware}`: a lifecycle can only be controlled with `{MIDDLEWARE}`")
+        })?;
         let network = setup::network_of(arguments, |name| environment.get(name).cloned())?;
         let managed = Managed::open(name, &network, setup::node_name(arguments), Arc::clone(bell))?;
         let within = millis(arguments, "lifecycle_ms")?;
@@ -416,6 +441,13 @@ impl Module for RosNode {
     }
 
     fn drain(&mut self, _: &mut dyn FnMut(&'static str, Vec<u8>)) {}
+
+    fn serve(&mut self, name: &str, argument: &[u8], _: Activity, reply: RawReply) {
+        match &mut self.parameters {
+            Ok(parameters) => parameters.call(name, argument, reply),
+            Err(why) => reply.answer(Err(ObjectError::Refused { reason: why.clone() })),
+        }
+    }
 
     fn signals(&self) -> Vec<Signal> {
         let state = self.life.as_ref().map(|life| life.lifecycle.state().map_or(0, State::number));

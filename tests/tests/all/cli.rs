@@ -214,6 +214,34 @@ fn imports_have_their_exit_codes_and_write_over_nothing() {
     assert!(ended.code == Some(1) && ended.out.is_empty() && ended.err.contains("line 1, column 10"), "{ended}");
 }
 
+/// Included files are read, an installed package is found, and arguments of the user count.
+#[test]
+fn a_launch_file_is_imported_with_the_files_that_it_includes() {
+    let cluster = Cluster::new();
+    let more = cluster.file("more.launch.yaml", "launch:\n- arg: {name: rate, default: '5'}\n- node: {pkg: cam, exec: cam, param: [{name: rate, value: $(var rate)}]}\n");
+    let prefix = Path::new(&more).with_file_name("ros");
+    fs::create_dir_all(prefix.join("share/ament_index/resource_index/packages")).expect("the folder is ours");
+    fs::write(prefix.join("share/ament_index/resource_index/packages/nav"), "").expect("the folder is ours");
+    let inside = "<include file=\"$(dirname)/more.launch.yaml\"/><node pkg=\"nav\" exec=\"nav\"><param from=\"$(find-pkg-share nav)/nav.yaml\"/></node>";
+    let robot = cluster.file("robot.launch.xml", &format!("<launch>{inside}</launch>"));
+    let spec = Path::new(&robot).with_file_name("robot.dca").display().to_string();
+    let sourced = cluster.here().with_variable("AMENT_PREFIX_PATH", &prefix.display().to_string());
+    let ended = sourced.ask(&["import", &robot, "--set", "rate=9", "--setup", "/opt/setup.bash", "-o", &spec]);
+    assert!(ended.code == Some(0), "{ended}");
+    let text = fs::read_to_string(&spec).expect("it was written");
+    for part in ["main(robot: Host = c1, rate = 9)", "ros/share/nav/nav.yaml\"", "setup \"/opt/setup.bash\";"] {
+        assert!(text.contains(part), "no {part:?} in\n{text}");
+    }
+    assert_eq!(cluster.here().ask(&["check", &spec]).code, Some(0));
+    let ended = cluster.here().ask(&["import", &robot]);
+    assert!(ended.code == Some(1) && ended.err.contains("package `nav` is not installed here"), "{ended}");
+    let ended = cluster.here().ask(&["import", &robot, "--set", "speed=9"]);
+    assert!(ended.code == Some(1) && ended.err.contains("has no argument `speed`"), "{ended}");
+    let python = cluster.file("robot.launch.py", "pass");
+    let ended = cluster.here().ask(&["import", &python]);
+    assert!(ended.code == Some(1) && ended.err.contains("in XML and YAML"), "{ended}");
+}
+
 /// Programs that were copied without their companions name the missing one.
 #[test]
 fn a_missing_companion_is_named() {

@@ -57,6 +57,7 @@ mod replay;
 mod rooms;
 mod ros_calls;
 mod ros_nodes;
+mod ros_parameters;
 mod ros_topics;
 mod scouting;
 mod seals;

@@ -25,15 +25,15 @@ const CONFIGURE: u8 = 1;
 const ACTIVATE: u8 = 3;
 const DEACTIVATE: u8 = 4;
 /// A node that does nothing, until SIGINT ends it.
-const SLEEPER: &str = "#!/bin/sh\necho $$ >> \"$FAKE/pids\"\nexec sleep 3600\n";
+pub(super) const SLEEPER: &str = "#!/bin/sh\necho $$ >> \"$FAKE/pids\"\nexec sleep 3600\n";
 
 /// An installation of ROS 2 with the package `demo`.
-struct Installation {
+pub(super) struct Installation {
     folder: PathBuf,
 }
 
 impl Installation {
-    fn new(cluster: &Cluster, executables: &[(&str, &str)]) -> Self {
+    pub(super) fn new(cluster: &Cluster, executables: &[(&str, &str)]) -> Self {
         let installation = Self { folder: cluster.folder().join("opt ros") };
         let shown = installation.folder.display();
         let setup =
@@ -59,7 +59,7 @@ impl Installation {
 
     /// Waits until so many programs were started; returns the last one.
     #[track_caller]
-    fn started(&self, count: usize, mission: &Program) -> Pid {
+    pub(super) fn started(&self, count: usize, mission: &Program) -> Pid {
         let pids = || self.read("pids").lines().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect::<Vec<_>>();
         let are_there = wait_until(SOON, || pids().len() >= count);
         assert!(are_there.is_some(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
@@ -67,7 +67,7 @@ impl Installation {
     }
 
     /// Returns a mission with one module that names the setup file, beside a process that runs for ever.
-    fn spec(&self, module: &str) -> String {
+    pub(super) fn spec(&self, module: &str) -> String {
         format!(
             "module Nav(host: Host, label: Text = \"7 'x'\", gain: Number = 2, depth = 5) {{
                  setup \"{}\"; {module} }}

@@ -113,6 +113,7 @@ impl Participant {
                 path: leaf.path.clone(),
                 module: leaf.module.clone(),
                 parameters: declared.map(|declared| parameters::given(declared, &leaf.arguments)),
+                ros_node: leaf.exec.as_deref().and_then(parameters::ros_node),
             }
         };
         leaves.map(of_leaf).collect()

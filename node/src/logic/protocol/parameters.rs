@@ -15,6 +15,8 @@ pub struct InstanceParameters {
     pub module: String,
     /// None if no program of the host declares the parameters of that type.
     pub parameters: Option<Vec<ParameterStatus>>,
+    /// The name of the node of ROS 2 that its program is. Such a node has its parameters itself.
+    pub ros_node: Option<String>,
 }
 
 /// A parameter of a running program.

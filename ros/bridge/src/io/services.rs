@@ -44,6 +44,8 @@ pub(crate) struct Service {
 pub(crate) enum Caller {
     /// A process of the mission.
     Process(RawReply),
+    /// A user who asks a node. If no node answers, the call is not refused.
+    User(RawReply),
     /// This program.
     Own {
         take: Box<dyn FnOnce(Result<Vec<u8>, Failure>) + Send>,
@@ -150,13 +152,13 @@ impl Caller {
     pub(crate) fn unless(self, is_last: fn(&[u8]) -> bool) -> Self {
         match self {
             Self::Own { take, .. } => Self::Own { take, is_last },
-            Self::Process(_) => self,
+            Self::Process(_) | Self::User(_) => self,
         }
     }
 
     fn is_wanted(&self) -> bool {
         match self {
-            Self::Process(reply) => reply.is_wanted(),
+            Self::Process(reply) | Self::User(reply) => reply.is_wanted(),
             Self::Own { .. } => true,
         }
     }
@@ -169,6 +171,7 @@ impl Caller {
     fn answer(self, result: Result<Vec<u8>, Failure>) {
         match self {
             Self::Process(reply) => reply.answer(result.map_err(ObjectError::from)),
+            Self::User(reply) => reply.answer(result.map_err(Failure::of_node)),
             Self::Own { take, .. } => take(result),
         }
     }

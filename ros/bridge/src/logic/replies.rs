@@ -34,6 +34,16 @@ impl From<Failure> for ObjectError {
     }
 }
 
+impl Failure {
+    /// Returns the failure of a call that asks a node: only the node itself refuses.
+    pub(crate) fn of_node(self) -> ObjectError {
+        match self {
+            Self::NoServer(_) => ObjectError::Unanswered { reason: self.to_string() },
+            Self::Gone(_) | Self::Refused(_) | Self::Busy => self.into(),
+        }
+    }
+}
+
 /// A call that was to be taken out.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Taken<T> {
