@@ -124,6 +124,9 @@ fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
             chart.chart == theirs.chart && chart.runs.len() == theirs.runs.len()
         }
         (Expression::Tagged { tag, .. }, Expression::Tagged { tag: theirs, .. }) => tag == theirs,
+        (Expression::Catch { arms, .. }, Expression::Catch { arms: theirs, .. }) => {
+            arms.iter().map(|arm| &arm.failure).eq(theirs.iter().map(|arm| &arm.failure))
+        }
         (Expression::Repeat { until, .. }, Expression::Repeat { until: theirs, .. }) => until == theirs,
         (Expression::With { given, .. }, Expression::With { given: theirs, .. }) => given.value == theirs.value,
         (_, _) => std::mem::discriminant(p) == std::mem::discriminant(q),

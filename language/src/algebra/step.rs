@@ -22,6 +22,7 @@
 //! COND       done(u) -> u |- F              aborted(r) -> aborted(r)
 //! REC        P done(u) -> u |- Q   Q done -> empty |- P   aborted(r) -> aborted(r)
 //! ELSE       done(u) -> done(u)             aborted(r) -> r |- F
+//! CATCH      done(u) -> done(u)             aborted(r) -> r |- the first arm of r; no such arm -> aborted(r)
 //! DIS        o -> DRAIN(o, the others)
 //! PAR        a service aborts -> DRAIN(its abort, the others)                                       (p-lost)
 //!            all tasks have ended -> DRAIN(done(<u1..uk>) or the first abort, the services)        (p-join)
@@ -223,6 +224,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Conditional => self.cond(node, outcome),
             Kind::Recurrent => self.rec(node, outcome, 2),
             Kind::Repeat { .. } => self.repeat(node, outcome, 1),
+            Kind::Catch { .. } => self.catch(node, outcome),
             Kind::Otherwise => self.or_else(node, outcome),
             Kind::Disable => self.dis(node, outcome),
             Kind::Concurrent { .. } => {

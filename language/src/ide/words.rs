@@ -165,7 +165,7 @@ words! {
     Action "match" "match { ${1:outcome} => $0 }" "Continues by the outcome of the previous part: `P : match { found => Q, missing => R }`."
     Action "shield" "shield $0" "A part that may not be stopped half way: a stop waits until it has ended, or for the time in parentheses."
     Action "using" "using(${1:resource}) $0" "Waits until the resource is free, and holds it while it runs."
-    Suffix "else" "else $0" "`P else Q`: Q if P aborts."
+    Suffix "else" "else $0" "`P else Q`: Q if P aborts. `P else match { timeout => Q, \"no way\" => R }` chooses by the reason."
     Suffix "finally" "finally $0" "`P finally Q`: Q when P has ended, however it has, also when it was stopped."
     Suffix "as" "as ${1:outcome}" "`P as t`: the outcome of P is called t, for a `match`."
     Suffix "with" "with ${1:value}" "`P with v`: P starts with this value."

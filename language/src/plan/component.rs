@@ -227,6 +227,7 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         | Expression::Tagged { .. }
         | Expression::With { .. }
         | Expression::Repeat { .. }
+        | Expression::Catch { .. }
         | Expression::Chart(_) => {
             let stays = expression.operands().into_iter().map(whole).collect::<Result<Vec<_>, ()>>()?;
             if stays.iter().all(Option::is_none) {

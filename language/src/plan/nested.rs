@@ -110,6 +110,7 @@ mod tests {
             Expression::Chart(_) => 19,
             Expression::With { .. } => 20,
             Expression::Repeat { .. } => 21,
+            Expression::Catch { .. } => 22,
         }
     }
 
@@ -139,6 +140,7 @@ mod tests {
             Expression::Chart(Box::default()),
             Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
             Expression::Repeat { until: Vec::new(), of: skip() },
+            Expression::Catch { of: skip(), arms: Vec::new() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

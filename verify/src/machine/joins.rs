@@ -271,6 +271,7 @@ fn is_service(expression: &Expression, group: &Group) -> bool {
         Expression::AnyOf { count, of } => of.iter().filter(|operand| !is(operand)).count() < *count as usize,
         Expression::Sequence(p, q) | Expression::Conditional(p, q) | Expression::Finally(p, q) => is(p) || is(q),
         Expression::Otherwise(p, _) => is(p),
+        Expression::Catch { of, .. } => is(of),
         Expression::Chart(chart) => chart.is_service(),
         Expression::Match(arms) => arms.iter().all(|arm| is(&arm.body)),
         Expression::Shield { of, .. }

@@ -24,8 +24,8 @@ impl Writer<'_> {
             Expression::Run { member, .. } => self.run(node, *member),
             Expression::Skip => self.rule(node, START, &[], self.reports(node, DONE)),
             Expression::Fail(_) => self.rule(node, START, &[], self.reports(node, ABORTED)),
-            // Plans with activities are refused before.
-            Expression::Never | Expression::Chart(_) => self.lasting(node),
+            // Plans with activities and with `else match` are refused before.
+            Expression::Never | Expression::Chart(_) | Expression::Catch { .. } => self.lasting(node),
             Expression::Wait(after) => {
                 let word = self.timer(seconds(*after));
                 self.lasting(node);

@@ -34,6 +34,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Chart => self.s_chart(node, value),
             Kind::With(given) => self.s_with(node, given.clone()),
             Kind::Repeat { .. } => self.s_repeat(node, value),
+            Kind::Catch { .. } => self.s_catch(node, value),
         }
     }
 
@@ -100,6 +101,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn s_else(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, value)?;
         self.or_else(node, outcome)
+    }
+
+    /// Start of `P else match { ... }`.
+    fn s_catch(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.catch(node, outcome)
     }
 
     /// [s-with]

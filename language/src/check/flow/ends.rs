@@ -91,6 +91,14 @@ impl Members {
                 let done = parts.iter().take(tried + 1).filter_map(|part| part.done).min();
                 Ends { done, aborted: tried == parts.len() }
             }
+            ExprKind::Catch(first, arms) => {
+                let (first, parts) = (self.ends_of(first), &parts[1..]);
+                let caught = parts.iter().filter(|_| first.aborted);
+                let done = first.done.into_iter().chain(caught.filter_map(|part| part.done)).min();
+                // Without `else` no arm may take the failure.
+                let is_total = arms.iter().any(|arm| arm.failure.is_none());
+                Ends { done, aborted: first.aborted && (!is_total || parts.iter().any(|part| part.aborted)) }
+            }
             ExprKind::Concurrent(of) => {
                 let is_service = service::is_service(expr, &self.services);
                 let is_task = |part: &Expr| is_service || !service::is_service(part, &self.services);

@@ -93,6 +93,12 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
             let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
             InstantEnds { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
+        ExprKind::Catch(_, arms) => {
+            let (first, caught) = (parts[0], &parts[1..]);
+            let is_total = arms.iter().any(|arm| arm.failure.is_none());
+            let aborted = first.aborted && (!is_total || caught.iter().any(|part| part.aborted));
+            InstantEnds { done: first.done || first.aborted && caught.iter().any(|part| part.done), aborted }
+        }
         ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => InstantEnds { done: false, aborted: any_aborted },
         ExprKind::Match(_)
         | ExprKind::Repeat(..)

@@ -50,6 +50,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::FailFast(parts) | ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.iter().any(rest),
         ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
         ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
+        ExprKind::Catch(first, _) => rest(first),
         ExprKind::Retry(_, _, part)
         | ExprKind::Repeat(_, part)
         | ExprKind::Shield(_, part)
@@ -125,6 +126,7 @@ impl<'a> Order<'a> {
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
             | ExprKind::Otherwise(_)
+            | ExprKind::Catch(..)
             | ExprKind::Retry(..)
             | ExprKind::Repeat(..)
             | ExprKind::Within(..)

@@ -48,6 +48,7 @@ fn placed(expr: &Expr) -> Placed {
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Repeat(..)
+        | ExprKind::Catch(..)
         | ExprKind::Match(_)
         | ExprKind::Shield(..)
         | ExprKind::Using(..)

@@ -95,6 +95,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         | ExprKind::Asynchronous(..)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)
+        | ExprKind::Catch(..)
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Tagged(..)

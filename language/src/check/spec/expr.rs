@@ -1,7 +1,7 @@
 //! Event actions, checked: expressions, and the charts of activities.
 
 use super::{Outcome, Port, Value};
-use crate::automaton::StateKind;
+use crate::automaton::{Failure, StateKind};
 use crate::plan::StateChart;
 use crate::source::Span;
 use crate::syntax::ast::Name;
@@ -30,6 +30,8 @@ pub(crate) enum ExprKind {
     Conditional(Vec<Expr>),
     Otherwise(Vec<Expr>),
     Recurrent(Box<Expr>, Box<Expr>),
+    /// `P else match { ... }`
+    Catch(Box<Expr>, Vec<CatchArm>),
     /// How many times more, and the pause before each.
     Retry(u32, Option<Duration>, Box<Expr>),
     /// The outcomes that end it; any other one starts its operand again.
@@ -114,6 +116,16 @@ pub(crate) struct Arm {
     pub(crate) body: Expr,
 }
 
+/// One way on in an `else match`.
+#[derive(Debug)]
+pub(crate) struct CatchArm {
+    /// `else` has none.
+    pub(crate) failure: Option<Failure>,
+    /// Where its cause or text stands.
+    pub(crate) span: Span,
+    pub(crate) body: Expr,
+}
+
 impl Expr {
     /// Whether its direct parts run in parallel.
     pub(crate) fn is_parallel(&self) -> bool {
@@ -132,6 +144,7 @@ impl Expr {
             | ExprKind::Sequence(_)
             | ExprKind::Conditional(_)
             | ExprKind::Otherwise(_)
+            | ExprKind::Catch(..)
             | ExprKind::Recurrent(..)
             | ExprKind::Retry(..)
             | ExprKind::Repeat(..)
@@ -170,6 +183,7 @@ impl Expr {
                 parts.iter().take(1).collect()
             }
             ExprKind::Recurrent(part, _)
+            | ExprKind::Catch(part, _)
             | ExprKind::Asynchronous(part, _)
             | ExprKind::Finally(part, _)
             | ExprKind::Retry(_, _, part)
@@ -209,6 +223,7 @@ impl Expr {
             | ExprKind::Tagged(_, part)
             | ExprKind::With(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
+            ExprKind::Catch(first, arms) => std::iter::once(&**first).chain(arms.iter().map(|arm| &arm.body)).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
             ExprKind::Chart(model) => model.runs.iter().map(|(_, run)| run).collect(),
             ExprKind::Run(..)

@@ -1,8 +1,8 @@
 //! The completion functions: what the outcome of an operand does to its operator, after a start and after an event
 //! alike.
 
-use super::rules::{Event, Next, Order, Reference, note, tagged};
-use super::term::{Conf, Expr, Left, Outcome, Pool, Slots, Why};
+use super::rules::{Event, Next, Order, Reference, is_for, note, tagged};
+use super::term::{CatchArms, Conf, Expr, Left, Outcome, Pool, Slots, Why};
 use std::rc::Rc;
 
 /// Which of `,` `&` and `any`.
@@ -59,6 +59,19 @@ impl Reference {
                 self.rec1(next, p, q)
             }
             Err(outcome) => Err(outcome),
+        }
+    }
+
+    /// CATCH
+    pub(crate) fn catch(&mut self, next: Next, arms: &CatchArms) -> Next {
+        let why = match next {
+            Ok(conf) => return Ok(Conf::Catch(conf.into(), arms.clone())),
+            Err(Outcome::Aborted(why)) => why,
+            Err(outcome) => return Err(outcome),
+        };
+        match arms.iter().find(|(failure, _)| failure.as_ref().is_none_or(|failure| is_for(failure, &why))) {
+            Some((_, body)) => self.start(body, Left::ReasonText),
+            None => Err(Outcome::Aborted(why)),
         }
     }
 
@@ -320,6 +333,10 @@ impl Reference {
                 Ok(c) => Ok(Conf::As(tag, c.into())),
                 Err(outcome) => Err(tagged(&tag, outcome)),
             },
+            Conf::Catch(c, arms) => {
+                let next = act(self, *c);
+                self.catch(next, &arms)
+            }
             Conf::Repeat(until, c, of) => {
                 let next = act(self, *c);
                 self.round(next, &until, &of)
@@ -376,7 +393,7 @@ fn concerns(conf: &Conf, event: &Event) -> bool {
         (Conf::Active(own, _) | Conf::Stopping(own, _), Event::Done(member, _)) => own == member,
         (
             Conf::Active(own, _) | Conf::Stopping(own, _),
-            Event::Aborted(member) | Event::Stopped(member) | Event::Unconfirmed(member),
+            Event::Aborted(member) | Event::Failed(member, _) | Event::Stopped(member) | Event::Unconfirmed(member),
         ) => own == member,
         (Conf::Timer(own) | Conf::ShieldK(Some(own), _), Event::Elapsed(timer)) => own == timer,
         _ => false,

@@ -1,6 +1,7 @@
 //! The steps of a plan's main sequence, and their names.
 
-use language::plan::{Arm, DEADLINE, Expression, Group, Member, MemberKind, Plan};
+use language::automaton::Failure;
+use language::plan::{Arm, CatchArm, DEADLINE, Expression, Group, Member, MemberKind, Plan};
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -176,6 +177,12 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
             return (3, format!("{} finally {}", inside(first, 4, members), inside(second, 4, members)));
         }
         E::Chart(chart) => return (9, format!("{} states", chart.chart.states.len().saturating_sub(1))),
+        E::Catch { of, arms } => {
+            let word = |arm: &CatchArm| arm.failure.as_ref().map_or_else(|| "else".to_owned(), Failure::to_string);
+            let arm = |arm: &CatchArm| format!("{} => {}", word(arm), inside(&arm.body, 1, members));
+            let arms = arms.iter().map(arm).collect::<Vec<_>>().join(", ");
+            return (4, format!("{} else match {{ {arms} }}", inside(of, 4, members)));
+        }
         E::Repeat { until, of } => {
             return (6, format!("repeat {} until {}", inside(of, 6, members), until.join(" | ")));
         }

@@ -63,6 +63,10 @@ impl World {
             }
             Config::Fin2(o, c) => fin2(o, self.react(*c, e)),
             Config::Tag(t, c) => tag(&t, self.react(*c, e)),
+            Config::Catch(c, arms) => {
+                let r = self.react(*c, e);
+                self.catch(r, &arms)
+            }
             Config::Repeat(c, p, ts) => {
                 let r = self.react(*c, e);
                 self.repeat(r, &p, &ts, 1)
@@ -166,7 +170,7 @@ impl World {
             }
             Config::Fin2(o, c) if is_unconfirmed(&o) => R::C(Config::Fin2(o, c)),
             Config::Fin2(_, c) => R::C(Config::Fin2(Outcome::Killed, c)),
-            Config::Tag(_, c) | Config::Repeat(c, ..) => self.stop(*c),
+            Config::Tag(_, c) | Config::Repeat(c, ..) | Config::Catch(c, _) => self.stop(*c),
             Config::Acquiring(u, ..) => {
                 self.queue.retain(|(other, _)| *other != u);
                 R::O(Outcome::Killed)
@@ -210,7 +214,8 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
         | Config::Fin1(c, _)
         | Config::Fin2(_, c)
         | Config::Tag(_, c)
-        | Config::Repeat(c, ..) => leaves(c, see),
+        | Config::Repeat(c, ..)
+        | Config::Catch(c, _) => leaves(c, see),
         Config::Acquiring(..) => {}
         Config::Arec(k, cs, ..) => {
             if let Held::Runs(c) = &**k {
@@ -273,6 +278,7 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Fin2(o, c) => Config::Fin2(o, boxed(c)),
         Config::Tag(t, c) => Config::Tag(t, boxed(c)),
         Config::Repeat(c, e, ts) => Config::Repeat(boxed(c), e, ts),
+        Config::Catch(c, arms) => Config::Catch(boxed(c), arms),
         Config::ShieldK(t, c) => Config::ShieldK(t.map(|(t, _)| (t, 0)), boxed(c)),
         Config::Acquiring(..) => c,
         Config::Holding(res, c) => Config::Holding(res, boxed(c)),

@@ -75,6 +75,10 @@ impl World {
             }
             // [s-with]: the outcome is that of E, so nothing of it is left.
             Term::With(u, e) => self.start(e, u.clone()),
+            Term::Catch(e, arms) => {
+                let r = self.start(e, v);
+                self.catch(r, arms)
+            }
             Term::Repeat(ts, e) => {
                 let r = self.start(e, v);
                 self.repeat(r, e, ts, 0)
@@ -135,7 +139,8 @@ impl World {
             | Term::Using(_, _, e)
             | Term::Tag(_, e)
             | Term::With(_, e)
-            | Term::Repeat(_, e) => self.service(e),
+            | Term::Repeat(_, e)
+            | Term::Catch(e, _) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
             Term::Ff(es) => es.iter().any(|e| self.service(e)),

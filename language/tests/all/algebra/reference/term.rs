@@ -48,6 +48,22 @@ pub(crate) enum Term {
     With(Value, Box<Self>),
     /// `repeat E until t | ..`
     Repeat(Vec<String>, Box<Self>),
+    /// `E else match { r => F, .. }`; `else` asks for no reason.
+    Catch(Box<Self>, Vec<(Option<Asked>, Self)>),
+}
+
+/// The failures that an arm takes.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Asked {
+    Reported,
+    Busy,
+    Unconfirmed,
+    ServiceEnded,
+    NoMatch,
+    Timeout,
+    Crash,
+    HostLost,
+    Text(String),
 }
 
 /// `r`: why something aborted.
@@ -127,6 +143,8 @@ pub(crate) enum Config {
     Fin2(Outcome, Box<Self>),
     /// `C as t`
     Tag(String, Box<Self>),
+    /// `catch(C,{r => F ..})`
+    Catch(Box<Self>, Vec<(Option<Asked>, Term)>),
     /// `repeat(C,E,t..)`
     Repeat(Box<Self>, Term, Vec<String>),
     /// An `arec` that comes to its end or is stopped: `o` once all have ended.
