@@ -432,6 +432,13 @@ pub enum Expression {
         /// The arms; `else` is the last one.
         arms: Vec<CatchArm>,
     },
+    /// `at least k of (P, Q, ...)`.
+    AtLeast {
+        /// How many have to be done once all have ended.
+        count: u32,
+        /// The operands.
+        of: Vec<Self>,
+    },
 }
 
 impl Expression {
@@ -439,9 +446,11 @@ impl Expression {
     pub fn operands(&self) -> Vec<&Self> {
         match self {
             Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
-            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
-                of.iter().collect()
-            }
+            Self::Concurrent(of)
+            | Self::FailFast(of)
+            | Self::Disable(of)
+            | Self::AnyOf { of, .. }
+            | Self::AtLeast { of, .. } => of.iter().collect(),
             Self::Sequence(p, q)
             | Self::Conditional(p, q)
             | Self::Recurrent(p, q)
@@ -463,9 +472,11 @@ impl Expression {
     pub fn operands_mut(&mut self) -> Vec<&mut Self> {
         match self {
             Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
-            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
-                of.iter_mut().collect()
-            }
+            Self::Concurrent(of)
+            | Self::FailFast(of)
+            | Self::Disable(of)
+            | Self::AnyOf { of, .. }
+            | Self::AtLeast { of, .. } => of.iter_mut().collect(),
             Self::Sequence(p, q)
             | Self::Conditional(p, q)
             | Self::Recurrent(p, q)

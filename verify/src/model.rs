@@ -371,6 +371,7 @@ fn configurations(expression: &Expression) -> u64 {
         Expression::Concurrent(_)
         | Expression::FailFast(_)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Disable(_)
         | Expression::Asynchronous { .. } => parts().map(|part| part.saturating_add(1)).fold(1, u64::saturating_mul),
     }
@@ -414,6 +415,7 @@ fn may_end_at_once(expression: &Expression) -> bool {
         Expression::Concurrent(_)
         | Expression::FailFast(_)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Disable(_)
         | Expression::Match(_)
         | Expression::Shield { .. }
@@ -464,7 +466,8 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
         Expression::Concurrent(of)
         | Expression::FailFast(of)
         | Expression::Disable(of)
-        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(|operand| *operand = write(operand)),
+        | Expression::AnyOf { of, .. }
+        | Expression::AtLeast { of, .. } => of.iter_mut().for_each(|operand| *operand = write(operand)),
         Expression::Sequence(p, q)
         | Expression::Conditional(p, q)
         | Expression::Recurrent(p, q)

@@ -201,6 +201,7 @@ impl Times<'_, '_> {
                 let end = add(longest(parts.iter().map(|part| part.end)), stop);
                 Span { done, done_most: end, end_least: first(&parts), end, stop }
             }
+            Expression::AtLeast { count, .. } => at_least(&parts, *count as usize, stop),
             Expression::Disable(_) => disable(&parts, stop),
             Expression::Match(_) => {
                 let done_most = longest(parts.iter().filter(|part| part.done.is_some()).map(|part| part.done_most));
@@ -269,6 +270,17 @@ fn soonest(parts: &[Span]) -> Option<Duration> {
 /// The least time until one of them has ended.
 fn first(parts: &[Span]) -> Option<Duration> {
     parts.iter().filter_map(|part| part.end_least).min()
+}
+
+/// All come to their ends. Some of them may fail, and need not have been done.
+fn at_least(parts: &[Span], count: usize, stop: Option<Duration>) -> Span {
+    let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+    done.sort_unstable();
+    let done = done.get(count.saturating_sub(1)).copied();
+    let end = longest(parts.iter().map(|part| part.end));
+    let end_least = all(parts.iter().map(|part| part.end_least));
+    let done = done.zip(end_least).map(|(done, end)| done.max(end));
+    Span { done, done_most: end, end_least, end, stop }
 }
 
 /// When the first operand fails, one of the others follows.

@@ -181,6 +181,7 @@ impl Packing {
                 Kind::Concurrent { .. }
                 | Kind::FailFast { .. }
                 | Kind::AnyOf { .. }
+                | Kind::AtLeast { .. }
                 | Kind::Disable
                 | Kind::Asynchronous => counting.push(node),
                 Kind::Skip
@@ -361,7 +362,6 @@ impl Packing {
         }
     }
 
-    /// The word of a cell.
     /// The number of the report of a failure.
     fn report(&self, reason: &Failure) -> usize {
         match self.number(&reason.report()) {
@@ -370,6 +370,7 @@ impl Packing {
         }
     }
 
+    /// The word of a cell.
     pub(super) fn word(&self, cell: &Cell) -> u64 {
         let (held, value) = match &cell.outcome {
             None => (Held::Nothing, 0),

@@ -144,6 +144,10 @@ pub(super) enum Kind {
         count: u32,
         operands: u32,
     },
+    AtLeast {
+        count: u32,
+        operands: u32,
+    },
     /// `#`
     Disable,
     /// `;`
@@ -300,6 +304,10 @@ impl Program {
                 let operands = small(of.len());
                 Kind::AnyOf { count: (*count).min(operands), operands }
             }
+            Expression::AtLeast { count, of } => {
+                let operands = small(of.len());
+                Kind::AtLeast { count: (*count).min(operands), operands }
+            }
             Expression::Disable(_) => Kind::Disable,
             Expression::Sequence(..) => Kind::Sequence,
             Expression::Conditional(..) => Kind::Conditional,
@@ -361,7 +369,7 @@ impl Program {
             Kind::Skip | Kind::Fail(_) | Kind::Wait { .. } => false,
             Kind::Concurrent { .. } => self.end(node) > node + 1 && services.all(|service| service),
             Kind::Disable | Kind::Match { .. } => services.all(|service| service),
-            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::Finally => {
+            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::AtLeast { .. } | Kind::Finally => {
                 services.any(|service| service)
             }
             Kind::Otherwise

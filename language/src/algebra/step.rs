@@ -30,6 +30,7 @@
 //! FF         one aborts -> DRAIN(its abort, the others)       all done -> done(<u1..um>)
 //! ANY        k are done -> DRAIN(done(<those k>), the others)
 //!            fewer than k can still be done -> DRAIN(first abort, the others)
+//! AT LEAST   all have ended: k are done -> done(empty); else the first abort
 //! DRAIN      o, once all that is being stopped has confirmed
 //! AREC       P done(u) -> u |- Q in the first free place of the pool, empty |- P;  none free -> once one is
 //!            Q done -> its place is free             aborted(r) -> stop P, aborted(r) once every Q has ended
@@ -238,6 +239,10 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::AnyOf { count, .. } => {
                 self.slot(node, operand, outcome);
                 self.any(node, count)
+            }
+            Kind::AtLeast { count, .. } => {
+                self.slot(node, operand, outcome);
+                self.at_least(node, count)
             }
             Kind::Match { .. } | Kind::With(_) => self.pass(node, outcome),
             Kind::Shield { .. } => Some(self.shield(node, outcome)),

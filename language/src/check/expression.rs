@@ -385,7 +385,8 @@ fn any_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     }
     let expected = Expected::new(1..=candidates.len(), format!("a count from 1 to {}", candidates.len()));
     let needed = expected.read(&node.child(SyntaxKind::Count)?, &mut group.reader())?;
-    Some(ExprKind::AnyOf(small(needed), candidates))
+    let is_at_least = node.tokens().next().is_some_and(|word| word.text() == "at");
+    Some(if is_at_least { ExprKind::AtLeast } else { ExprKind::AnyOf }(small(needed), candidates))
 }
 
 fn small(count: usize) -> u32 {

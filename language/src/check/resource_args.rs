@@ -197,6 +197,7 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         ExprKind::Concurrent(parts)
         | ExprKind::FailFast(parts)
         | ExprKind::AnyOf(_, parts)
+        | ExprKind::AtLeast(_, parts)
         | ExprKind::Disable(parts)
         | ExprKind::Sequence(parts)
         | ExprKind::Conditional(parts)

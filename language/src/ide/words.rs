@@ -157,6 +157,7 @@ words! {
     Action "wait" "wait(${1:1 s})" "Done when the time has passed."
     Action "fail" "fail(\"${1:why}\")" "Aborts at once, for this reason."
     Action "any" "any ${1:2} of ($0)" "Done when so many of them are done; the others are stopped."
+    Action "at" "at least ${1:2} of ($0)" "Done when all of them have ended and so many of them are done."
     Action "all" "all ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `,`."
     Action "each" "each ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `;`."
     Action "race" "race ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `#`."

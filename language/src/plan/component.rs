@@ -222,6 +222,7 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         Expression::Conditional(..)
         | Expression::Recurrent(..)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Match(_)
         | Expression::Asynchronous { .. }
         | Expression::Tagged { .. }

@@ -111,6 +111,7 @@ mod tests {
             Expression::With { .. } => 20,
             Expression::Repeat { .. } => 21,
             Expression::Catch { .. } => 22,
+            Expression::AtLeast { .. } => 23,
         }
     }
 
@@ -141,6 +142,7 @@ mod tests {
             Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
             Expression::Repeat { until: Vec::new(), of: skip() },
             Expression::Catch { of: skip(), arms: Vec::new() },
+            Expression::AtLeast { count: 1, of: Vec::new() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

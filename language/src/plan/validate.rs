@@ -295,7 +295,9 @@ fn check_operator(group: &Group, expression: &Expression) -> Result<(), PlanErro
             sets.iter().try_for_each(|set| in_range(*set, group.sets.len(), "connection set", &group.path))
         }
         Expression::Concurrent(of) | Expression::FailFast(of) | Expression::Disable(of) => has_operands(group, 1, of),
-        Expression::AnyOf { count, of } => has_operands(group, (*count).max(1) as usize, of),
+        Expression::AnyOf { count, of } | Expression::AtLeast { count, of } => {
+            has_operands(group, (*count).max(1) as usize, of)
+        }
         Expression::Match(arms) => check_arms(group, arms),
         Expression::Catch { arms, .. } => check_catch(group, arms),
         Expression::Repeat { until, .. } => {
@@ -444,6 +446,10 @@ mod tests {
         );
         check(
             |plan| plan.groups[0].expression = Expression::AnyOf { count: 2, of: vec![Expression::Skip] },
+            "the event actions of `main` have an operator with a wrong number of operands",
+        );
+        check(
+            |plan| plan.groups[0].expression = Expression::AtLeast { count: 2, of: vec![Expression::Skip] },
             "the event actions of `main` have an operator with a wrong number of operands",
         );
         let matching = |tags: &[Option<&str>]| {

@@ -171,6 +171,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Concurrent(parts) => many(" , ", parts),
         Expression::FailFast(parts) => many(" & ", parts),
         Expression::AnyOf { count, of } => format!("any {count} of {}", many(" , ", of)),
+        Expression::AtLeast { count, of } => format!("at least {count} of {}", many(" , ", of)),
         Expression::Disable(parts) => many(" # ", parts),
         Expression::Sequence(first, second) => two(first, ";", second),
         Expression::Conditional(first, second) => two(first, ":", second),

@@ -213,7 +213,16 @@ impl Writer {
         if depth == 0 || self.random.one_in(2) {
             self.leaf();
         } else {
-            let before = ["(", "(", "(", "any 2 of (", "any n of (", "all i in 0 .. 4 (", "race i in 0 .. n ("];
+            let before = [
+                "(",
+                "(",
+                "(",
+                "any 2 of (",
+                "any n of (",
+                "at least 2 of (",
+                "all i in 0 .. 4 (",
+                "race i in 0 .. n (",
+            ];
             if self.random.one_in(9) {
                 return self.arms(depth - 1);
             }

@@ -190,6 +190,7 @@ impl Walk<'_, '_, '_> {
             | Expression::Concurrent(_)
             | Expression::FailFast(_)
             | Expression::AnyOf { .. }
+            | Expression::AtLeast { .. }
             | Expression::Match(_)
             | Expression::Using { .. }
             | Expression::Tagged { .. }
@@ -256,6 +257,7 @@ impl Walk<'_, '_, '_> {
             | Expression::Concurrent(_)
             | Expression::FailFast(_)
             | Expression::AnyOf { .. }
+            | Expression::AtLeast { .. }
             | Expression::Recurrent(..)
             | Expression::Match(_)
             | Expression::Shield { .. }

@@ -55,6 +55,7 @@ impl Writer<'_> {
             Expression::Concurrent(of) => self.concurrent(node, of),
             Expression::FailFast(of) => self.fail_fast(node, of),
             Expression::AnyOf { count, of } => self.any(node, *count, of),
+            Expression::AtLeast { count, of } => self.at_least(node, *count, of),
             Expression::Disable(of) => self.disable(node, of),
             Expression::Asynchronous { source, pool } => self.pool(node, source, pool),
         }

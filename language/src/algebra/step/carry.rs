@@ -199,6 +199,7 @@ impl Carrying<'_> {
             | (Kind::FailFast { .. }, Kind::FailFast { .. })
             | (Kind::Disable, Kind::Disable) => self.align(o, n, is_calm),
             (Kind::AnyOf { count, operands }, Kind::AnyOf { count: other, operands: as_many })
+            | (Kind::AtLeast { count, operands }, Kind::AtLeast { count: other, operands: as_many })
                 if (count, operands) == (other, as_many) =>
             {
                 self.place_operands(o, n, is_calm)

@@ -179,6 +179,19 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         None
     }
 
+    /// AT LEAST: all have ended. The next process could not know which values it gets, so it gets none.
+    pub(super) fn at_least(&mut self, node: usize, count: u32) -> Option<Outcome> {
+        let cell = self.cell(node);
+        if cell.open > 0 {
+            return None;
+        }
+        if cell.done >= count {
+            return self.drain(node, Outcome::Done(Value::EMPTY));
+        }
+        let abort = cell.outcome.take().expect("`count` is at most the number of operands, so one has aborted");
+        self.drain(node, abort)
+    }
+
     /// Returns `done(<u1..uk>)` of the first slots that are done, so many at most: of `any k of` more than `k` are done when
     /// they were so at the start.
     fn done(&self, node: usize, count: u32) -> Outcome {

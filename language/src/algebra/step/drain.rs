@@ -78,6 +78,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
                 Kind::Concurrent { .. }
                 | Kind::FailFast { .. }
                 | Kind::AnyOf { .. }
+                | Kind::AtLeast { .. }
                 | Kind::Disable
                 | Kind::Asynchronous,
                 Phase::Running,

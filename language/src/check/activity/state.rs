@@ -258,6 +258,7 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)

@@ -58,6 +58,7 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::Never
         | ExprKind::Wait(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)

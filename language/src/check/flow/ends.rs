@@ -111,6 +111,16 @@ impl Members {
                 done.sort_unstable();
                 Ends { done: done.get((*count as usize).saturating_sub(1)).copied(), aborted: any_aborted }
             }
+            ExprKind::AtLeast(count, _) => {
+                let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+                done.sort_unstable();
+                let enough = done.get((*count as usize).saturating_sub(1)).copied();
+                // A part that cannot fail has to be done.
+                let others = all(parts.iter().filter(|part| !part.aborted).map(|part| part.done));
+                let failed = parts.iter().filter(|part| part.aborted).count();
+                let done = enough.zip(others).map(|(enough, others)| enough.max(others));
+                Ends { done, aborted: failed + *count as usize > parts.len() }
+            }
             ExprKind::Disable(_) => {
                 Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: any_aborted }
             }

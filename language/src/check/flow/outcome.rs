@@ -103,7 +103,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
                 (None, _) => Ends::untagged(expr.span),
             }
         }
-        ExprKind::FailFast(_) | ExprKind::AnyOf(..) => Ends::untagged(expr.span),
+        ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::AtLeast(..) => Ends::untagged(expr.span),
         ExprKind::Finally(first, _) => rest(first),
         ExprKind::Tagged(tag, part) => {
             let inner = rest(part);
@@ -191,6 +191,7 @@ impl Walk<'_> {
             | ExprKind::Concurrent(_)
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
+            | ExprKind::AtLeast(..)
             | ExprKind::Disable(_)
             | ExprKind::Retry(..)
             | ExprKind::Within(..)

@@ -96,6 +96,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         ExprKind::Chart(model) => with_value(&model.outcomes),
         ExprKind::Tagged(..)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Skip
         | ExprKind::Never
         | ExprKind::Fail(_)
@@ -141,6 +142,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Sequence(_)
         | ExprKind::Conditional(_)
@@ -164,6 +166,7 @@ fn starts(expr: &Expr) -> bool {
         ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)

@@ -37,6 +37,7 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
         ExprKind::Concurrent(parts) => Expression::Concurrent(all(parts)),
         ExprKind::FailFast(parts) => Expression::FailFast(all(parts)),
         ExprKind::AnyOf(count, parts) => Expression::AnyOf { count: *count, of: all(parts) },
+        ExprKind::AtLeast(count, parts) => Expression::AtLeast { count: *count, of: all(parts) },
         ExprKind::Disable(parts) => Expression::Disable(all(parts)),
         ExprKind::Sequence(parts) => balance(all(parts), Expression::Sequence),
         ExprKind::Conditional(parts) => balance(all(parts), Expression::Conditional),

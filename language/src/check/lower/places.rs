@@ -45,6 +45,7 @@ fn placed(expr: &Expr) -> Placed {
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Repeat(..)

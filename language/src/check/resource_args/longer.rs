@@ -86,6 +86,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Sequence(_)
         | ExprKind::Conditional(_)

@@ -25,6 +25,7 @@ pub(crate) enum ExprKind {
     Concurrent(Vec<Expr>),
     FailFast(Vec<Expr>),
     AnyOf(u32, Vec<Expr>),
+    AtLeast(u32, Vec<Expr>),
     Disable(Vec<Expr>),
     Sequence(Vec<Expr>),
     Conditional(Vec<Expr>),
@@ -133,6 +134,7 @@ impl Expr {
             ExprKind::Concurrent(_)
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
+            | ExprKind::AtLeast(..)
             | ExprKind::Disable(_)
             | ExprKind::Asynchronous(..) => true,
             ExprKind::Run(..)
@@ -178,6 +180,7 @@ impl Expr {
             ExprKind::Concurrent(parts)
             | ExprKind::FailFast(parts)
             | ExprKind::AnyOf(_, parts)
+            | ExprKind::AtLeast(_, parts)
             | ExprKind::Disable(parts) => parts.iter().collect(),
             ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
                 parts.iter().take(1).collect()
@@ -210,6 +213,7 @@ impl Expr {
             ExprKind::Concurrent(parts)
             | ExprKind::FailFast(parts)
             | ExprKind::AnyOf(_, parts)
+            | ExprKind::AtLeast(_, parts)
             | ExprKind::Disable(parts)
             | ExprKind::Sequence(parts)
             | ExprKind::Conditional(parts)

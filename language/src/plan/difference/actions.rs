@@ -32,6 +32,7 @@ impl GroupNumbers {
             Expression::Concurrent(of) => Expression::Concurrent(all(of)),
             Expression::FailFast(of) => Expression::FailFast(all(of)),
             Expression::AnyOf { count, of } => Expression::AnyOf { count: *count, of: all(of) },
+            Expression::AtLeast { count, of } => Expression::AtLeast { count: *count, of: all(of) },
             Expression::Disable(of) => Expression::Disable(all(of)),
             Expression::Sequence(p, q) => Expression::Sequence(boxed(p), boxed(q)),
             Expression::Conditional(p, q) => Expression::Conditional(boxed(p), boxed(q)),

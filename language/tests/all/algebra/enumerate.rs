@@ -9,7 +9,7 @@ use super::spec::{Spec, number};
 pub(crate) enum Operators {
     /// `, ; : # ;;`
     Core,
-    /// And `else`, `else match`, `finally`, `&`, `any k of`, `match`, `::`.
+    /// And `else`, `else match`, `finally`, `&`, `any k of`, `at least 1 of`, `match`, `::`.
     All,
 }
 
@@ -71,6 +71,7 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
         if operators == Operators::All {
             all.push(Term::Ff(operands.clone()));
             all.extend((1..=operands.len()).map(|count| Term::Any(count, operands.clone())));
+            all.push(Term::Least(1, operands.clone()));
             all.push(Term::Match(arms(&operands)));
             all.push(Term::Arec(Box::new(operands[0].clone()), operands[1..].to_vec()));
         }

@@ -68,6 +68,7 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
             3 => several().prop_map(Term::Dis),
             1 => several().prop_map(Term::Ff),
             1 => (several(), 1..5_usize).prop_map(|(es, k)| Term::Any(k.min(es.len()), es)),
+            2 => (several(), 1..5_usize).prop_map(|(es, k)| Term::Least(k.min(es.len()), es)),
             2 => (several(), any::<bool>()).prop_map(|(es, has_else)| Term::Match(arms(es, has_else))),
             2 => several().prop_map(|mut es| Term::Arec(Box::new(es.remove(0)), es)),
             2 => (resources(), inner.clone()).prop_map(|(taken, e)| Term::Using(0, taken, Box::new(e))),

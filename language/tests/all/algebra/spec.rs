@@ -55,6 +55,9 @@ fn expression(term: &Term) -> Expression {
         Term::Else(e, f) => Expression::Otherwise(boxed(e), boxed(f)),
         Term::Par(es) => Expression::Concurrent(all(es)),
         Term::Ff(es) => Expression::FailFast(all(es)),
+        Term::Least(k, es) => {
+            Expression::AtLeast { count: u32::try_from(*k).expect("`at least` of a test is small"), of: all(es) }
+        }
         Term::Any(k, es) => {
             Expression::AnyOf { count: u32::try_from(*k).expect("`any` of a test is small"), of: all(es) }
         }

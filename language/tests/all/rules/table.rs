@@ -337,6 +337,24 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
         &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: stop R | R stopped: aborted(q)"],
     ),
     (
+        "At least ... of",
+        "All of them have ended, and k or more are done: done, with nothing.",
+        &[
+            "at least 1 of (P, Q, R) | start s: P(s), Q(s), R(s) | P done x: | Q abort q: | R done z: done()",
+            "at least 2 of (P, Q) | start s: P(s), Q(s) | P done x: | Q done y: done()",
+        ],
+    ),
+    (
+        "At least ... of",
+        "All of them have ended, and fewer than k are done: aborted(r) with the first failure.",
+        &["at least 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: | R done z: aborted(q)"],
+    ),
+    (
+        "At least ... of",
+        "A stop goes to all that run.",
+        &["at least 1 of (P, Q) | start s: P(s), Q(s) | P done x: | stop: stop Q | Q stopped: stopped"],
+    ),
+    (
         "Constants",
         "`skip` is done at once, with nothing. Started with nothing, `skip ; P = P`.",
         &["skip | start s: done()"],

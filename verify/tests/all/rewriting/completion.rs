@@ -11,6 +11,7 @@ pub(crate) enum Join {
     All,
     Each,
     Count(usize),
+    Least(usize),
 }
 
 impl Reference {
@@ -109,6 +110,9 @@ impl Reference {
                 Some(&first) if slots.slots.len() - slots.aborts.len() < count => self.drain_slots(first, slots),
                 Some(_) | None => Ok(Conf::Any(count, slots)),
             },
+            Join::Least(least) if slots.slots.iter().any(Result::is_ok) => Ok(Conf::Least(least, slots)),
+            Join::Least(count) if slots.dones.len() >= count => Err(Outcome::Done(Left::NOTHING)),
+            Join::Least(_) => self.drain_slots(slots.aborts[0], slots),
         }
     }
 
@@ -295,6 +299,7 @@ impl Reference {
             Conf::Par(slots) => self.slot(slots, Join::All, act, is_it),
             Conf::And(slots) => self.slot(slots, Join::Each, act, is_it),
             Conf::Any(count, slots) => self.slot(slots, Join::Count(count), act, is_it),
+            Conf::Least(count, slots) => self.slot(slots, Join::Least(count), act, is_it),
             Conf::Dis(mut of) => {
                 let at = of.iter().position(is_it).expect("the part is in one operand");
                 let part = of.remove(at);
@@ -325,14 +330,14 @@ impl Reference {
                 let next = act(self, *c);
                 self.using(number, next)
             }
-            Conf::Fin2(outcome, c) => match act(self, *c) {
-                Ok(c) => Ok(Conf::Fin2(outcome, c.into())),
-                Err(of_q) => Err(fin2(outcome, of_q)),
-            },
-            Conf::As(tag, c) => match act(self, *c) {
-                Ok(c) => Ok(Conf::As(tag, c.into())),
-                Err(outcome) => Err(tagged(&tag, outcome)),
-            },
+            Conf::Fin2(outcome, c) => {
+                let next = act(self, *c).map(|c| Conf::Fin2(outcome.clone(), c.into()));
+                next.map_err(|of_q| fin2(outcome, of_q))
+            }
+            Conf::As(tag, c) => {
+                let next = act(self, *c).map(|c| Conf::As(tag.clone(), c.into()));
+                next.map_err(|outcome| tagged(&tag, outcome))
+            }
             Conf::Catch(c, arms) => {
                 let next = act(self, *c);
                 self.catch(next, &arms)

@@ -106,6 +106,11 @@ impl Maker<'_> {
             18 => self.matching(size),
             25 | 26 => self.repeat(size),
             27 | 28 => self.catch(size),
+            29 | 30 => {
+                let of = self.operands(size);
+                let count = 1 + self.dice.below(u32::try_from(of.len()).expect("a short list"));
+                Expression::AtLeast { count, of }
+            }
             19 => {
                 let bound = self.dice.one_in(2).then(|| self.time());
                 Expression::Shield { bound, of: Box::new(self.expression(size - 1)) }

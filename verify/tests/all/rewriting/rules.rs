@@ -147,6 +147,7 @@ impl Reference {
             Kind::Par(of) => self.start_all(of, &value, Join::All),
             Kind::And(of) => self.start_all(of, &value, Join::Each),
             Kind::Any(count, of) => self.start_all(of, &value, Join::Count(*count)),
+            Kind::Least(count, of) => self.start_all(of, &value, Join::Least(*count)),
             Kind::Dis(of) => self.start_dis(of, &value),
             Kind::Seq(p, q) => {
                 self.start(p, value).map_or_else(|o| self.seq(o, q), |c| Ok(Conf::Seq(c.into(), Rc::clone(q))))

@@ -26,7 +26,10 @@ impl Reference {
             | Conf::As(_, c)
             | Conf::Repeat(_, c, _)
             | Conf::Catch(c, _) => self.stop(*c),
-            Conf::Par(Slots { slots, .. }) | Conf::And(Slots { slots, .. }) | Conf::Any(_, Slots { slots, .. }) => {
+            Conf::Par(Slots { slots, .. })
+            | Conf::And(Slots { slots, .. })
+            | Conf::Any(_, Slots { slots, .. })
+            | Conf::Least(_, Slots { slots, .. }) => {
                 self.drain(Outcome::Killed, slots.into_iter().filter_map(Result::ok).collect())
             }
             Conf::Dis(of) => self.drain(Outcome::Killed, of),
@@ -88,7 +91,7 @@ impl Conf {
             Self::Seq(c, _) | Self::Cond(c, _) | Self::Else(c, _) | Self::Fin1(c, _) => vec![c],
             Self::Rec1(c, ..) | Self::Rec2(c, ..) | Self::Repeat(_, c, _) | Self::Catch(c, _) => vec![c],
             Self::Shield(_, c) | Self::ShieldK(_, c) | Self::Using(_, c) | Self::Fin2(_, c) | Self::As(_, c) => vec![c],
-            Self::Par(slots) | Self::And(slots) | Self::Any(_, slots) => {
+            Self::Par(slots) | Self::And(slots) | Self::Any(_, slots) | Self::Least(_, slots) => {
                 slots.slots.iter().filter_map(|slot| slot.as_ref().ok()).collect()
             }
             Self::Dis(of) | Self::Drain(_, of) => of.iter().collect(),

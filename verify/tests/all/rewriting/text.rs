@@ -45,6 +45,7 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
         Expression::Concurrent(of) => join(of, ", "),
         Expression::FailFast(of) => join(of, " & "),
         Expression::AnyOf { count, of } => format!("any {count} of ({})", join(of, ", ")),
+        Expression::AtLeast { count, of } => format!("at least {count} of ({})", join(of, ", ")),
         Expression::Disable(of) => join(of, " # "),
         Expression::Sequence(p, q) => format!("({}) ; ({})", written(p, matched), written(q, matched)),
         Expression::Conditional(p, q) => {

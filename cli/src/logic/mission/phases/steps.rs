@@ -150,9 +150,10 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Never => return (9, "never".to_owned()),
         E::Fail(why) => return (9, format!("fail(\"{why}\")")),
         E::Wait(time) => return (9, format!("wait({} s)", time.as_secs_f64())),
-        E::AnyOf { count, of } => {
+        E::AnyOf { count, of } | E::AtLeast { count, of } => {
+            let word = if matches!(expression, E::AnyOf { .. }) { "any" } else { "at least" };
             let of = of.iter().map(|child| text(child, members).1).collect::<Vec<_>>();
-            return (9, format!("any {count} of ({})", of.join(", ")));
+            return (9, format!("{word} {count} of ({})", of.join(", ")));
         }
         E::Concurrent(_) => (0, ", "),
         E::FailFast(_) => (1, " & "),

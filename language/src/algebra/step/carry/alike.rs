@@ -64,7 +64,8 @@ pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
         (Kind::Fail(why), Kind::Fail(other)) | (Kind::Tagged(why), Kind::Tagged(other)) => why == other,
         (Kind::With(value), Kind::With(other)) => value == other,
         (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
-        (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. }) => count == other,
+        (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. })
+        | (Kind::AtLeast { count, .. }, Kind::AtLeast { count: other, .. }) => count == other,
         (Kind::Match { .. }, Kind::Match { .. }) | (Kind::Repeat { .. }, Kind::Repeat { .. }) => {
             tags(old, a) == tags(new, b)
         }

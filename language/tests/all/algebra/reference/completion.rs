@@ -10,6 +10,18 @@ pub(super) enum Phase {
     Q,
 }
 
+/// LEAST: nothing is decided before all have ended.
+pub(super) fn least(k: usize, ks: Vec<Slot>) -> R {
+    if ks.iter().any(|k| matches!(k.held, Held::Runs(_))) {
+        return R::C(Config::Least(k, ks));
+    }
+    let all: Vec<&Slot> = ks.iter().collect();
+    match first_abort(&all) {
+        Some(r) if values(&all).len() < k => R::O(Outcome::Aborted(r)),
+        _ => R::O(Outcome::Done(vec![])),
+    }
+}
+
 impl World {
     pub(super) fn seq(&mut self, r: R, f: &Term) -> R {
         match r {

@@ -1,7 +1,7 @@
 //! `C --e--> R` and `stop(C) = R`, and the observable part of a configuration.
 
 use super::World;
-use super::completion::{drain, hold, is_unconfirmed, running};
+use super::completion::{drain, hold, is_unconfirmed, least, running};
 use super::scopes::{ending, fin2, shield, tag};
 use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
 
@@ -52,10 +52,8 @@ impl World {
                 let ks = self.react_slots(ks, e);
                 self.any(k, ks)
             }
-            Config::Shield(t, c) => {
-                let r = self.react(*c, e);
-                shield(t, r)
-            }
+            Config::Least(k, ks) => least(k, self.react_slots(ks, e)),
+            Config::Shield(t, c) => shield(t, self.react(*c, e)),
             Config::ShieldK(t, c) => self.react_held_up(t, *c, e),
             Config::Fin1(c, f) => {
                 let r = self.react(*c, e);
@@ -158,7 +156,9 @@ impl World {
             Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
                 self.stop(*c)
             }
-            Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => self.drain_stopping(Outcome::Killed, running(ks)),
+            Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) | Config::Least(_, ks) => {
+                self.drain_stopping(Outcome::Killed, running(ks))
+            }
             Config::Dis(cs) => self.drain_stopping(Outcome::Killed, cs),
             Config::Drain(o, cs) if is_unconfirmed(&o) => R::C(Config::Drain(o, cs)),
             Config::Drain(_, cs) => R::C(Config::Drain(Outcome::Killed, cs)),
@@ -226,7 +226,7 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
         Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
             leaves(c, see);
         }
-        Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => {
+        Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) | Config::Least(_, ks) => {
             for k in ks {
                 if let Held::Runs(c) = &k.held {
                     leaves(c, see);
@@ -270,6 +270,7 @@ pub(super) fn forget(c: Config) -> Config {
         }
         Config::Ff(ks) => Config::Ff(slots(ks)),
         Config::Any(k, ks) => Config::Any(k, slots(ks)),
+        Config::Least(k, ks) => Config::Least(k, slots(ks)),
         Config::Dis(cs) => Config::Dis(cs.into_iter().map(forget).collect()),
         Config::Drain(o, cs) => Config::Drain(o, cs.into_iter().map(forget).collect()),
         Config::Ending(o, cs) => Config::Ending(o, cs.into_iter().map(forget).collect()),

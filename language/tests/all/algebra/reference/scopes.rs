@@ -264,7 +264,7 @@ impl Term {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
-            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Least(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
             Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
                 vec![e]
@@ -279,7 +279,9 @@ impl Term {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
-            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Least(_, es) | Self::Dis(es) => {
+                es.iter_mut().collect()
+            }
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
             Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
                 vec![e]

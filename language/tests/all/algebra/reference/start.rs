@@ -1,7 +1,7 @@
 //! `v |- E ~> R`: the start rules.
 
 use super::World;
-use super::completion::{Phase, hold};
+use super::completion::{Phase, hold, least};
 use super::scopes::{shield, tag};
 use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Term, Value};
 
@@ -87,6 +87,10 @@ impl World {
                 let ks = self.start_all(es, &v);
                 self.any(*k, ks)
             }
+            Term::Least(k, es) => {
+                let ks = self.start_all(es, &v);
+                least(*k, ks)
+            }
             // [s-dis]
             Term::Dis(es) => {
                 let rs = self.start_until_one_ends(es, &v);
@@ -143,7 +147,7 @@ impl World {
             | Term::Catch(e, _) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
-            Term::Ff(es) => es.iter().any(|e| self.service(e)),
+            Term::Ff(es) | Term::Least(_, es) => es.iter().any(|e| self.service(e)),
             Term::Any(k, es) => es.iter().filter(|e| !self.service(e)).count() < *k,
         }
     }

@@ -30,6 +30,8 @@ pub(crate) enum Term {
     Ff(Vec<Self>),
     /// `any k of (E, F, ..)`
     Any(usize, Vec<Self>),
+    /// `at least k of {E..}`
+    Least(usize, Vec<Self>),
     /// `E # F # ..`
     Dis(Vec<Self>),
     /// `match { t => E, .. }`; `else` has no tag.
@@ -123,6 +125,7 @@ pub(crate) enum Config {
     Ff(Vec<Slot>),
     /// `anyk[k1..km]`
     Any(usize, Vec<Slot>),
+    Least(usize, Vec<Slot>),
     /// `dis[C1..Cm]`
     Dis(Vec<Self>),
     /// `drain(o,{C..})`
