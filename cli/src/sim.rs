@@ -21,7 +21,7 @@ const STEPS: u64 = 1000;
 pub struct Arguments {
     /// The spec
     file: PathBuf,
-    /// A file with one line for each thing that happens: `arm`, `arm abort why`, `5 s`, `stop` [default: standard input]
+    /// A file with one line for each thing that happens: `arm`, `arm abort why`, `arm crash`, `5 s`, `stop` [default: standard input]
     #[arg(long, value_name = "FILE", conflicts_with = "seed")]
     script: Option<PathBuf>,
     /// Play the story of a mistake: a file of `dca verify --test`, or the output of `dca verify --json`
@@ -158,7 +158,9 @@ fn from_keyboard(simulation: &mut Simulation<'_>) -> Result<(), Failure> {
     let stdin = std::io::stdin();
     let is_person = stdin.is_terminal();
     if is_person {
-        console::note("`arm` ends a process, `arm abort why` makes it fail, `5 s` lets time pass, `stop` stops it all");
+        console::note(
+            "`arm` ends a process, `arm abort why` or `arm crash` makes it fail, `5 s` lets time pass, `stop` stops it all",
+        );
     }
     show(simulation);
     for line in stdin.lock().lines() {

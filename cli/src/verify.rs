@@ -280,13 +280,19 @@ fn effort(report: &Report, took: Duration) -> String {
     format!("it took {seconds:.2} s: {rate:.0} states a second, {} of memory at most", size(report.memory as u64))
 }
 
+/// Whether an expression has an activity or an `else match`.
+fn asks_for_reasons(expression: &Expression) -> bool {
+    let is_one = matches!(expression, Expression::Chart(_) | Expression::Catch { .. });
+    is_one || expression.operands().into_iter().any(asks_for_reasons)
+}
+
 /// Prints the model, or the transition system; an incomplete one is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
     let Loaded { plan, sites, .. } = loaded;
     let is_model = matches!(format, Export::Jani | Export::Mcrl2);
-    let is_activity = |group: &&Group| matches!(group.expression, Expression::Chart(_));
-    if let Some(group) = plan.groups.iter().find(is_activity).filter(|_| is_model) {
-        let why = "models for other tools have no activities; export the transition system with `--export aut`";
+    let has_more = |group: &&Group| asks_for_reasons(&group.expression);
+    if let Some(group) = plan.groups.iter().find(has_more).filter(|_| is_model) {
+        let why = "models for other tools have no activities and no `else match`; export the transition system with `--export aut`";
         return Err(anyhow!("cannot export `{}`: {why}", group.path).into());
     }
     let write = match format {

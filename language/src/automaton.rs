@@ -33,6 +33,7 @@ mod chart;
 mod configuration;
 mod enter;
 mod event;
+mod failure;
 mod formula;
 mod leave;
 mod select;
@@ -41,11 +42,11 @@ mod step;
 
 pub(crate) use carry::carry;
 pub use chart::{
-    Action, Chart, ChartState, Failure, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource,
-    Variable,
+    Action, Chart, ChartState, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource, Variable,
 };
 pub use configuration::Configuration;
 pub use event::{Command, Event};
+pub use failure::Failure;
 pub use formula::{Formula, Relation};
 pub use shape::{Automaton, ChartError, ChartPlace, STATES_MAX};
 pub use step::step;

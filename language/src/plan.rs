@@ -21,6 +21,7 @@ mod supervision;
 mod timer;
 mod validate;
 
+use crate::automaton::{Failure, Trigger};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -33,7 +34,7 @@ pub use environment::{
 pub use exec::{ExecError, words};
 pub use external::External;
 pub use on_boot::OnBoot;
-pub use operand::{Arm, GIVEN_MAX, Given};
+pub use operand::{Arm, CatchArm, GIVEN_MAX, Given};
 pub use parameter::{Accepts, Parameter};
 pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
@@ -424,6 +425,20 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
+    /// `P else match { timeout => Q, else => R }`: the reason of a failure of P chooses the arm.
+    Catch {
+        /// The operand.
+        of: Box<Self>,
+        /// The arms; `else` is the last one.
+        arms: Vec<CatchArm>,
+    },
+    /// `at least k of (P, Q, ...)`.
+    AtLeast {
+        /// How many have to be done once all have ended.
+        count: u32,
+        /// The operands.
+        of: Vec<Self>,
+    },
 }
 
 impl Expression {
@@ -431,9 +446,11 @@ impl Expression {
     pub fn operands(&self) -> Vec<&Self> {
         match self {
             Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
-            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
-                of.iter().collect()
-            }
+            Self::Concurrent(of)
+            | Self::FailFast(of)
+            | Self::Disable(of)
+            | Self::AnyOf { of, .. }
+            | Self::AtLeast { of, .. } => of.iter().collect(),
             Self::Sequence(p, q)
             | Self::Conditional(p, q)
             | Self::Recurrent(p, q)
@@ -446,6 +463,7 @@ impl Expression {
             | Self::With { of, .. }
             | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
+            Self::Catch { of, arms } => std::iter::once(&**of).chain(arms.iter().map(|arm| &arm.body)).collect(),
             Self::Chart(chart) => chart.runs.iter().map(|run| &run.expression).collect(),
         }
     }
@@ -454,9 +472,11 @@ impl Expression {
     pub fn operands_mut(&mut self) -> Vec<&mut Self> {
         match self {
             Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
-            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
-                of.iter_mut().collect()
-            }
+            Self::Concurrent(of)
+            | Self::FailFast(of)
+            | Self::Disable(of)
+            | Self::AnyOf { of, .. }
+            | Self::AtLeast { of, .. } => of.iter_mut().collect(),
             Self::Sequence(p, q)
             | Self::Conditional(p, q)
             | Self::Recurrent(p, q)
@@ -469,8 +489,27 @@ impl Expression {
             | Self::With { of, .. }
             | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
+            Self::Catch { of, arms } => {
+                std::iter::once(&mut **of).chain(arms.iter_mut().map(|arm| &mut arm.body)).collect()
+            }
             Self::Chart(chart) => chart.runs.iter_mut().map(|run| &mut run.expression).collect(),
         }
+    }
+
+    /// Returns the reasons of failures that transitions of an activity and arms of `else match` ask for, in the order of the text.
+    pub fn failures(&self) -> Vec<&Failure> {
+        let mut all = Vec::new();
+        if let Self::Chart(chart) = self {
+            let triggers = chart.chart.transitions.iter().map(|transition| &transition.trigger);
+            all.extend(
+                triggers
+                    .filter_map(|trigger| if let Trigger::Aborted(asked) = trigger { asked.as_ref() } else { None }),
+            );
+        } else if let Self::Catch { arms, .. } = self {
+            all.extend(arms.iter().filter_map(|arm| arm.failure.as_ref()));
+        }
+        all.extend(self.operands().into_iter().flat_map(Self::failures));
+        all
     }
 
     /// Returns the tags that it gives itself, `P as found` or `-> done(found)`, in the order of the text.

@@ -11,6 +11,7 @@ mod says;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use crate::automaton::Failure;
 use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan, TIMER_LEAST, TimerKind};
 use chart::Timeline;
 use replay::Pending;
@@ -65,8 +66,20 @@ pub enum Ending {
     Done,
     /// A normal end with the outcome of this name.
     Outcome(String),
-    /// A failure, for this reason.
+    /// A failure that the program reports, for this reason.
     Aborted(String),
+    /// The end of a program that has died.
+    Crashed,
+    /// The loss of its host.
+    HostLost,
+}
+
+/// The last end of a group.
+#[derive(Clone, Debug)]
+struct GroupEnd {
+    transition: Transition,
+    tag: Option<String>,
+    failure: Option<Failure>,
 }
 
 /// An activation: the group, the member and the number.
@@ -108,8 +121,7 @@ pub struct Simulation<'a> {
     outcome: Option<Transition>,
     /// The states that each activity was last seen in.
     states_seen: BTreeMap<usize, String>,
-    /// How each group has last ended, with its tag.
-    last_ends: BTreeMap<usize, (Transition, Option<String>)>,
+    last_ends: BTreeMap<usize, GroupEnd>,
     /// The story's open statements, while one is played.
     pending: Option<Pending>,
 }
@@ -246,6 +258,14 @@ impl<'a> Simulation<'a> {
             Ending::Aborted(why) => {
                 self.note(path, Transition::Aborted(why.clone()));
                 Event::Aborted { member, activation, report: Value::new(why.as_bytes()) }
+            }
+            Ending::Crashed => {
+                self.note(path, Transition::Aborted("its program has died".to_owned()));
+                Event::Aborted { member, activation, report: Failure::Crash.report() }
+            }
+            Ending::HostLost => {
+                self.note(path, Transition::Aborted("its host was lost".to_owned()));
+                Event::Aborted { member, activation, report: Failure::HostLost.report() }
             }
         };
         self.queue.push_back((group, event));
@@ -395,7 +415,7 @@ impl<'a> Simulation<'a> {
     /// Why a member that is a group has failed, if it has.
     fn last_words(&self, group: usize, member: u32) -> Option<String> {
         let MemberKind::Group(inner) = self.plan.groups[group].members[member as usize].kind else { return None };
-        let (Transition::Aborted(text), _) = self.last_ends.get(&(inner as usize))? else { return None };
+        let Transition::Aborted(text) = &self.last_ends.get(&(inner as usize))?.transition else { return None };
         Some(text.clone())
     }
 
@@ -403,7 +423,17 @@ impl<'a> Simulation<'a> {
         let cause = match &reason.cause {
             Cause::Reported(report) => match reason.member.and_then(|member| self.last_words(group, member)) {
                 Some(text) => text,
-                None => String::from_utf8_lossy(report.bytes()).into_owned(),
+                None => match Failure::of_report(report) {
+                    Failure::Crash => "its program has died".to_owned(),
+                    Failure::HostLost => "its host was lost".to_owned(),
+                    Failure::Reported
+                    | Failure::Busy
+                    | Failure::StopUnconfirmed
+                    | Failure::ServiceEnded
+                    | Failure::Failed(_)
+                    | Failure::NoMatch
+                    | Failure::Timeout => String::from_utf8_lossy(report.bytes()).into_owned(),
+                },
             },
             Cause::Busy => "it was running already".to_owned(),
             Cause::StopUnconfirmed => "its stop could not be confirmed".to_owned(),

@@ -14,7 +14,7 @@ use crate::story::inside::{self, Way};
 use crate::story::{place, story_to_the_end};
 use crate::system::MemberRef;
 use crate::system::{Changed, Frame, Label, Phase, System, escalates};
-use language::algebra::Value;
+use language::automaton::Failure;
 use language::plan::Expression;
 use language::{Code, Span};
 use outside::Suspect;
@@ -115,20 +115,27 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
             }
         }
     }
-    ends[0].aborts |= is_taken_down(model, part);
+    let values = System::new(model, part, &|_| false);
+    for report in taken_down(model, part).map(|reason| values.value(values.report(&reason))) {
+        if !ends[0].aborted.contains(&report) {
+            ends[0].aborted.push(report);
+        }
+    }
     let own = &mut model.parts[part];
     (own.ends, own.is_whole, own.may_hang) = (ends, is_whole, may_hang);
     (own.ways, own.ends_at_once) = (ways, ends_at_once);
 }
 
-/// Whether a group can fail in spite of its expression: its programs die too often, or the supervisor around it runs on
+/// Why a group can fail in spite of its expression: its programs die too often, or the supervisor around it runs on
 /// another host and loses contact with it.
-fn is_taken_down(model: &Model<'_>, part: usize) -> bool {
+fn taken_down(model: &Model<'_>, part: usize) -> impl Iterator<Item = Failure> {
     let source = &model.parts[part];
     let groups = &model.plan.groups;
     let host = |group: u32| groups[group as usize].host;
     let is_away = model.around[source.group as usize].is_some_and(|(around, _)| host(around) != host(source.group));
-    !source.is_piece && (is_away || escalates(model, source.group))
+    let reasons = [(is_away, Failure::HostLost), (escalates(model, source.group), Failure::Crash)];
+    let is_piece = source.is_piece;
+    reasons.into_iter().filter(move |(may, _)| *may && !is_piece).map(|(_, reason)| reason)
 }
 
 /// How the whole of a system ends, of all that was seen, and if wanted a way to each end that no stop causes.
@@ -142,22 +149,20 @@ fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool], wants_ways: bool) 
             let is_asked = frame.phase == Phase::Stopping;
             stepper.apply(&mut frame, label, Some(&mut changes));
             for change in changes.drain(..).filter(|change| change.member.is_none()) {
-                let value = match &change.what {
-                    Changed::Done(value) => Some(Some(value.clone())),
-                    Changed::Aborted => Some(None),
-                    Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => None,
+                let (is_done, value) = match change.what {
+                    Changed::Done(value) => (true, value),
+                    // Of all reasons that nothing asks for one is enough.
+                    Changed::Aborted(report) => (false, system.value(system.report(&Failure::of_report(&report)))),
+                    Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => continue,
                 };
-                let is_new =
-                    |value: &Option<Value>| wants_ways && !is_asked && ways.iter().all(|way| way.value != *value);
-                if let Some(value) = value.filter(is_new) {
+                let is_same = |way: &Way| (way.is_done, &way.value) == (is_done, &value);
+                if wants_ways && !is_asked && !ways.iter().any(is_same) {
                     let labels = graph.way(state).into_iter().chain([label]).collect();
-                    ways.push(Way { value, labels });
+                    ways.push(Way { is_done, value: value.clone(), labels });
                 }
-                match change.what {
-                    Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
-                    Changed::Aborted => ends.aborts = true,
-                    Changed::Done(_) => {}
-                    Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => {}
+                let known = if is_done { &mut ends.done } else { &mut ends.aborted };
+                if !known.contains(&value) {
+                    known.push(value);
                 }
             }
         }
@@ -310,7 +315,7 @@ fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, runn
             if let Some(MemberRef { unit: around, member }) = system.units[unit].parent {
                 stepper.apply(&mut frame, label, Some(&mut changes));
                 ended[state as usize] |= changes.iter().any(|change| {
-                    let is_end = matches!(change.what, Changed::Done(_) | Changed::Aborted | Changed::Stopped);
+                    let is_end = matches!(change.what, Changed::Done(_) | Changed::Aborted(_) | Changed::Stopped);
                     is_end && (change.unit, change.member) == (around, Some(member))
                 });
                 stepper.undo(&mut frame);
@@ -324,7 +329,7 @@ fn unit_of(label: Label) -> Option<usize> {
     match label {
         Label::Start | Label::Stop => Some(0),
         Label::Done(unit, ..)
-        | Label::Aborted(unit, _)
+        | Label::Aborted(unit, ..)
         | Label::Stopped(unit, _)
         | Label::Elapsed(unit, _)
         | Label::Told(unit, _)

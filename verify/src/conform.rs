@@ -16,6 +16,7 @@ use crate::system::{Frame, Label, System};
 pub use coverage::Coverage;
 use deviation::deviation;
 use language::algebra::{Activity, Event, StepRecord};
+use language::automaton::Failure;
 use language::plan::Plan;
 use language::sites::Sites;
 
@@ -113,8 +114,10 @@ impl<'s, 'a> Follower<'s, 'a> {
                 };
                 has(&|label| is_done(label, &tagged)).or_else(|| has(&|label| is_done(label, &|number| number == 0)))
             }
-            Event::Aborted { member, .. } => {
-                has(&|label| matches!(label, Label::Aborted(_, other) if of(*member)(other)))
+            Event::Aborted { member, report, .. } => {
+                let why = self.system.report(&Failure::of_report(report));
+                let is_it = |label: Label, number: u8| matches!(label, Label::Aborted(_, other, why) if of(*member)(other) && why == number);
+                has(&|label| is_it(label, why)).or_else(|| has(&|label| is_it(label, 0)))
             }
             Event::Message { .. } | Event::Notice(_) => {
                 let number = self.system.message_number(0, event);

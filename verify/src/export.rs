@@ -42,7 +42,10 @@ fn word(system: &System<'_>, label: Label) -> String {
             Some(tag) => format!("done({}, {tag})", member(unit, slot)),
             None => format!("done({})", member(unit, slot)),
         },
-        Label::Aborted(unit, slot) => format!("aborted({})", member(unit, slot)),
+        Label::Aborted(unit, slot, why) => match system.reason_told(why) {
+            Some(reason) => format!("aborted({}, {})", member(unit, slot), reason.to_string().replace('"', "'")),
+            None => format!("aborted({})", member(unit, slot)),
+        },
         Label::Stopped(unit, slot) => format!("stopped({})", member(unit, slot)),
         Label::Elapsed(unit, timer) => {
             let time = timer_of(&part(unit).expression, usize::from(timer)).map(seconds).unwrap_or_default();

@@ -69,7 +69,8 @@ pub(crate) enum Seat {
 pub(crate) struct Ends {
     /// The values that it may leave: the empty one, or one for each tag.
     pub(crate) done: Vec<Value>,
-    pub(crate) aborts: bool,
+    /// The reports with which it may fail: one for each reason that something asks for, and the empty one for all others.
+    pub(crate) aborted: Vec<Value>,
 }
 
 impl<'a> Model<'a> {
@@ -173,8 +174,11 @@ pub(crate) fn short(path: &str) -> String {
 }
 
 fn names_tags(expression: &Expression) -> bool {
-    matches!(expression, Expression::Match(_) | Expression::Chart(_) | Expression::Repeat { .. })
-        || expression.operands().into_iter().any(names_tags)
+    let is_one = matches!(
+        expression,
+        Expression::Match(_) | Expression::Chart(_) | Expression::Repeat { .. } | Expression::Catch { .. }
+    );
+    is_one || expression.operands().into_iter().any(names_tags)
 }
 
 /// Takes the expression of one group apart.
@@ -361,11 +365,13 @@ fn configurations(expression: &Expression) -> u64 {
         | Expression::Chart(_)
         | Expression::Tagged { .. }
         | Expression::With { .. }
-        | Expression::Repeat { .. } => parts().fold(1, u64::saturating_add),
+        | Expression::Repeat { .. }
+        | Expression::Catch { .. } => parts().fold(1, u64::saturating_add),
         Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
         Expression::Concurrent(_)
         | Expression::FailFast(_)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Disable(_)
         | Expression::Asynchronous { .. } => parts().map(|part| part.saturating_add(1)).fold(1, u64::saturating_mul),
     }
@@ -405,9 +411,11 @@ fn may_end_at_once(expression: &Expression) -> bool {
         | Expression::Recurrent(first, _)
         | Expression::Otherwise(first, _)
         | Expression::Finally(first, _) => may_end_at_once(first),
+        Expression::Catch { of, .. } => may_end_at_once(of),
         Expression::Concurrent(_)
         | Expression::FailFast(_)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Disable(_)
         | Expression::Match(_)
         | Expression::Shield { .. }
@@ -458,7 +466,8 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
         Expression::Concurrent(of)
         | Expression::FailFast(of)
         | Expression::Disable(of)
-        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(|operand| *operand = write(operand)),
+        | Expression::AnyOf { of, .. }
+        | Expression::AtLeast { of, .. } => of.iter_mut().for_each(|operand| *operand = write(operand)),
         Expression::Sequence(p, q)
         | Expression::Conditional(p, q)
         | Expression::Recurrent(p, q)
@@ -468,6 +477,10 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
             **q = write(q);
         }
         Expression::Match(arms) => arms.iter_mut().for_each(|arm| arm.body = write(&arm.body)),
+        Expression::Catch { of, arms } => {
+            **of = write(of);
+            arms.iter_mut().for_each(|arm| arm.body = write(&arm.body));
+        }
         Expression::Shield { of, .. }
         | Expression::Using { of, .. }
         | Expression::Tagged { of, .. }

@@ -162,7 +162,7 @@ fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
         Changed::Started => Became::Active,
         Changed::Stopping => Became::Stopping,
         Changed::Done(_) => Became::Done,
-        Changed::Aborted => Became::Failed,
+        Changed::Aborted(_) => Became::Failed,
         Changed::Stopped => Became::Stopped,
         Changed::Away => Became::Failed,
     };
@@ -247,7 +247,10 @@ fn cause(system: &System<'_>, label: Label) -> String {
             Some(tag) => format!("{} is done: {tag}", name(unit, member)),
             None => format!("{} is done", name(unit, member)),
         },
-        Label::Aborted(unit, member) => format!("{} fails", name(unit, member)),
+        Label::Aborted(unit, member, why) => match system.reason_told(why) {
+            Some(reason) => format!("{} fails: {reason}", name(unit, member)),
+            None => format!("{} fails", name(unit, member)),
+        },
         Label::Stopped(unit, member) => format!("{}{STOPPED}", name(unit, member)),
         Label::Elapsed(unit, timer) => {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
@@ -319,7 +322,7 @@ fn fault(system: &System<'_>, unit: u16, member: u16, is_second: bool) -> &'stat
 /// The effects of some changes, one clause each.
 pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
     let subject = match label {
-        Label::Done(unit, member, _) | Label::Aborted(unit, member) | Label::Stopped(unit, member) => {
+        Label::Done(unit, member, _) | Label::Aborted(unit, member, _) | Label::Stopped(unit, member) => {
             Some((usize::from(unit), u32::from(member)))
         }
         Label::Fault(unit, member)
@@ -342,7 +345,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         let Some(member) = change.member else {
             match &change.what {
                 Changed::Done(_) => ends.push(format!("`{}` is done", root_name(system))),
-                Changed::Aborted => ends.push(format!("`{}` fails", root_name(system))),
+                Changed::Aborted(_) => ends.push(format!("`{}` fails", root_name(system))),
                 Changed::Stopped => ends.push(format!("`{}` has stopped", root_name(system))),
                 Changed::Started | Changed::Sent | Changed::Stopping | Changed::Away => {}
             }
@@ -358,7 +361,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
             Changed::Sent => sent.push(format!("`{name}`")),
             Changed::Stopping => stops.push(format!("`{name}`")),
             Changed::Done(_) => ends.push(format!("`{name}` is done")),
-            Changed::Aborted => ends.push(format!("`{name}` fails")),
+            Changed::Aborted(_) => ends.push(format!("`{name}` fails")),
             Changed::Stopped => ends.push(format!("`{name}` has stopped")),
             Changed::Away => ends.push(format!("`{name}` is started again with it")),
         }

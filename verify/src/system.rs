@@ -12,14 +12,13 @@ mod messages;
 mod mode;
 mod reaction;
 mod restart;
-mod texts;
 mod transit;
 mod zone;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Event, Packing, Program, Steps, Value, Words};
 use language::automaton::Configuration;
-use language::plan::text_value;
+use language::automaton::Failure;
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -41,7 +40,8 @@ pub(crate) enum Label {
     Stop,
     /// A member of a unit is done, with the value of this number.
     Done(u16, u16, u8),
-    Aborted(u16, u16),
+    /// A member of a unit has failed, with the report of this number.
+    Aborted(u16, u16, u8),
     Stopped(u16, u16),
     /// A timer of a unit has run out.
     Elapsed(u16, u16),
@@ -138,7 +138,8 @@ pub(crate) enum Changed {
     Sent,
     Stopping,
     Done(Value),
-    Aborted,
+    /// It has failed, with this report.
+    Aborted(Value),
     Stopped,
     /// Its program has died, and is started again.
     Away,
@@ -214,7 +215,7 @@ impl<'a> System<'a> {
             clocks: Clocks::default(),
             is_whole: true,
         };
-        system.add(root, None, is_open, &BTreeSet::new());
+        system.add(root, None, is_open);
         system.follow_messages(&[]);
         system
     }
@@ -224,14 +225,8 @@ impl<'a> System<'a> {
         self.is_whole
     }
 
-    /// Adds a part. Activities around it wait for failures with the texts `awaited`.
-    fn add(
-        &mut self,
-        part: usize,
-        parent: Option<MemberRef>,
-        is_open: &dyn Fn(usize) -> bool,
-        awaited: &BTreeSet<&str>,
-    ) -> usize {
+    /// Adds a part.
+    fn add(&mut self, part: usize, parent: Option<MemberRef>, is_open: &dyn Fn(usize) -> bool) -> usize {
         let source = &self.model.parts[part];
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
@@ -242,15 +237,12 @@ impl<'a> System<'a> {
         // A part has a slot for each member of its group, including the members that its pieces run: those are never
         // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
-        let awaited: BTreeSet<&str> = awaited.iter().copied().chain(texts::awaited(&source.expression)).collect();
-        let is_box = |model: &Model<'_>, inner: usize| {
-            !is_open(inner) && !model.parts[inner].ends_at_once && !texts::may_fail_with(model, inner, &awaited)
-        };
+        let is_box = |model: &Model<'_>, inner: usize| !is_open(inner) && !model.parts[inner].ends_at_once;
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
                 Seat::Part(inner) if runs.contains(&slot) && !is_box(self.model, inner) => {
-                    Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open, &awaited))
+                    Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open))
                 }
                 Seat::Part(inner) => {
                     // A member that nothing runs has no behaviour.
@@ -267,14 +259,24 @@ impl<'a> System<'a> {
     fn leaf_ends(&self, part: usize, slot: u32, leaf: u32) -> [Ends; 2] {
         let group = &self.model.plan.groups[self.model.parts[part].group as usize];
         let is_service = group.members.get(slot as usize).is_some_and(|member| member.service);
-        let tags = &self.model.plan.leaves[leaf as usize].outcomes;
+        let leaf_plan = &self.model.plan.leaves[leaf as usize];
+        let tags = &leaf_plan.outcomes;
         let done = match is_service {
             true => Vec::new(),
             false if is_never_done(self.model, leaf) => Vec::new(),
             false if tags.is_empty() || self.values.is_empty() => vec![Value::EMPTY],
             false => tags.iter().filter_map(|tag| Value::tagged(tag, &[])).collect(),
         };
-        [Ends { done: done.clone(), aborts: true }, Ends { done, aborts: false }]
+        let mut aborted = vec![Value::EMPTY];
+        // The supervisor does not outlive the loss of its own host.
+        let is_away = leaf_plan.host != group.host;
+        for reason in [Failure::Crash].into_iter().chain(Some(Failure::HostLost).filter(|_| is_away)) {
+            let report = self.value(self.report(&reason));
+            if !aborted.contains(&report) {
+                aborted.push(report);
+            }
+        }
+        [Ends { done: done.clone(), aborted }, Ends { done, aborted: Vec::new() }]
     }
 
     pub(crate) fn program(&self, unit: usize) -> &'a Program {
@@ -413,6 +415,24 @@ impl<'a> System<'a> {
         known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 
+    /// The number of the report of a failure. All reasons that nothing asks for have one number.
+    pub(crate) fn report(&self, reason: &Failure) -> u8 {
+        match self.number(&reason.report()) {
+            0 if *reason != Failure::Reported => self.number(&Failure::other().report()),
+            number => number,
+        }
+    }
+
+    /// The reason that the report of this number gives.
+    fn reason(&self, number: u8) -> Failure {
+        Failure::of_report(&self.value(number))
+    }
+
+    /// The same for people, if something asks for it.
+    pub(crate) fn reason_told(&self, number: u8) -> Option<Failure> {
+        Some(self.reason(number)).filter(|reason| ![Failure::Reported, Failure::other()].contains(reason))
+    }
+
     /// The tag of the value of a number.
     pub(crate) fn tag(&self, number: u8) -> Option<&str> {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index)?.tag())
@@ -445,11 +465,14 @@ fn all_values(model: &Model<'_>) -> Vec<Value> {
     tags.sort_unstable();
     tags.dedup();
     let mut values: Vec<Value> = tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect();
-    let awaited = model.plan.groups.iter().flat_map(|group| texts::awaited(&group.expression));
-    for text in awaited.map(text_value) {
+    let asked = model.plan.groups.iter().flat_map(|group| group.expression.failures());
+    let asked: BTreeSet<&Failure> = asked.collect();
+    // Its report is empty, so all others need a number.
+    let others = asked.contains(&Failure::Reported).then(|| Failure::other().report());
+    for value in asked.into_iter().map(Failure::report).chain(others) {
         // The bytes of a short text are those of a tag.
-        if !values.contains(&text) {
-            values.push(text);
+        if value != Value::EMPTY && !values.contains(&value) {
+            values.push(value);
         }
     }
     values

@@ -186,12 +186,7 @@ impl Times<'_, '_> {
             }
             // It may take any number of rounds.
             Expression::Repeat { .. } => Span { done_most: None, end: None, ..parts[0] },
-            Expression::Otherwise(..) => {
-                let done_most = add(parts[0].end, parts[1].done_most);
-                let done_most = if parts[1].done.is_some() { done_most } else { parts[0].done_most };
-                let end = add(parts[0].end, parts[1].end);
-                Span { done: soonest(&parts), done_most, end_least: parts[0].end_least, end, stop }
-            }
+            Expression::Otherwise(..) | Expression::Catch { .. } => caught(&parts, stop),
             Expression::Concurrent(of) => self.concurrent(source, of, &parts),
             Expression::FailFast(_) => {
                 let done_most = longest(parts.iter().map(|part| part.done_most));
@@ -206,6 +201,7 @@ impl Times<'_, '_> {
                 let end = add(longest(parts.iter().map(|part| part.end)), stop);
                 Span { done, done_most: end, end_least: first(&parts), end, stop }
             }
+            Expression::AtLeast { count, .. } => at_least(&parts, *count as usize, stop),
             Expression::Disable(_) => disable(&parts, stop),
             Expression::Match(_) => {
                 let done_most = longest(parts.iter().filter(|part| part.done.is_some()).map(|part| part.done_most));
@@ -274,6 +270,26 @@ fn soonest(parts: &[Span]) -> Option<Duration> {
 /// The least time until one of them has ended.
 fn first(parts: &[Span]) -> Option<Duration> {
     parts.iter().filter_map(|part| part.end_least).min()
+}
+
+/// All come to their ends. Some of them may fail, and need not have been done.
+fn at_least(parts: &[Span], count: usize, stop: Option<Duration>) -> Span {
+    let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+    done.sort_unstable();
+    let done = done.get(count.saturating_sub(1)).copied();
+    let end = longest(parts.iter().map(|part| part.end));
+    let end_least = all(parts.iter().map(|part| part.end_least));
+    let done = done.zip(end_least).map(|(done, end)| done.max(end));
+    Span { done, done_most: end, end_least, end, stop }
+}
+
+/// When the first operand fails, one of the others follows.
+fn caught(parts: &[Span], stop: Option<Duration>) -> Span {
+    let [of, arms @ ..] = parts else { return NOW };
+    let ways = arms.iter().filter(|arm| arm.done.is_some()).map(|arm| add(of.end, arm.done_most));
+    let own = of.done.is_some().then_some(of.done_most);
+    let end = add(of.end, longest(arms.iter().map(|arm| arm.end)));
+    Span { done: soonest(parts), done_most: longest(ways.chain(own)), end_least: of.end_least, end, stop }
 }
 
 /// The second begins once the first is done. Nothing follows a first operand that fails.

@@ -114,7 +114,8 @@ fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
             // The reason of a deadline quotes its text and its line; its time is that of the `wait` before it.
             why == theirs || why.starts_with(DEADLINE) && theirs.starts_with(DEADLINE)
         }
-        (Expression::AnyOf { count, .. }, Expression::AnyOf { count: theirs, .. }) => count == theirs,
+        (Expression::AnyOf { count, .. }, Expression::AnyOf { count: theirs, .. })
+        | (Expression::AtLeast { count, .. }, Expression::AtLeast { count: theirs, .. }) => count == theirs,
         (Expression::Match(arms), Expression::Match(theirs)) => {
             arms.iter().map(|arm| &arm.tag).eq(theirs.iter().map(|arm| &arm.tag))
         }
@@ -124,6 +125,9 @@ fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
             chart.chart == theirs.chart && chart.runs.len() == theirs.runs.len()
         }
         (Expression::Tagged { tag, .. }, Expression::Tagged { tag: theirs, .. }) => tag == theirs,
+        (Expression::Catch { arms, .. }, Expression::Catch { arms: theirs, .. }) => {
+            arms.iter().map(|arm| &arm.failure).eq(theirs.iter().map(|arm| &arm.failure))
+        }
         (Expression::Repeat { until, .. }, Expression::Repeat { until: theirs, .. }) => until == theirs,
         (Expression::With { given, .. }, Expression::With { given: theirs, .. }) => given.value == theirs.value,
         (_, _) => std::mem::discriminant(p) == std::mem::discriminant(q),

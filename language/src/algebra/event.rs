@@ -1,6 +1,6 @@
 //! The events and commands of the algebra.
 
-use crate::automaton;
+use crate::automaton::{self, Failure};
 use crate::plan::text_value;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -130,7 +130,7 @@ pub enum Event {
         member: u32,
         /// The activation of the member that has aborted.
         activation: Activation,
-        /// The member's report of its failure; the algebra does not look into it.
+        /// The member's report of its failure: see [`Failure::of_report`].
         report: Value,
     },
     /// A member confirms a stop.
@@ -265,14 +265,15 @@ pub enum Outcome {
 }
 
 impl Reason {
-    /// Returns the report of this abort to the supervisor around the group: the text of a `fail` or an `abort`, also of
-    /// one further inside; else the empty value.
+    /// Returns the report of this abort to the supervisor around the group, which reads the same [`Failure`] from it; empty for
+    /// the report of a program, which has no name.
     pub fn report(&self) -> Value {
         match &self.cause {
             Cause::Failed(why) => text_value(why),
-            Cause::Reported(report) if report.text().is_some() => report.clone(),
-            Cause::Reported(_) | Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
-                Value::EMPTY
+            Cause::Reported(report) if Failure::of_report(report) == Failure::Reported => Value::EMPTY,
+            Cause::Reported(report) => report.clone(),
+            Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
+                Failure::of(&self.cause).report()
             }
         }
     }
@@ -290,7 +291,7 @@ pub struct Reason {
 /// The cause of an abort.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Cause {
-    /// The member's own report.
+    /// The member's own report: see [`Failure::of_report`].
     Reported(Value),
     /// The member was activated while it was already running.
     Busy,

@@ -7,16 +7,15 @@
 //!
 //! Where a state is stored, half a byte a node says its phase and the kind of its outcome. If the values of outcomes matter, a
 //! byte a node follows with the number of the value. Then the queue of `using`, three bytes a place, and of an activity eight
-//! bytes that say where it is. All else follows from these: counts of operands from their phases, seats and holders from the nodes that are active. Two things are left out
-//! because no rule reads them: why something has aborted (but for an unconfirmed stop), and the numbers of activations, which
-//! are all 1.
+//! bytes that say where it is. All else follows from these: counts of operands from their phases, seats and holders from the nodes that are active. The numbers
+//! of activations are left out, because no rule reads them: they are all 1. Of an abort its report is kept.
 
 use super::charts::Charts;
 use super::event::{Activation, Cause, Outcome, Reason, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Activity, Cell, MemberState};
-use crate::automaton::Configuration;
+use crate::automaton::{Configuration, Failure};
 
 /// How the states of one program are packed.
 #[derive(Clone, Debug)]
@@ -182,6 +181,7 @@ impl Packing {
                 Kind::Concurrent { .. }
                 | Kind::FailFast { .. }
                 | Kind::AnyOf { .. }
+                | Kind::AtLeast { .. }
                 | Kind::Disable
                 | Kind::Asynchronous => counting.push(node),
                 Kind::Skip
@@ -198,6 +198,7 @@ impl Packing {
                 | Kind::Tagged(_)
                 | Kind::With(_)
                 | Kind::Repeat { .. }
+                | Kind::Catch { .. }
                 | Kind::Chart => {}
             }
         }
@@ -361,13 +362,21 @@ impl Packing {
         }
     }
 
+    /// The number of the report of a failure.
+    fn report(&self, reason: &Failure) -> usize {
+        match self.number(&reason.report()) {
+            0 if *reason != Failure::Reported => self.number(&Failure::other().report()),
+            number => number,
+        }
+    }
+
     /// The word of a cell.
     pub(super) fn word(&self, cell: &Cell) -> u64 {
         let (held, value) = match &cell.outcome {
             None => (Held::Nothing, 0),
             Some(Outcome::Done(value)) => (Held::Done, self.number(value)),
             Some(Outcome::Aborted(reason)) if reason.cause == Cause::StopUnconfirmed => (Held::Unconfirmed, 0),
-            Some(Outcome::Aborted(reason)) => (Held::Aborted, self.number(&reason.report())),
+            Some(Outcome::Aborted(reason)) => (Held::Aborted, self.report(&Failure::of(&reason.cause))),
             Some(Outcome::Stopped) => (Held::Stopped, 0),
         };
         let code = CODE_OF[cell.phase as usize][held as usize];

@@ -14,12 +14,12 @@
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
 //! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as`, `with` and `repeat` one, constants and members none, `::` at least one,
-//!   its source, before the copies of its pool, and the others any number;
+//!   its source, before the copies of its pool, `else match` its operand, before its arms, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
 use super::event::{Event, Value};
 use super::phase::Phase;
-use crate::automaton::Automaton;
+use crate::automaton::{Automaton, Failure};
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Notice, StateChart};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -48,6 +48,8 @@ pub struct Program {
     pub(super) usings: usize,
     /// The tags of all `Match` and `Repeat` nodes, one after the other, an arm each; none for `else`.
     pub(super) tags: Vec<Option<Arc<str>>>,
+    /// The failures of all `Catch` nodes, one after the other, an arm each; none for `else`.
+    pub(super) failures: Vec<Option<Failure>>,
     /// The automaton of an activity, whose node is the root.
     pub(super) chart: Option<Box<ChartProgram>>,
 }
@@ -142,6 +144,10 @@ pub(super) enum Kind {
         count: u32,
         operands: u32,
     },
+    AtLeast {
+        count: u32,
+        operands: u32,
+    },
     /// `#`
     Disable,
     /// `;`
@@ -182,6 +188,11 @@ pub(super) enum Kind {
         /// Where the tags that end it are in [`Program::tags`].
         tags: Range<usize>,
     },
+    /// `else match`
+    Catch {
+        /// Where the failures of its arms are in [`Program::failures`].
+        failures: Range<usize>,
+    },
 }
 
 /// How long a `shield` holds up a stop.
@@ -209,6 +220,7 @@ impl Program {
             taken: Vec::new(),
             usings: 0,
             tags: Vec::new(),
+            failures: Vec::new(),
             chart: None,
         };
         if let Expression::Chart(chart) = &group.expression {
@@ -292,6 +304,10 @@ impl Program {
                 let operands = small(of.len());
                 Kind::AnyOf { count: (*count).min(operands), operands }
             }
+            Expression::AtLeast { count, of } => {
+                let operands = small(of.len());
+                Kind::AtLeast { count: (*count).min(operands), operands }
+            }
             Expression::Disable(_) => Kind::Disable,
             Expression::Sequence(..) => Kind::Sequence,
             Expression::Conditional(..) => Kind::Conditional,
@@ -315,6 +331,11 @@ impl Program {
                 let start = self.tags.len();
                 self.tags.extend(until.iter().map(|tag| Some(Arc::from(tag.as_str()))));
                 Kind::Repeat { tags: start..self.tags.len() }
+            }
+            Expression::Catch { arms, .. } => {
+                let start = self.failures.len();
+                self.failures.extend(arms.iter().map(|arm| arm.failure.clone()));
+                Kind::Catch { failures: start..self.failures.len() }
             }
         }
     }
@@ -348,7 +369,7 @@ impl Program {
             Kind::Skip | Kind::Fail(_) | Kind::Wait { .. } => false,
             Kind::Concurrent { .. } => self.end(node) > node + 1 && services.all(|service| service),
             Kind::Disable | Kind::Match { .. } => services.all(|service| service),
-            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::Finally => {
+            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::AtLeast { .. } | Kind::Finally => {
                 services.any(|service| service)
             }
             Kind::Otherwise
@@ -356,7 +377,8 @@ impl Program {
             | Kind::Using { .. }
             | Kind::Tagged(_)
             | Kind::With(_)
-            | Kind::Repeat { .. } => self.nodes[node + 1].service,
+            | Kind::Repeat { .. }
+            | Kind::Catch { .. } => self.nodes[node + 1].service,
             Kind::Chart => self.chart.as_ref().is_some_and(|chart| chart.is_service),
             Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
         }

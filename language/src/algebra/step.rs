@@ -22,6 +22,7 @@
 //! COND       done(u) -> u |- F              aborted(r) -> aborted(r)
 //! REC        P done(u) -> u |- Q   Q done -> empty |- P   aborted(r) -> aborted(r)
 //! ELSE       done(u) -> done(u)             aborted(r) -> r |- F
+//! CATCH      done(u) -> done(u)             aborted(r) -> r |- the first arm of r; no such arm -> aborted(r)
 //! DIS        o -> DRAIN(o, the others)
 //! PAR        a service aborts -> DRAIN(its abort, the others)                                       (p-lost)
 //!            all tasks have ended -> DRAIN(done(<u1..uk>) or the first abort, the services)        (p-join)
@@ -29,6 +30,7 @@
 //! FF         one aborts -> DRAIN(its abort, the others)       all done -> done(<u1..um>)
 //! ANY        k are done -> DRAIN(done(<those k>), the others)
 //!            fewer than k can still be done -> DRAIN(first abort, the others)
+//! AT LEAST   all have ended: k are done -> done(empty); else the first abort
 //! DRAIN      o, once all that is being stopped has confirmed
 //! AREC       P done(u) -> u |- Q in the first free place of the pool, empty |- P;  none free -> once one is
 //!            Q done -> its place is free             aborted(r) -> stop P, aborted(r) once every Q has ended
@@ -223,6 +225,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Conditional => self.cond(node, outcome),
             Kind::Recurrent => self.rec(node, outcome, 2),
             Kind::Repeat { .. } => self.repeat(node, outcome, 1),
+            Kind::Catch { .. } => self.catch(node, outcome),
             Kind::Otherwise => self.or_else(node, outcome),
             Kind::Disable => self.dis(node, outcome),
             Kind::Concurrent { .. } => {
@@ -236,6 +239,10 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::AnyOf { count, .. } => {
                 self.slot(node, operand, outcome);
                 self.any(node, count)
+            }
+            Kind::AtLeast { count, .. } => {
+                self.slot(node, operand, outcome);
+                self.at_least(node, count)
             }
             Kind::Match { .. } | Kind::With(_) => self.pass(node, outcome),
             Kind::Shield { .. } => Some(self.shield(node, outcome)),

@@ -1,7 +1,8 @@
 //! The states and transitions of an activity, as data.
 
+use super::failure::Failure;
 use super::formula::Formula;
-use crate::algebra::{Cause, Value};
+use crate::algebra::Value;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -118,52 +119,10 @@ pub enum Trigger {
     Every(Duration),
 }
 
-/// A cause of an abort that a transition asks for.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Failure {
-    /// The process has reported a failure.
-    Reported,
-    /// The process was running already.
-    Busy,
-    /// A stop was not confirmed.
-    StopUnconfirmed,
-    /// A service has ended.
-    ServiceEnded,
-    /// `fail` or `abort` with this text, here or inside.
-    Failed(String),
-    /// No arm of a `match` has the tag.
-    NoMatch,
-}
-
 impl Chart {
     /// Returns a state, its parent, and so on to the root.
     pub(crate) fn upward(&self, state: usize) -> impl Iterator<Item = usize> + '_ {
         std::iter::successors(Some(state), |&state| self.states.get(state)?.parent)
-    }
-}
-
-impl Failure {
-    /// Returns whether an abort has this cause.
-    pub(super) fn is_of(&self, cause: &Cause) -> bool {
-        match (self, cause) {
-            (Self::Failed(text), Cause::Failed(why)) => **text == **why,
-            // A group or an activity inside says why it has failed.
-            (Self::Failed(text), Cause::Reported(report)) => report.text() == Some(text),
-            (Self::Reported, Cause::Reported(_))
-            | (Self::Busy, Cause::Busy)
-            | (Self::StopUnconfirmed, Cause::StopUnconfirmed)
-            | (Self::ServiceEnded, Cause::ServiceEnded)
-            | (Self::NoMatch, Cause::NoMatch) => true,
-            (
-                Self::Reported
-                | Self::Busy
-                | Self::StopUnconfirmed
-                | Self::ServiceEnded
-                | Self::Failed(_)
-                | Self::NoMatch,
-                _,
-            ) => false,
-        }
     }
 }
 

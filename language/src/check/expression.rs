@@ -1,5 +1,6 @@
 //! Reads event-action expressions and resolves their names to slots.
 
+pub(super) mod catch;
 mod replicate;
 mod scope;
 
@@ -162,7 +163,7 @@ pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
         Operator::FailFast => return joined(node, group, ExprKind::FailFast),
         Operator::Disable => return joined(node, group, ExprKind::Disable),
         Operator::Sequence => return joined(node, group, ExprKind::Sequence),
-        Operator::Otherwise => return joined(node, group, ExprKind::Otherwise),
+        Operator::Otherwise => return catch::otherwise(node, group),
         Operator::Finally => return joined(node, group, finally),
         Operator::AllOf => replicate::all_of(node, group),
         Operator::AnyOf => any_of(node, group),
@@ -192,16 +193,20 @@ fn parenthesised(node: &Node, group: &mut Group<'_>) -> Expr {
 /// `operand op operand op ...`
 fn joined(node: &Node, group: &mut Group<'_>, make: Make) -> Expr {
     let span = node.span();
-    // In damaged text it is unknown which parts belong together.
-    if !group.damage.actions {
-        group.diagnostics().extend(side_by_side(node));
-    }
+    report_side_by_side(node, group);
     let mut parts = parts(node, group);
     match parts.len() {
         0 => Expr { span, kind: ExprKind::Broken },
         // An accepted `,` or `;` at the end.
         1 => parts.remove(0),
         _ => Expr { span, kind: make(parts) },
+    }
+}
+
+fn report_side_by_side(node: &Node, group: &mut Group<'_>) {
+    // In damaged text it is unknown which parts belong together.
+    if !group.damage.actions {
+        group.diagnostics().extend(side_by_side(node));
     }
 }
 
@@ -380,7 +385,8 @@ fn any_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     }
     let expected = Expected::new(1..=candidates.len(), format!("a count from 1 to {}", candidates.len()));
     let needed = expected.read(&node.child(SyntaxKind::Count)?, &mut group.reader())?;
-    Some(ExprKind::AnyOf(small(needed), candidates))
+    let is_at_least = node.tokens().next().is_some_and(|word| word.text() == "at");
+    Some(if is_at_least { ExprKind::AtLeast } else { ExprKind::AnyOf }(small(needed), candidates))
 }
 
 fn small(count: usize) -> u32 {

@@ -197,6 +197,7 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         ExprKind::Concurrent(parts)
         | ExprKind::FailFast(parts)
         | ExprKind::AnyOf(_, parts)
+        | ExprKind::AtLeast(_, parts)
         | ExprKind::Disable(parts)
         | ExprKind::Sequence(parts)
         | ExprKind::Conditional(parts)
@@ -217,6 +218,10 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         | ExprKind::Tagged(_, part)
         | ExprKind::With(_, part) => guard(part, holds),
         ExprKind::Chart(model) => model.runs.iter_mut().for_each(|(_, run)| guard(run, holds)),
+        ExprKind::Catch(first, arms) => {
+            guard(first, holds);
+            arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds));
+        }
         ExprKind::Match(arms) => arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds)),
         ExprKind::Skip | ExprKind::Never | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Broken => {}
     }

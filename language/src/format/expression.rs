@@ -1,7 +1,7 @@
 //! Formats event-action expressions: in one line, or broken at the loosest operator.
 
 use super::printer::Printer;
-use crate::syntax::SyntaxKind::{self, AnyOf, Comma, Finally, LeftBrace, Match, Paren, RightBrace};
+use crate::syntax::SyntaxKind::{self, AnyOf, Comma, Finally, LeftBrace, Match, Otherwise, Paren, RightBrace};
 use crate::syntax::{Operator, SyntaxNode};
 use rowan::NodeOrToken;
 
@@ -78,13 +78,13 @@ impl Printer<'_> {
         )
     }
 
-    /// The last operand of `a, (`, which has the rest on the lines below.
+    /// The last operand of `a, (`, or of `a else match {`, which has the rest on the lines below.
     fn hanging(&self, node: &SyntaxNode) -> Option<SyntaxNode> {
         let operands: Vec<SyntaxNode> = node.children().collect();
         let last = operands.last()?;
         let (range, last_range) = (self.range(node), self.range(last));
         let before = range.start..last_range.start;
-        let hangs = [Paren, AnyOf].contains(&last.kind())
+        let hangs = ([Paren, AnyOf].contains(&last.kind()) || last.kind() == Match && node.kind() == Otherwise)
             && last_range.end == range.end
             && operands.len() <= HANGING_MAX
             && !self.is_broken_here(node)

@@ -12,7 +12,7 @@ use super::Analysis;
 use super::words::{self, Place};
 use crate::source::Source;
 use crate::syntax::SyntaxKind;
-use crate::syntax::ast::Node;
+use crate::syntax::ast::{Node, catches};
 
 /// The mark at the cursor: a letter that no spec has.
 const MARK: char = 'ꙮ';
@@ -121,6 +121,7 @@ impl Analysis {
             SyntaxKind::Port if at.place > 1 => inside("optional"),
             SyntaxKind::Policy => at.policy(),
             SyntaxKind::AnyOf => inside("of"),
+            SyntaxKind::Match | SyntaxKind::Arm if at.inside(SyntaxKind::Match).is_some_and(catches) => at.causes(),
             SyntaxKind::Match | SyntaxKind::Arm => self.outcomes(&at),
             SyntaxKind::Until => self.ends_of_repeat(&at),
             SyntaxKind::Resources if at.inside(SyntaxKind::Using).is_some() => self.resources(&at),

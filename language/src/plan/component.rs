@@ -222,11 +222,13 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         Expression::Conditional(..)
         | Expression::Recurrent(..)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Match(_)
         | Expression::Asynchronous { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
         | Expression::Repeat { .. }
+        | Expression::Catch { .. }
         | Expression::Chart(_) => {
             let stays = expression.operands().into_iter().map(whole).collect::<Result<Vec<_>, ()>>()?;
             if stays.iter().all(Option::is_none) {

@@ -110,6 +110,8 @@ mod tests {
             Expression::Chart(_) => 19,
             Expression::With { .. } => 20,
             Expression::Repeat { .. } => 21,
+            Expression::Catch { .. } => 22,
+            Expression::AtLeast { .. } => 23,
         }
     }
 
@@ -139,6 +141,8 @@ mod tests {
             Expression::Chart(Box::default()),
             Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
             Expression::Repeat { until: Vec::new(), of: skip() },
+            Expression::Catch { of: skip(), arms: Vec::new() },
+            Expression::AtLeast { count: 1, of: Vec::new() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

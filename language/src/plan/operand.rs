@@ -1,7 +1,9 @@
-//! The parts of expressions that stand beside operands: the arms of a `match`, and the values that processes start with.
+//! The parts of expressions that stand beside operands: the arms of `match` and `else match`, and the values that processes
+//! start with.
 
 use super::{Expression, PlanError};
 use crate::algebra::Value;
+use crate::automaton::Failure;
 use serde::{Deserialize, Serialize};
 
 /// The most bytes of a value that a spec gives to a process, and of its text.
@@ -22,6 +24,15 @@ pub struct Arm {
     /// The tag that it is taken for; without one for every tag that no arm before has.
     pub tag: Option<String>,
     /// The expression that starts, with the value behind the tag; without a tag, with the whole value.
+    pub body: Expression,
+}
+
+/// One way on in an `else match`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CatchArm {
+    /// The failure that it is taken for; without one for every failure that no arm before takes.
+    pub failure: Option<Failure>,
+    /// The expression that starts, with the reason as text.
     pub body: Expression,
 }
 

@@ -1,7 +1,10 @@
 //! Checks the invariants of a plan. Plans also arrive over a network.
 
-use super::{Arm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX, Transfer};
+use super::{
+    Arm, CatchArm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX, Transfer,
+};
 use crate::algebra::TAG_MAX;
+use crate::automaton::Failure;
 use std::collections::BTreeSet;
 
 /// The invariant that a plan breaks, and where.
@@ -274,69 +277,49 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
         if depth > DEPTH_MAX {
             return Err(PlanError::ExpressionTooDeep { group: group.path.clone() });
         }
-        let mut push = |part| waiting.push((part, depth + 1));
-        match expression {
-            Expression::Run { member, sets } => {
-                in_range(*member, group.members.len(), "member", &group.path)?;
-                for &set in sets {
-                    in_range(set, group.sets.len(), "connection set", &group.path)?;
-                }
-            }
-            Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
-            Expression::Concurrent(parts) | Expression::FailFast(parts) | Expression::Disable(parts) => {
-                has_operands(group, 1, parts)?;
-                parts.iter().for_each(push);
-            }
-            Expression::AnyOf { count, of } => {
-                has_operands(group, (*count).max(1) as usize, of)?;
-                of.iter().for_each(push);
-            }
-            Expression::Sequence(first, second)
-            | Expression::Conditional(first, second)
-            | Expression::Recurrent(first, second)
-            | Expression::Otherwise(first, second)
-            | Expression::Finally(first, second) => {
-                push(first);
-                push(second);
-            }
-            Expression::Match(arms) => {
-                check_arms(group, arms)?;
-                arms.iter().for_each(|arm| push(&arm.body));
-            }
-            Expression::Shield { of, .. } => push(of),
-            Expression::Tagged { tag, of } => {
-                check_tags(std::iter::once(tag))?;
-                push(of);
-            }
-            Expression::With { given, of } => {
-                given.check()?;
-                push(of);
-            }
-            Expression::Repeat { until, of } => {
-                has_operands(group, 1, until)?;
-                check_tags(until.iter())?;
-                push(of);
-            }
-            Expression::Using { resources, of } => {
-                unique("resource", resources.iter())?;
-                push(of);
-            }
-            Expression::Asynchronous { source, pool } => {
-                has_operands(group, 1, pool)?;
-                push(source);
-                pool.iter().for_each(push);
-            }
-            Expression::Chart(chart) if depth == 1 => {
-                chart.check(&group.path)?;
-                chart.runs.iter().for_each(|run| push(&run.expression));
-            }
-            Expression::Chart(_) => {
-                let why = "an activity stands inside an expression".to_owned();
-                return Err(PlanError::Chart { group: group.path.clone(), why });
-            }
+        if depth > 1 && matches!(expression, Expression::Chart(_)) {
+            let why = "an activity stands inside an expression".to_owned();
+            return Err(PlanError::Chart { group: group.path.clone(), why });
         }
+        check_operator(group, expression)?;
+        waiting.extend(expression.operands().into_iter().map(|operand| (operand, depth + 1)));
     }
     Ok(())
+}
+
+/// Everything but the operands.
+fn check_operator(group: &Group, expression: &Expression) -> Result<(), PlanError> {
+    match expression {
+        Expression::Run { member, sets } => {
+            in_range(*member, group.members.len(), "member", &group.path)?;
+            sets.iter().try_for_each(|set| in_range(*set, group.sets.len(), "connection set", &group.path))
+        }
+        Expression::Concurrent(of) | Expression::FailFast(of) | Expression::Disable(of) => has_operands(group, 1, of),
+        Expression::AnyOf { count, of } | Expression::AtLeast { count, of } => {
+            has_operands(group, (*count).max(1) as usize, of)
+        }
+        Expression::Match(arms) => check_arms(group, arms),
+        Expression::Catch { arms, .. } => check_catch(group, arms),
+        Expression::Repeat { until, .. } => {
+            has_operands(group, 1, until)?;
+            check_tags(until.iter())
+        }
+        Expression::Tagged { tag, .. } => check_tags(std::iter::once(tag)),
+        Expression::With { given, .. } => given.check(),
+        Expression::Using { resources, .. } => unique("resource", resources.iter()),
+        Expression::Asynchronous { pool, .. } => has_operands(group, 1, pool),
+        Expression::Chart(chart) => chart.check(&group.path),
+        Expression::Skip
+        | Expression::Never
+        | Expression::Fail(_)
+        | Expression::Wait(_)
+        | Expression::Sequence(..)
+        | Expression::Conditional(..)
+        | Expression::Recurrent(..)
+        | Expression::Otherwise(..)
+        | Expression::Finally(..)
+        | Expression::Shield { .. } => Ok(()),
+    }
 }
 
 /// Tags are unique and fit into an outcome; `else` is the last arm.
@@ -344,6 +327,16 @@ fn check_arms(group: &Group, arms: &[Arm]) -> Result<(), PlanError> {
     check_tags(arms.iter().filter_map(|arm| arm.tag.as_ref()))?;
     match arms.split_last() {
         Some((_, before)) if before.iter().all(|arm| arm.tag.is_some()) => Ok(()),
+        Some(_) | None => Err(PlanError::Operands { group: group.path.clone() }),
+    }
+}
+
+/// No failure has two arms, and `else` is the last one.
+fn check_catch(group: &Group, arms: &[CatchArm]) -> Result<(), PlanError> {
+    let words: Vec<String> = arms.iter().filter_map(|arm| arm.failure.as_ref()).map(Failure::to_string).collect();
+    unique("failure", words.iter())?;
+    match arms.split_last() {
+        Some((_, before)) if before.iter().all(|arm| arm.failure.is_some()) => Ok(()),
         Some(_) | None => Err(PlanError::Operands { group: group.path.clone() }),
     }
 }
@@ -455,6 +448,10 @@ mod tests {
             |plan| plan.groups[0].expression = Expression::AnyOf { count: 2, of: vec![Expression::Skip] },
             "the event actions of `main` have an operator with a wrong number of operands",
         );
+        check(
+            |plan| plan.groups[0].expression = Expression::AtLeast { count: 2, of: vec![Expression::Skip] },
+            "the event actions of `main` have an operator with a wrong number of operands",
+        );
         let matching = |tags: &[Option<&str>]| {
             let arm = |tag: &Option<&str>| Arm { tag: tag.map(str::to_owned), body: Expression::Skip };
             Expression::Match(tags.iter().map(arm).collect())
@@ -478,6 +475,14 @@ mod tests {
         check(|plan| plan.groups[0].expression = Expression::Asynchronous { source, pool: vec![] }, operands);
         let of = Box::new(Expression::Skip);
         check(|plan| plan.groups[0].expression = Expression::Repeat { until: vec![], of }, operands);
+        let catching = |failures: &[Option<Failure>]| {
+            let arm = |failure: &Option<Failure>| CatchArm { failure: failure.clone(), body: Expression::Skip };
+            Expression::Catch { of: Box::new(Expression::Skip), arms: failures.iter().map(arm).collect() }
+        };
+        check(|plan| plan.groups[0].expression = catching(&[]), operands);
+        check(|plan| plan.groups[0].expression = catching(&[None, Some(Failure::Busy)]), operands);
+        let twice = [Some(Failure::Busy), Some(Failure::Busy)];
+        check(|plan| plan.groups[0].expression = catching(&twice), "failure `busy` is empty or not unique");
         let (of, until) = (Box::new(Expression::Skip), vec!["found".to_owned(), "found".to_owned()]);
         check(
             |plan| plan.groups[0].expression = Expression::Repeat { until, of },

@@ -34,7 +34,7 @@ pub enum SimulationError {
     },
     /// The line is not understood.
     #[error(
-        "expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `{line}`"
+        "expected `process`, `process done outcome`, `process abort why`, `process crash`, `message port text`, `5 s` or `stop`, found `{line}`"
     )]
     Unreadable {
         /// The line as it was given.
@@ -44,7 +44,7 @@ pub enum SimulationError {
 
 impl Simulation<'_> {
     /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
-    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`, `answer yes`,
+    /// fail, `arm crash` and `arm host_lost` for these reasons, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`, `answer yes`,
     /// `host c1 lost`, `link c1 lost` and `parameter arm.speed changed` tell activities of these, `5 s` lets time pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
@@ -72,6 +72,8 @@ impl Simulation<'_> {
             (name, "done", tag) if !tag.contains(char::is_whitespace) => {
                 self.end(name, Ending::Outcome(tag.to_owned()))
             }
+            (name, "crash", "") => self.end(name, Ending::Crashed),
+            (name, "host_lost", "") => self.end(name, Ending::HostLost),
             (name, "abort", "") => self.end(name, Ending::Aborted("it failed".to_owned())),
             (name, "abort", why) => self.end(name, Ending::Aborted(why.to_owned())),
             (_, _, _) => Err(SimulationError::Unreadable { line: text.to_owned() }),
@@ -214,7 +216,7 @@ mod tests {
                     runs: main/home main/log
                 no running process is called `threshold`
                     runs: main/home main/log
-                expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `what is this`
+                expected `process`, `process done outcome`, `process abort why`, `process crash`, `message port text`, `5 s` or `stop`, found `what is this`
                     runs: main/home main/log
                 20s main/home Aborted("no way")
                 20s main/log Stopped

@@ -65,8 +65,10 @@ impl RandomRun {
 
     fn draw(&mut self, path: &str) -> (Duration, Ending) {
         let run = Duration::from_millis(RUN_MIN + self.next() % (RUN_MAX - RUN_MIN));
-        if self.next() % 100 < self.faults {
-            return (run, Ending::Aborted("a fault by chance".to_owned()));
+        let fault = self.next();
+        if fault % 100 < self.faults {
+            let is_crash = fault / 100 % 4 == 0;
+            return (run, if is_crash { Ending::Crashed } else { Ending::Aborted("a fault by chance".to_owned()) });
         }
         let Some(outcomes) = self.outcomes.get(path) else { return (run, Ending::Done) };
         let count = outcomes.len() as u64;

@@ -5,8 +5,9 @@
 
 mod way;
 
-use super::{ActivationRef, Ending, ProgramFault, Simulation, TraceEvent, Transition};
+use super::{ActivationRef, Ending, GroupEnd, ProgramFault, Simulation, TraceEvent, Transition};
 use crate::algebra::{Cause, Event, Outcome, Reason, Value};
+use crate::automaton::Failure;
 use crate::plan::{MemberKind, Plan, Restart, Strategy};
 use std::collections::{BTreeMap, BTreeSet};
 use way::Goal;
@@ -100,7 +101,7 @@ impl<'a> Simulation<'a> {
         let groups = &self.plan.groups;
         match event {
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => true,
-            TraceEvent::Fails(path) => {
+            TraceEvent::Fails(path, _) => {
                 let seat = self.group(path).and_then(|group| Some((group, self.seats.get(&group)?)));
                 seat.is_some_and(|(group, seat)| groups[seat.group].host != groups[group].host)
             }
@@ -155,9 +156,9 @@ impl<'a> Simulation<'a> {
                 }
                 None => self.bring(path, &Goal::Done(tag.clone())),
             },
-            TraceEvent::Fails(path) => match self.leaf(path) {
-                Some(leaf) => self.fails(leaf),
-                None => self.bring(path, &Goal::Failed),
+            TraceEvent::Fails(path, failure) => match self.leaf(path) {
+                Some(leaf) => self.fails(leaf, failure.as_ref()),
+                None => self.bring(path, &Goal::Failed(failure.clone())),
             },
             TraceEvent::Stopped(path) => match self.leaf(path) {
                 Some(leaf) => self.answers(leaf, false),
@@ -212,13 +213,18 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    fn fails(&mut self, leaf: u32) -> Result<(), &'static str> {
+    fn fails(&mut self, leaf: u32, failure: Option<&Failure>) -> Result<(), &'static str> {
         if self.pending().stopping.contains_key(&leaf) {
             return self.answers(leaf, self.pending.as_ref().is_some_and(|pending| pending.given_up.contains(&leaf)));
         }
         self.leaves.contains_key(&leaf).then_some(()).ok_or("it does not run")?;
         self.pending().away.remove(&leaf);
-        self.end_leaf(leaf, Ending::Aborted("it failed".to_owned()));
+        let ending = match failure {
+            Some(Failure::Crash) => Ending::Crashed,
+            Some(Failure::HostLost) => Ending::HostLost,
+            Some(_) | None => Ending::Aborted("it failed".to_owned()),
+        };
+        self.end_leaf(leaf, ending);
         Ok(())
     }
 
@@ -276,10 +282,10 @@ impl<'a> Simulation<'a> {
                 Ok(())
             }
             ProgramFault::Crash if is_restarted => self.dies(leaf),
-            ProgramFault::Crash => self.fails(leaf),
+            ProgramFault::Crash => self.fails(leaf, Some(&Failure::Crash)),
             ProgramFault::CrashTooOften => {
                 self.pending().given_up.insert(leaf);
-                self.fails(leaf)
+                self.fails(leaf, Some(&Failure::Crash))
             }
             ProgramFault::CrashTooMany => {
                 let group = self.leaves.get(&leaf).map(|seat| seat.group).ok_or("it does not run")?;
@@ -393,8 +399,7 @@ impl<'a> Simulation<'a> {
         if !is_escalated || is_unconfirmed {
             return outcome;
         }
-        let why = Value::new(b"its programs have died too often");
-        Outcome::Aborted(Reason { member: None, cause: Cause::Reported(why) })
+        Outcome::Aborted(Reason { member: None, cause: Cause::Reported(Failure::Crash.report()) })
     }
 
     pub(super) fn note_end(&mut self, group: usize, transition: &Transition, outcome: &Outcome) {
@@ -402,6 +407,7 @@ impl<'a> Simulation<'a> {
             pending.ordered.remove(&group);
         }
         let tag = if let Outcome::Done(value) = outcome { value.tag().map(str::to_owned) } else { None };
-        self.last_ends.insert(group, (transition.clone(), tag));
+        let failure = if let Outcome::Aborted(reason) = outcome { Some(Failure::of(&reason.cause)) } else { None };
+        self.last_ends.insert(group, GroupEnd { transition: transition.clone(), tag, failure });
     }
 }

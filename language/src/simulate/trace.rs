@@ -1,5 +1,7 @@
 //! The events in a story of a verifier, one line of text each: `done main/arm found`, `elapsed main 1`, `lost c2`.
 
+use crate::automaton::Failure;
+use crate::syntax::ast::content;
 use std::fmt;
 use std::str::FromStr;
 
@@ -12,8 +14,8 @@ pub enum TraceEvent {
     Stop,
     /// A process has ended normally, with the outcome of this name if it has one.
     Done(String, Option<String>),
-    /// A process has failed.
-    Fails(String),
+    /// A process has failed, for this reason if it matters.
+    Fails(String, Option<Failure>),
     /// A process that was asked to stop has stopped.
     Stopped(String),
     /// The time of a `wait` or a limit of a group has passed: its number among them, in the order of the text, from 1.
@@ -88,7 +90,7 @@ impl TraceEvent {
         match self {
             Self::Start(path)
             | Self::Done(path, _)
-            | Self::Fails(path)
+            | Self::Fails(path, _)
             | Self::Stopped(path)
             | Self::Elapsed(path, _)
             | Self::Reached(path)
@@ -111,7 +113,8 @@ impl fmt::Display for TraceEvent {
             Self::Stop => write!(f, "stop"),
             Self::Done(path, None) => write!(f, "done {path}"),
             Self::Done(path, Some(tag)) => write!(f, "done {path} {tag}"),
-            Self::Fails(path) => write!(f, "fails {path}"),
+            Self::Fails(path, None) => write!(f, "fails {path}"),
+            Self::Fails(path, Some(failure)) => write!(f, "fails {path} {failure}"),
             Self::Stopped(path) => write!(f, "stopped {path}"),
             Self::Elapsed(path, number) => write!(f, "elapsed {path} {number}"),
             Self::Reached(path) => write!(f, "reached {path}"),
@@ -146,10 +149,19 @@ impl FromStr for TraceEvent {
                 number.map(|number| Self::Told(path.to_owned(), number))
             }
             [word, name] => of_one(word, name.to_owned()),
+            ["fails", path, ..] => reason(line, path).map(|failure| Self::Fails(path.to_owned(), Some(failure))),
             _ => None,
         };
         event.ok_or_else(|| TraceError { line: line.trim().to_owned() })
     }
+}
+
+/// The reason behind the path: a word, or a text in quotes.
+fn reason(line: &str, path: &str) -> Option<Failure> {
+    let (_, reason) = line.split_once(path)?;
+    let reason = reason.trim();
+    let is_text = reason.len() > 1 && reason.starts_with('"') && reason.ends_with('"');
+    if is_text { Some(Failure::Failed(content(reason))) } else { Failure::of_word(reason) }
 }
 
 /// An event of one process, group or host.
@@ -157,7 +169,7 @@ fn of_one(word: &str, name: String) -> Option<TraceEvent> {
     Some(match word {
         "start" => TraceEvent::Start(name),
         "done" => TraceEvent::Done(name, None),
-        "fails" => TraceEvent::Fails(name),
+        "fails" => TraceEvent::Fails(name, None),
         "stopped" => TraceEvent::Stopped(name),
         "reached" => TraceEvent::Reached(name),
         "arrived" => TraceEvent::Arrived(name),
@@ -187,7 +199,9 @@ mod tests {
             TraceEvent::Stop,
             TraceEvent::Done(path(), None),
             TraceEvent::Done(path(), Some("found".to_owned())),
-            TraceEvent::Fails(path()),
+            TraceEvent::Fails(path(), None),
+            TraceEvent::Fails(path(), Some(Failure::HostLost)),
+            TraceEvent::Fails(path(), Some(Failure::Failed("no \"way\" \\ there".to_owned()))),
             TraceEvent::Stopped(path()),
             TraceEvent::Elapsed(path(), 2),
             TraceEvent::Reached(path()),
@@ -205,7 +219,17 @@ mod tests {
         for event in events {
             assert_eq!(event.to_string().parse(), Ok(event));
         }
-        for line in ["", "done", "elapsed main 0", "elapsed main x", "eats main/a", "stop main", "done a b c"] {
+        for line in [
+            "",
+            "done",
+            "elapsed main 0",
+            "elapsed main x",
+            "eats main/a",
+            "stop main",
+            "done a b c",
+            "fails a b",
+            "fails a \"",
+        ] {
             assert!(line.parse::<TraceEvent>().is_err(), "{line}");
         }
     }

@@ -125,6 +125,16 @@ impl Token {
     }
 }
 
+/// Whether a `match` chooses by the reason of a failure: it stands behind an `else`, perhaps in parentheses.
+pub(crate) fn catches(node: &Node) -> bool {
+    let mut operand = node.syntax().clone();
+    while let Some(around) = operand.parent().filter(|around| around.kind() == SyntaxKind::Paren) {
+        operand = around;
+    }
+    let around = operand.parent().filter(|around| around.kind() == SyntaxKind::Otherwise);
+    node.kind() == SyntaxKind::Match && around.is_some_and(|around| around.children().next().as_ref() != Some(&operand))
+}
+
 fn span(origin: Origin, range: rowan::TextRange) -> Span {
     Span { origin, start: range.start().into(), end: range.end().into() }
 }

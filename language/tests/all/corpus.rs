@@ -7,8 +7,9 @@
 use crate::disk;
 
 use language::algebra::Program;
+use language::automaton::Failure;
 use language::plan::{
-    Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention, StateChart,
+    Arm, CatchArm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention, StateChart,
 };
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
@@ -170,6 +171,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Concurrent(parts) => many(" , ", parts),
         Expression::FailFast(parts) => many(" & ", parts),
         Expression::AnyOf { count, of } => format!("any {count} of {}", many(" , ", of)),
+        Expression::AtLeast { count, of } => format!("at least {count} of {}", many(" , ", of)),
         Expression::Disable(parts) => many(" # ", parts),
         Expression::Sequence(first, second) => two(first, ";", second),
         Expression::Conditional(first, second) => two(first, ":", second),
@@ -188,6 +190,12 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
         Expression::With { given, of } => format!("{} with {}", expression(of, name), given.text),
         Expression::Repeat { until, of } => format!("repeat {} until {}", expression(of, name), until.join(" | ")),
+        Expression::Catch { of, arms } => {
+            let word = |arm: &CatchArm| arm.failure.as_ref().map_or_else(|| "else".to_owned(), Failure::to_string);
+            let arms: Vec<String> =
+                arms.iter().map(|arm| format!("{} => {}", word(arm), expression(&arm.body, name))).collect();
+            format!("({} else match {{ {} }})", expression(of, name), arms.join(", "))
+        }
         Expression::Chart(chart) => activity(chart, name),
         Expression::Asynchronous { source, pool } => {
             format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))

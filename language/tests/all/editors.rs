@@ -86,6 +86,8 @@ const WORDS: &[&str] = &[
     "wait",
     "fail",
     "any",
+    "at",
+    "least",
     "of",
     "all",
     "race",

@@ -153,6 +153,20 @@ fn a_repeat_ends_with_outcomes() {
     renames(&with("repeat find until fou$0nd"), "seen", "found -> seen, found -> seen");
 }
 
+#[test]
+fn an_arm_behind_else_names_a_cause() {
+    let with = |actions: &str| OUTCOMES.replace("using(table) (find : match { $1 })", actions);
+    completes(
+        &with("find else match { $0 }"),
+        "timeout reported crash host_lost busy stop_unconfirmed service_ended no_match",
+    );
+    completes(
+        &with("find else match { timeout => skip, $0 }"),
+        "reported crash host_lost busy stop_unconfirmed service_ended no_match",
+    );
+    completes(&with("find : match { found => skip } else match { busy => find : match { $0 } }"), "found missing");
+}
+
 /// A group in a group with a sentence to write.
 const PROVED: &str = "module Find(host) { done(found | missing); }
 process Hit() {

@@ -29,9 +29,9 @@ use std::path::{Path, PathBuf};
 /// Processes of event actions that never end; all others do.
 const SERVICES: [&str; 4] = ["sensor", "camera", "drive", "logger"];
 /// Words of event actions that name no process.
-const WORDS: [&str; 22] = [
-    "skip", "never", "fail", "wait", "else", "within", "retry", "pause", "any", "of", "all", "race", "each", "in",
-    "match", "shield", "using", "i", "finally", "as", "repeat", "until",
+const WORDS: [&str; 24] = [
+    "skip", "never", "fail", "wait", "else", "within", "retry", "pause", "any", "at", "least", "of", "all", "race",
+    "each", "in", "match", "shield", "using", "i", "finally", "as", "repeat", "until",
 ];
 /// Remarks on meaningless code: no spec of the manual deserves one.
 const MISTAKES: [Code; 5] = [Code::W0311, Code::W0403, Code::W0405, Code::W0406, Code::W0407];

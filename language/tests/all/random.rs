@@ -193,6 +193,17 @@ impl Writer {
             let until = self.random.pick(&["until found", "until found | gone"]);
             return self.put(until);
         }
+        if self.random.one_in(12) && depth > 0 {
+            self.put("(");
+            self.leaf();
+            self.put("else match { timeout =>");
+            self.leaf();
+            self.put(", \"why\" => (");
+            self.expression(depth - 1);
+            let end = self.random.pick(&[") }", ") , else => skip }", ") , }"]);
+            self.put(end);
+            return self.put(")");
+        }
         if self.random.one_in(8) {
             let prefix =
                 ["retry ( 3 )", "retry ( tries , pause 1 s )", "shield", "shield ( limit )", "using ( arm , gripper )"];
@@ -202,7 +213,16 @@ impl Writer {
         if depth == 0 || self.random.one_in(2) {
             self.leaf();
         } else {
-            let before = ["(", "(", "(", "any 2 of (", "any n of (", "all i in 0 .. 4 (", "race i in 0 .. n ("];
+            let before = [
+                "(",
+                "(",
+                "(",
+                "any 2 of (",
+                "any n of (",
+                "at least 2 of (",
+                "all i in 0 .. 4 (",
+                "race i in 0 .. n (",
+            ];
             if self.random.one_in(9) {
                 return self.arms(depth - 1);
             }

@@ -309,6 +309,8 @@ const WORDS: &[&str] = &[
     "wait",
     "fail",
     "any",
+    "at",
+    "least",
     "of",
     "skip",
     "never",

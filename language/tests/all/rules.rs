@@ -5,6 +5,7 @@
 //! both sides are compared with every event in every state.
 
 use language::algebra::{Activity, Cause, Command, Event, Outcome, Program, State, Value, step};
+use language::automaton::Failure;
 use language::plan::DEADLINE;
 use language::{Options, Source, compile, render};
 use std::collections::{BTreeMap, BTreeSet};
@@ -63,7 +64,7 @@ impl Run {
         Self { state: State::new(&program), program, names }
     }
 
-    /// `start v`, `stop`, `P done v`, `P abort r`, `P stopped`, `P unconfirmed`, `time` for the first timer that is armed.
+    /// `start v`, `stop`, `P done v`, `P abort r`, `P crash`, `P host_lost`, `P stopped`, `P unconfirmed`, `time` for the first timer that is armed.
     fn event(&self, text: &str) -> Event {
         let words: Vec<&str> = text.split_whitespace().collect();
         let slot = |name: &str| {
@@ -86,6 +87,11 @@ impl Run {
             [name, "abort", word] => {
                 let (member, activation) = with(name);
                 Event::Aborted { member, activation, report: value(word) }
+            }
+            [name, word @ ("crash" | "host_lost")] => {
+                let (member, activation) = with(name);
+                let report = if *word == "crash" { Failure::Crash } else { Failure::HostLost }.report();
+                Event::Aborted { member, activation, report }
             }
             [name, "stopped"] => {
                 let (member, activation) = with(name);
@@ -119,6 +125,7 @@ impl Run {
             Outcome::Done(value) => format!("done({})", shown(&value)),
             Outcome::Stopped => "stopped".to_owned(),
             Outcome::Aborted(reason) => match reason.cause {
+                Cause::Reported(report) if Failure::of_report(&report) == Failure::Crash => "aborted(crash)".to_owned(),
                 Cause::Reported(report) => format!("aborted({})", shown(&report)),
                 Cause::Failed(why) if why.starts_with(DEADLINE) => "aborted(deadline)".to_owned(),
                 Cause::Failed(why) => format!("aborted({why})"),

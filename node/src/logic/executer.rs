@@ -29,7 +29,7 @@ use clock::Clock;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Plan, TIMER_LEAST, text_value};
+use language::plan::{Plan, TIMER_LEAST};
 pub use members::MemberRef;
 use members::{Members, Waiting};
 pub use places::{group_host, leaf_host, member_path};
@@ -215,9 +215,7 @@ impl Executer {
                 }
                 // An unconfirmed stop inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
-                // Activities may wait for the text of a `fail` or an `abort` inside.
-                let report =
-                    if let FailureCause::Failed(why) = &failure.cause { text_value(why) } else { Value::EMPTY };
+                let report = failure.report(context.plan);
                 if current {
                     self.members.fail(member, failure);
                 }
@@ -432,7 +430,7 @@ impl Executer {
             Cause::Busy => FailureCause::Busy,
             Cause::ServiceEnded => FailureCause::ServiceEnded,
             Cause::Failed(why) => FailureCause::Failed(why.to_string()),
-            Cause::NoMatch => FailureCause::Failed("no arm of `match` has this outcome".to_owned()),
+            Cause::NoMatch => FailureCause::NoMatch,
         };
         Failure { origin, cause, at: context.since_go }
     }

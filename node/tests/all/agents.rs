@@ -28,6 +28,7 @@ mod orders;
 mod overlap;
 mod programs;
 mod quiet;
+mod reasons;
 mod refusals;
 mod rejoining;
 mod restarts;

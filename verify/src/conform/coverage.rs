@@ -82,7 +82,7 @@ fn follow(system: &System<'_>, lives: &[Steps]) -> (Seen, usize) {
             Ok(Some(label)) => {
                 system.pack(&frame, &mut bytes);
                 seen.transitions.insert((bytes.clone(), format!("{label:?}")));
-                if let Label::Aborted(_, member) = label {
+                if let Label::Aborted(_, member, _) = label {
                     seen.failed.insert(u32::from(member));
                 }
                 stepper.apply(&mut frame, label, None);

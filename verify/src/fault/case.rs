@@ -71,7 +71,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         let fails =
             |unit: u16, member: u16| is_lossy || is_given_up(MemberRef { unit: unit.into(), member: member.into() });
         let counts = |label: Label| {
-            system.is_natural(label) || matches!(label, Label::Aborted(unit, member) if fails(unit, member))
+            system.is_natural(label) || matches!(label, Label::Aborted(unit, member, _) if fails(unit, member))
         };
         let passes =
             |unit: u16, timer: u16| limits[usize::from(unit)].get(usize::from(timer)).is_some_and(|limit| *limit);

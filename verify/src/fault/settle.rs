@@ -65,7 +65,7 @@ pub(super) fn settle<'s>(
         for &label in &labels {
             let due = match label {
                 Label::Reached(_) | Label::Arrived(..) | Label::Heard(..) | Label::Back(..) => now,
-                Label::Aborted(unit, member)
+                Label::Aborted(unit, member, _)
                     if system.is_refused(&settled.frame, MemberRef { unit: unit.into(), member: member.into() }) =>
                 {
                     now

@@ -95,6 +95,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
         | Expression::Concurrent(_)
         | Expression::FailFast(_)
         | Expression::AnyOf { .. }
+        | Expression::AtLeast { .. }
         | Expression::Disable(_)
         | Expression::Otherwise(..)
         | Expression::Match(_)
@@ -102,6 +103,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
         | Expression::Using { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
-        | Expression::Repeat { .. } => any(),
+        | Expression::Repeat { .. }
+        | Expression::Catch { .. } => any(),
     }
 }

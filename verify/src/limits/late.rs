@@ -155,6 +155,13 @@ impl Walk<'_, '_, '_> {
                 let failed = if left == Left::Free { None } else { self.failed(one) };
                 self.instead(other, left.after(failed, self.node));
             }
+            Expression::Catch { of, arms } => {
+                self.at(of, left);
+                let failed = if left == Left::Free { None } else { self.failed(of) };
+                for arm in arms {
+                    self.instead(&arm.body, left.after(failed, self.node));
+                }
+            }
             Expression::Disable(of) => {
                 let bounds: Vec<Option<Duration>> = of.iter().map(|operand| self.bound(operand)).collect();
                 for (index, operand) in of.iter().enumerate() {
@@ -183,6 +190,7 @@ impl Walk<'_, '_, '_> {
             | Expression::Concurrent(_)
             | Expression::FailFast(_)
             | Expression::AnyOf { .. }
+            | Expression::AtLeast { .. }
             | Expression::Match(_)
             | Expression::Using { .. }
             | Expression::Tagged { .. }
@@ -249,11 +257,13 @@ impl Walk<'_, '_, '_> {
             | Expression::Concurrent(_)
             | Expression::FailFast(_)
             | Expression::AnyOf { .. }
+            | Expression::AtLeast { .. }
             | Expression::Recurrent(..)
             | Expression::Match(_)
             | Expression::Shield { .. }
             | Expression::Using { .. }
             | Expression::Asynchronous { .. }
+            | Expression::Catch { .. }
             | Expression::Finally(..) => self.times.of(self.group, self.source, expression).end_least,
         }
     }

@@ -1,4 +1,4 @@
-//! The rules of operators with many operands: `,` `&` `any` `#` and `::`.
+//! The rules of operators with many operands: `,` `&` `any` `at least` `#` and `::`.
 //!
 //! Phases: 1 the operands start, one after the other; 2 they run; 3 those that still run are stopped, one after the other; 4 the
 //! node waits until all of them have confirmed.
@@ -93,6 +93,24 @@ impl Writer<'_> {
             (vec![done, Test::Is(open, 0)], Vec::new()),
             (vec![aborted.clone(), is_last.clone()], fails),
             (vec![aborted, Test::Fails(Box::new(is_last))], vec![(spare, Term::OneLess(spare))]),
+        ];
+        let count = Count { open, is_bad, outcomes: vec![each; of.len()], at_first };
+        self.counts(&join, &count);
+    }
+
+    /// `at least k of`: until all have ended. It aborts if too few of them are done.
+    pub(super) fn at_least(&mut self, node: Node, count: u32, of: &[Expression]) {
+        let join = self.join(node, of);
+        let (open, is_bad, mut at_first) = self.counting(&join, of.len());
+        let spares = of.len().saturating_sub(count as usize);
+        let spare = self.own(node, "spare", spares);
+        at_first.push((spare, Term::Number(u32::try_from(spares).unwrap_or(u32::MAX))));
+        let (done, aborted) = (Test::Is(self.result, DONE), Test::Is(self.result, ABORTED));
+        let ended = (open, Term::OneLess(open));
+        let each = vec![
+            (vec![done], vec![ended]),
+            (vec![aborted.clone(), Test::Is(spare, 0)], vec![(is_bad, Term::Number(1)), ended]),
+            (vec![aborted, Test::Not(spare, 0)], vec![(spare, Term::OneLess(spare)), ended]),
         ];
         let count = Count { open, is_bad, outcomes: vec![each; of.len()], at_first };
         self.counts(&join, &count);
@@ -267,10 +285,11 @@ fn is_service(expression: &Expression, group: &Group) -> bool {
         Expression::Never | Expression::Recurrent(..) | Expression::Asynchronous { .. } => true,
         Expression::Skip | Expression::Fail(_) | Expression::Wait(_) => false,
         Expression::Concurrent(of) | Expression::Disable(of) => of.iter().all(is),
-        Expression::FailFast(of) => of.iter().any(is),
+        Expression::FailFast(of) | Expression::AtLeast { of, .. } => of.iter().any(is),
         Expression::AnyOf { count, of } => of.iter().filter(|operand| !is(operand)).count() < *count as usize,
         Expression::Sequence(p, q) | Expression::Conditional(p, q) | Expression::Finally(p, q) => is(p) || is(q),
         Expression::Otherwise(p, _) => is(p),
+        Expression::Catch { of, .. } => is(of),
         Expression::Chart(chart) => chart.is_service(),
         Expression::Match(arms) => arms.iter().all(|arm| is(&arm.body)),
         Expression::Shield { of, .. }

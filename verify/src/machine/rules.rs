@@ -24,8 +24,8 @@ impl Writer<'_> {
             Expression::Run { member, .. } => self.run(node, *member),
             Expression::Skip => self.rule(node, START, &[], self.reports(node, DONE)),
             Expression::Fail(_) => self.rule(node, START, &[], self.reports(node, ABORTED)),
-            // Plans with activities are refused before.
-            Expression::Never | Expression::Chart(_) => self.lasting(node),
+            // Plans with activities and with `else match` are refused before.
+            Expression::Never | Expression::Chart(_) | Expression::Catch { .. } => self.lasting(node),
             Expression::Wait(after) => {
                 let word = self.timer(seconds(*after));
                 self.lasting(node);
@@ -55,6 +55,7 @@ impl Writer<'_> {
             Expression::Concurrent(of) => self.concurrent(node, of),
             Expression::FailFast(of) => self.fail_fast(node, of),
             Expression::AnyOf { count, of } => self.any(node, *count, of),
+            Expression::AtLeast { count, of } => self.at_least(node, *count, of),
             Expression::Disable(of) => self.disable(node, of),
             Expression::Asynchronous { source, pool } => self.pool(node, source, pool),
         }

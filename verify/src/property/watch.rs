@@ -189,10 +189,10 @@ impl Seats {
         };
         is_there
             && match (&event.kind, &change.what) {
-                (EventKind::Started, Changed::Started) | (EventKind::Aborted, Changed::Aborted) => true,
+                (EventKind::Started, Changed::Started) | (EventKind::Aborted, Changed::Aborted(_)) => true,
                 (EventKind::Done(None), Changed::Done(_)) => true,
                 (EventKind::Done(Some(tag)), Changed::Done(value)) => value.tag() == Some(tag),
-                (EventKind::Ended, Changed::Done(_) | Changed::Aborted | Changed::Stopped) => true,
+                (EventKind::Ended, Changed::Done(_) | Changed::Aborted(_) | Changed::Stopped) => true,
                 (_, _) => false,
             }
     }

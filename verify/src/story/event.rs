@@ -16,7 +16,7 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
         Label::Start => TraceEvent::Start(group(0)?),
         Label::Stop => TraceEvent::Stop,
         Label::Done(unit, slot, value) => TraceEvent::Done(member(unit, slot)?, system.tag(value).map(str::to_owned)),
-        Label::Aborted(unit, slot) => TraceEvent::Fails(member(unit, slot)?),
+        Label::Aborted(unit, slot, why) => TraceEvent::Fails(member(unit, slot)?, system.reason_told(why)),
         Label::Stopped(unit, slot) => TraceEvent::Stopped(member(unit, slot)?),
         Label::Elapsed(unit, timer) => TraceEvent::Elapsed(group(unit)?, u32::from(timer) + 1),
         Label::Told(unit, number) => TraceEvent::Told(group(unit)?, u32::from(number) + 1),

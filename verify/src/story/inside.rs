@@ -12,8 +12,10 @@ use language::plan::Expression;
 /// A way through a part to an end, from its start on.
 #[derive(Clone, Debug)]
 pub(crate) struct Way {
-    /// The value that it leaves; none if it fails.
-    pub(crate) value: Option<Value>,
+    /// Whether it is done; else it fails.
+    pub(crate) is_done: bool,
+    /// The value that it leaves, or the report of its failure.
+    pub(crate) value: Value,
     pub(crate) labels: Vec<Label>,
 }
 
@@ -24,10 +26,10 @@ pub(crate) fn mode(aborts: bool) -> Mode {
 
 /// The steps of a box to its end, which is the last of them; none if the story tells only the end of the box.
 pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<Vec<Step>> {
-    let (unit, member, value) = if let Label::Done(unit, member, value) = label {
-        (usize::from(unit), usize::from(member), Some(system.value(value)))
-    } else if let Label::Aborted(unit, member) = label {
-        (usize::from(unit), usize::from(member), None)
+    let (is_done, unit, member, value) = if let Label::Done(unit, member, value) = label {
+        (true, usize::from(unit), usize::from(member), system.value(value))
+    } else if let Label::Aborted(unit, member, report) = label {
+        (false, usize::from(unit), usize::from(member), system.value(report))
     } else {
         return None;
     };
@@ -42,9 +44,9 @@ pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<
     }
     let aborts = system.mode.aborts;
     let ways = &system.model.parts[inner].ways[usize::from(!aborts)];
-    let is_it = |way: &&Way| match (&way.value, &value) {
-        (Some(one), Some(other)) => one.tag() == other.tag(),
-        (one, other) => one.is_none() && other.is_none(),
+    let is_it = |way: &&Way| match is_done {
+        true => way.is_done && way.value.tag() == value.tag(),
+        false => !way.is_done && way.value == value,
     };
     let way = ways.iter().find(is_it)?;
     let mut inside = System::new(system.model, inner, &|_| false);

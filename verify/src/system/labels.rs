@@ -3,6 +3,7 @@
 use super::{Ends, FaultKind, Frame, Injection, Label, Occupant, Phase, System, small};
 use crate::system::MemberRef;
 use language::algebra::Activity;
+use language::automaton::Failure;
 
 impl System<'_> {
     /// Everything that may happen next.
@@ -32,7 +33,8 @@ impl System<'_> {
                 match &self.units[unit].seats[member as usize] {
                     Occupant::Box(ends) => self.member_labels(frame, MemberRef { unit, member }, ends, labels),
                     Occupant::Unit(_) if self.is_refused(frame, MemberRef { unit, member }) => {
-                        labels.push(Label::Aborted(small(unit), small(member as usize)));
+                        let why = self.refusal(frame, MemberRef { unit, member });
+                        labels.push(Label::Aborted(small(unit), small(member as usize), why));
                     }
                     Occupant::Unit(_) => {}
                 }
@@ -55,11 +57,16 @@ impl System<'_> {
         !self.is_refused(frame, seat) && !self.is_unheard(frame, seat) && !self.is_under_way(frame, seat)
     }
 
+    /// The number of the report of a member that is refused: it cannot be started any more, or its host is lost.
+    fn refusal(&self, frame: &Frame, seat: MemberRef) -> u8 {
+        self.report(if self.is_given_up(frame, seat) { &Failure::Crash } else { &Failure::HostLost })
+    }
+
     fn member_labels(&self, frame: &Frame, seat: MemberRef, ends: &[Ends; 2], labels: &mut Vec<Label>) {
         let MemberRef { unit, member } = seat;
         let (at, slot) = (small(unit), small(member as usize));
         if self.is_refused(frame, seat) {
-            labels.push(Label::Aborted(at, slot));
+            labels.push(Label::Aborted(at, slot, self.refusal(frame, seat)));
             return;
         }
         let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
@@ -92,9 +99,7 @@ impl System<'_> {
         }
         if ends_by_itself && !hangs {
             labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
-            if ends.aborts {
-                labels.push(Label::Aborted(at, slot));
-            }
+            labels.extend(ends.aborted.iter().map(|report| Label::Aborted(at, slot, self.number(report))));
         }
         for (fault, has_happened, label) in faults {
             let may = |fault: Injection| {
@@ -125,7 +130,10 @@ impl System<'_> {
             | Label::Heard(..)
             | Label::Back(..)
             | Label::Noted(_) => true,
-            Label::Aborted(unit, member) => self.calm(unit, member).is_some_and(|calm| calm.aborts),
+            Label::Aborted(unit, member, why) => {
+                let calm = self.calm(unit, member).map_or(&[][..], |calm| &calm.aborted);
+                calm.iter().any(|report| self.number(report) == why)
+            }
             Label::Stop | Label::Died(..) | Label::TooMany(_) | Label::Fault(..) | Label::Second(..) | Label::Lost => {
                 false
             }

@@ -5,6 +5,7 @@ use super::zone::TimedReaction;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
 use crate::system::MemberRef;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
+use language::automaton::Failure;
 use std::collections::VecDeque;
 
 /// Every activation of an explored state has this number.
@@ -107,12 +108,12 @@ impl Reaction<'_, '_> {
                 Some((0, Event::Stop))
             }
             Label::Done(unit, member, value) => self.ends(unit, member, Outcome::Done(self.system.value(value))),
-            Label::Aborted(unit, member) => {
+            Label::Aborted(unit, member, why) => {
                 let seat = MemberRef { unit: usize::from(unit), member: u32::from(member) };
                 let is_asked = self.frame.states[seat.unit].activity(seat.member) == Activity::Stopping;
                 let is_lost = self.system.is_refused(self.frame, seat) && !self.system.is_given_up(self.frame, seat);
                 let is_unknown = is_asked && (is_lost || self.system.was_unconfirmed(self.frame, seat));
-                let outcome = if is_unknown { unconfirmed() } else { failed() };
+                let outcome = if is_unknown { unconfirmed() } else { failed(&self.system.reason(why)) };
                 self.ends(unit, member, outcome)
             }
             Label::Arrived(unit, member) => {
@@ -166,10 +167,10 @@ impl Reaction<'_, '_> {
         let (kind, seat) = (fault?.kind, MemberRef { unit: usize::from(unit), member: u32::from(member) });
         match kind {
             FaultKind::Crash if self.system.is_restarted(seat) => self.dies(seat),
-            FaultKind::Crash => self.ends(unit, member, failed()),
+            FaultKind::Crash => self.ends(unit, member, failed(&Failure::Crash)),
             FaultKind::GivenUp => {
                 self.system.give_up_member(self.frame, seat, kind);
-                self.ends(unit, member, failed())
+                self.ends(unit, member, failed(&Failure::Crash))
             }
             FaultKind::TooMany => self.too_many(seat.unit),
             FaultKind::Unanswered => {
@@ -237,9 +238,9 @@ impl Reaction<'_, '_> {
                     match self.frame.states[unit].activity(member) {
                         // The news of the loss may have led to the stop.
                         Activity::Stopping if is_severed && was == Activity::Active => {
-                            return Some((unit, self.ended(unit, member, failed())));
+                            return Some((unit, self.ended(unit, member, failed(&Failure::HostLost))));
                         }
-                        Activity::Active => return Some((unit, self.ended(unit, member, failed()))),
+                        Activity::Active => return Some((unit, self.ended(unit, member, failed(&Failure::HostLost)))),
                         Activity::Stopping if is_severed => {
                             return Some((unit, self.ended(unit, member, unconfirmed())));
                         }
@@ -313,7 +314,7 @@ impl Reaction<'_, '_> {
             Outcome::Stopped => Event::Stopped { member, activation },
             Outcome::Aborted(_) if is_unconfirmed(&outcome) => Event::StopUnconfirmed { member, activation },
             Outcome::Aborted(reason) => {
-                let report = self.system.value(self.system.number(&reason.report()));
+                let report = self.system.value(self.system.report(&Failure::of(&reason.cause)));
                 Event::Aborted { member, activation, report }
             }
         }
@@ -390,7 +391,7 @@ impl Reaction<'_, '_> {
     fn over(&mut self, unit: usize, outcome: Outcome) {
         self.forget_order(unit);
         let is_escalated = self.system.take_escalation(self.frame, unit);
-        let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed() } else { outcome };
+        let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed(&Failure::Crash) } else { outcome };
         if let Some(MemberRef { unit: around, member }) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
             let is_heard = !self.system.is_severed(self.frame, MemberRef { unit: around, member })
@@ -404,7 +405,7 @@ impl Reaction<'_, '_> {
         }
         let (phase, what) = match outcome {
             Outcome::Done(value) => (Phase::Done, Changed::Done(value)),
-            Outcome::Aborted(_) => (Phase::Aborted, Changed::Aborted),
+            Outcome::Aborted(reason) => (Phase::Aborted, Changed::Aborted(Failure::of(&reason.cause).report())),
             Outcome::Stopped => (Phase::Stopped, Changed::Stopped),
         };
         self.frame.phase = phase;
@@ -415,7 +416,7 @@ impl Reaction<'_, '_> {
 /// The change that an observer sees at an end. A member with an order to stop has stopped, however it ends.
 fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     match outcome {
-        Outcome::Aborted(_) => Changed::Aborted,
+        Outcome::Aborted(reason) => Changed::Aborted(Failure::of(&reason.cause).report()),
         Outcome::Done(value) if !is_asked => Changed::Done(value.clone()),
         Outcome::Done(_) | Outcome::Stopped => Changed::Stopped,
     }
@@ -430,11 +431,7 @@ pub(super) fn unconfirmed() -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::StopUnconfirmed })
 }
 
-pub(super) fn failed() -> Outcome {
-    failed_with(Value::EMPTY)
-}
-
-/// A failure with this report.
-pub(super) fn failed_with(report: Value) -> Outcome {
-    Outcome::Aborted(Reason { member: None, cause: Cause::Reported(report) })
+/// A failure for this reason.
+pub(super) fn failed(reason: &Failure) -> Outcome {
+    Outcome::Aborted(Reason { member: None, cause: Cause::Reported(reason.report()) })
 }

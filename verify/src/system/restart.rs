@@ -11,6 +11,7 @@ use super::{Changed, FaultKind, Frame, Label, System, small};
 use crate::model::{Model, Seat};
 use crate::system::MemberRef;
 use language::algebra::Activity;
+use language::automaton::Failure;
 use language::plan::{LeafKind, MemberKind, Restart, Strategy};
 use std::time::Duration;
 
@@ -194,7 +195,7 @@ impl System<'_> {
         if is_away {
             labels.push(Label::Back(unit, member));
             if self.mode.aborts {
-                labels.push(Label::Aborted(unit, member));
+                labels.push(Label::Aborted(unit, member, self.report(&Failure::Crash)));
             }
         } else if self.mode.crashes {
             labels.push(Label::Died(unit, member));

@@ -7,11 +7,12 @@
 //! transit on a lost link may arrive until the node at its end has noted the loss. The rules are those of
 //! `node/src/logic`: `link`, `executer`, `participant`.
 
-use super::reaction::{failed_with, is_unconfirmed, unconfirmed};
+use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};
 use crate::model::Seat;
 use crate::system::MemberRef;
 use language::algebra::{Activity, Outcome};
+use language::automaton::Failure;
 
 /// The order to start is under way.
 const START: u8 = 1;
@@ -231,7 +232,7 @@ impl System<'_> {
             Outcome::Done(value) => [DONE, self.number(value)],
             Outcome::Stopped => [STOPPED, 0],
             Outcome::Aborted(_) if is_unconfirmed(outcome) => [UNCONFIRMED, 0],
-            Outcome::Aborted(reason) => [ABORTED, self.number(&reason.report())],
+            Outcome::Aborted(reason) => [ABORTED, self.report(&Failure::of(&reason.cause))],
         };
         let place = self.transit_of(seat);
         if let Some(place) = place {
@@ -247,7 +248,7 @@ impl System<'_> {
         match kind {
             START => Some(Arrival::Start(self.value(value))),
             DONE => Some(Arrival::End(Outcome::Done(self.value(value)))),
-            ABORTED => Some(Arrival::End(failed_with(self.value(value)))),
+            ABORTED => Some(Arrival::End(failed(&self.reason(value)))),
             STOPPED => Some(Arrival::End(Outcome::Stopped)),
             UNCONFIRMED => Some(Arrival::End(unconfirmed())),
             _ => None,

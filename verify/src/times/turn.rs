@@ -74,7 +74,11 @@ fn share(one: &Way<'_>, other: &Way<'_>) -> bool {
 fn are_beside(one: &Way<'_>, other: &Way<'_>) -> bool {
     let both = one.iter().zip(other).take_while(|(one, other)| std::ptr::eq(**one, **other)).last();
     both.is_some_and(|(operator, _)| {
-        is_stopping(operator) || matches!(operator, Expression::Concurrent(_) | Expression::Asynchronous { .. })
+        is_stopping(operator)
+            || matches!(
+                operator,
+                Expression::Concurrent(_) | Expression::AtLeast { .. } | Expression::Asynchronous { .. }
+            )
     })
 }
 

@@ -21,7 +21,7 @@ use crate::algebra::event::{Activation, Command, Outcome, Value};
 use crate::algebra::program::{Kind, Program};
 use crate::algebra::state::{MemberState, State};
 use crate::automaton::Configuration;
-use alike::{Compared, count, is_alike, sets, tags, taken};
+use alike::{Compared, count, failures, is_alike, sets, tags, taken};
 use chain::Chain;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -199,6 +199,7 @@ impl Carrying<'_> {
             | (Kind::FailFast { .. }, Kind::FailFast { .. })
             | (Kind::Disable, Kind::Disable) => self.align(o, n, is_calm),
             (Kind::AnyOf { count, operands }, Kind::AnyOf { count: other, operands: as_many })
+            | (Kind::AtLeast { count, operands }, Kind::AtLeast { count: other, operands: as_many })
                 if (count, operands) == (other, as_many) =>
             {
                 self.place_operands(o, n, is_calm)
@@ -223,6 +224,7 @@ impl Carrying<'_> {
             (Kind::With(value), Kind::With(other)) if value == other => self.place_operands(o, n, is_calm),
             (Kind::With(_), Kind::With(_)) => Err(self.misfit(o, "it has started with another value")),
             (Kind::Match { .. }, Kind::Match { .. }) => self.place_arm(o, n, is_calm),
+            (Kind::Catch { .. }, Kind::Catch { .. }) => self.place_catch(o, n, is_calm),
             (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, Chain::Sequence, is_calm),
             (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, Chain::Conditional, is_calm),
             (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, Chain::Otherwise, is_calm),
@@ -262,6 +264,25 @@ impl Carrying<'_> {
         match found {
             Some((other, _)) => self.place(arm, other, calm),
             None => Err(self.misfit(arm, "the arm of its `match` is not there any more")),
+        }
+    }
+
+    /// The arm of an `else match` that runs; in the new program it is also the arm of its failure. While the operand before them
+    /// runs, the arms may be anything.
+    fn place_catch(&mut self, o: usize, n: usize, calm: bool) -> Result<(), Misfit> {
+        self.put(o, n);
+        let (old, new) = (self.program, self.next);
+        if self.state.cells[old.first(o)].phase.is_active() {
+            return self.place(old.first(o), new.first(n), calm);
+        }
+        let mut arms = old.operands(o).skip(1).zip(failures(old, o));
+        let Some((arm, failure)) = arms.find(|(arm, _)| self.state.cells[*arm].phase.is_active()) else {
+            return Ok(());
+        };
+        let found = new.operands(n).skip(1).zip(failures(new, n)).find(|(_, other)| *other == failure);
+        match found {
+            Some((other, _)) => self.place(arm, other, calm),
+            None => Err(self.misfit(arm, "the arm of its `else match` is not there any more")),
         }
     }
 

@@ -3,6 +3,7 @@
 use super::{Cell, Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
 use crate::algebra::program::Kind;
+use crate::automaton::Failure;
 
 /// The reason why a loop whose round takes no time is aborted.
 pub(super) const INSTANT: &str = "a round of a loop took no time";
@@ -30,6 +31,26 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (Phase::Running, Outcome::Aborted(reason)) => self.start_second(node, report(reason.cause)),
             (_, outcome) => self.pass(node, outcome),
         }
+    }
+
+    /// CATCH: the first arm that the reason fits is started with it; without one, the failure stays.
+    pub(super) fn catch(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        let Outcome::Aborted(reason) = outcome else { return self.pass(node, outcome) };
+        let Some(arm) = self.arm_for(node, &reason.cause).filter(|_| self.cell(node).phase == Phase::Running) else {
+            return self.pass(node, Outcome::Aborted(reason));
+        };
+        self.enter(node, Phase::Second);
+        let outcome = self.start(arm, report(reason.cause))?;
+        self.pass(node, outcome)
+    }
+
+    /// The arm of an `else match` that takes a failure.
+    fn arm_for(&self, node: usize, cause: &Cause) -> Option<usize> {
+        let program = self.program;
+        let Kind::Catch { failures } = &program.nodes[node].kind else { return None };
+        let takes = |failure: &Option<Failure>| failure.as_ref().is_none_or(|failure| failure.is_of(cause));
+        let arm = program.failures[failures.clone()].iter().position(takes)?;
+        program.operands(node).nth(arm + 1)
     }
 
     fn start_second(&mut self, node: usize, value: Value) -> Option<Outcome> {
@@ -158,6 +179,19 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         None
     }
 
+    /// AT LEAST: all have ended. The next process could not know which values it gets, so it gets none.
+    pub(super) fn at_least(&mut self, node: usize, count: u32) -> Option<Outcome> {
+        let cell = self.cell(node);
+        if cell.open > 0 {
+            return None;
+        }
+        if cell.done >= count {
+            return self.drain(node, Outcome::Done(Value::EMPTY));
+        }
+        let abort = cell.outcome.take().expect("`count` is at most the number of operands, so one has aborted");
+        self.drain(node, abort)
+    }
+
     /// Returns `done(<u1..uk>)` of the first slots that are done, so many at most: of `any k of` more than `k` are done when
     /// they were so at the start.
     fn done(&self, node: usize, count: u32) -> Outcome {
@@ -172,13 +206,13 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
 
 /// Returns the input of the second operand of `else`: the member's own report, or a text for the cause.
 fn report(cause: Cause) -> Value {
+    let words = Failure::of(&cause).words();
     match cause {
-        Cause::Reported(report) => report,
         Cause::Failed(why) => Value::new(why.as_bytes()),
-        Cause::Busy => Value::new(b"busy"),
-        Cause::StopUnconfirmed => Value::new(b"stop unconfirmed"),
-        Cause::ServiceEnded => Value::new(b"service ended"),
-        Cause::NoMatch => Value::new(b"no arm for this outcome"),
+        Cause::Reported(report) => words.map_or(report, |words| Value::new(words.as_bytes())),
+        Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
+            Value::new(words.unwrap_or_default().as_bytes())
+        }
     }
 }
 

@@ -60,6 +60,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (Kind::Using { .. }, _) => self.stop_using(node),
             (Kind::Finally, _) => self.stop_finally(node),
             (Kind::Chart, _) => self.stop_chart(node),
+            (Kind::Catch { .. }, Phase::Second) => self.stop_match(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
             (
@@ -69,13 +70,15 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
                 | Kind::Otherwise
                 | Kind::Tagged(_)
                 | Kind::With(_)
-                | Kind::Repeat { .. },
+                | Kind::Repeat { .. }
+                | Kind::Catch { .. },
                 Phase::Running,
             ) => self.stop_operand(node, self.program.first(node)),
             (
                 Kind::Concurrent { .. }
                 | Kind::FailFast { .. }
                 | Kind::AnyOf { .. }
+                | Kind::AtLeast { .. }
                 | Kind::Disable
                 | Kind::Asynchronous,
                 Phase::Running,
@@ -114,7 +117,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         outcome
     }
 
-    /// The arm that runs is stopped.
+    /// The arm of a `match` or an `else match` that runs is stopped.
     fn stop_match(&mut self, node: usize) -> Option<Outcome> {
         let is_active = |operand: &usize| self.state.cells[*operand].phase.is_active();
         let arm = self.program.operands(node).find(is_active);

@@ -24,6 +24,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Concurrent { tasks } => self.s_par(node, *tasks, &value),
             Kind::FailFast { operands } => self.s_ff(node, *operands, &value),
             Kind::AnyOf { count, operands } => self.s_any(node, *count, *operands, &value),
+            Kind::AtLeast { count, operands } => self.s_at_least(node, *count, *operands, &value),
             Kind::Disable => self.s_dis(node, &value),
             Kind::Match { tags } => self.s_match(node, tags.clone(), value),
             Kind::Shield { .. } => self.s_shield(node, value),
@@ -34,6 +35,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Chart => self.s_chart(node, value),
             Kind::With(given) => self.s_with(node, given.clone()),
             Kind::Repeat { .. } => self.s_repeat(node, value),
+            Kind::Catch { .. } => self.s_catch(node, value),
         }
     }
 
@@ -102,6 +104,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.or_else(node, outcome)
     }
 
+    /// Start of `P else match { ... }`.
+    fn s_catch(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.catch(node, outcome)
+    }
+
     /// [s-with]
     fn s_with(&mut self, node: usize, given: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, given)?;
@@ -137,6 +145,12 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn s_any(&mut self, node: usize, count: u32, operands: u32, value: &Value) -> Option<Outcome> {
         self.start_all(node, operands, value);
         self.any(node, count)
+    }
+
+    /// [s-par] for `at least`.
+    fn s_at_least(&mut self, node: usize, count: u32, operands: u32, value: &Value) -> Option<Outcome> {
+        self.start_all(node, operands, value);
+        self.at_least(node, count)
     }
 
     fn start_all(&mut self, node: usize, operands: u32, value: &Value) {

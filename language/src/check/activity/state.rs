@@ -248,6 +248,7 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
             parts.first_mut().and_then(take_kept)
         }
         ExprKind::Finally(part, _)
+        | ExprKind::Catch(part, _)
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
@@ -257,6 +258,7 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)

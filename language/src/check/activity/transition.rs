@@ -1,22 +1,14 @@
 //! Transitions: the trigger and the target of each.
 
 use super::{ActivityReader, TransitionText, formula, notice, outcome, question};
-use crate::automaton::{Failure, StateKind, Target, Transition, Trigger};
+use crate::automaton::{StateKind, Target, Transition, Trigger};
+use crate::check::expression::catch;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::TIMER_LEAST;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Text};
 use crate::syntax::ast::{Name, Node};
 use std::time::Duration;
-
-/// The causes of aborts that have a word of their own.
-const CAUSES: [(&str, Failure); 5] = [
-    ("reported", Failure::Reported),
-    ("busy", Failure::Busy),
-    ("stop_unconfirmed", Failure::StopUnconfirmed),
-    ("service_ended", Failure::ServiceEnded),
-    ("no_match", Failure::NoMatch),
-];
 
 /// A trigger that is neither `entry` nor `exit`.
 struct Awaited {
@@ -118,7 +110,13 @@ impl ActivityReader<'_, '_> {
             "done" => Some(self.done(node, trigger)),
             "aborted" => {
                 let failure = match trigger.child(SyntaxKind::Pattern) {
-                    Some(pattern) => Some(self.failure(&pattern)?),
+                    Some(pattern) => match catch::failure(&pattern, self.group.diagnostics())? {
+                        Ok(failure) => Some(failure),
+                        Err(found) => {
+                            self.report(found);
+                            return None;
+                        }
+                    },
                     None => None,
                 };
                 plain(Trigger::Aborted(failure))
@@ -209,22 +207,6 @@ impl ActivityReader<'_, '_> {
             [tag, value, ..] => (Some(tag.text.clone()), Some(value.clone())),
         };
         Awaited { trigger: Trigger::Done(tag), value }
-    }
-
-    /// `aborted(busy)`, `aborted("no way")`
-    fn failure(&mut self, pattern: &Node) -> Option<Failure> {
-        if let Some(text) = pattern.token(Text) {
-            return Some(Failure::Failed(text.content()));
-        }
-        let name = pattern.names().next()?;
-        let found = CAUSES.into_iter().find(|(word, _)| *word == name.text);
-        if found.is_none() {
-            let message = format!("`{}` is not a cause of an abort", name.text);
-            let help =
-                "write `reported`, `busy`, `stop_unconfirmed`, `service_ended`, `no_match`, or the text of a `fail`";
-            self.report(Diagnostic::new(Code::E0903, name.span, message).help(help));
-        }
-        found.map(|(_, failure)| failure)
     }
 
     pub(super) fn target(&mut self, node: &Node, state: usize, value: Option<&str>) -> Option<Target> {

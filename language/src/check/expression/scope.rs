@@ -7,7 +7,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::similar::Near;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
-use crate::syntax::ast::{Name, Node};
+use crate::syntax::ast::{Name, Node, Token};
 use std::collections::{BTreeMap, BTreeSet};
 
 pub(super) fn shield(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
@@ -68,10 +68,22 @@ pub(super) fn repeat(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     (!until.is_empty()).then_some(ExprKind::Repeat(until, operand))
 }
 
+/// `look : match { "found" => grasp }`
+fn report_text(text: &Token, group: &mut Group<'_>) {
+    let message = "an outcome is a name, without quotes";
+    let found = Diagnostic::new(Code::E0421, text.span(), message);
+    let help = "to choose by the reason of a failure, write `process else match { \"no way\" => other }`";
+    group.diagnostics().push(found.help(help));
+}
+
 pub(super) fn matching(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let mut arms: Vec<Arm> = Vec::new();
     let mut known: BTreeMap<String, Span> = BTreeMap::new();
     for part in node.children_of(SyntaxKind::Arm) {
+        if let Some(text) = part.tokens().next().filter(|token| token.kind() == SyntaxKind::Text) {
+            report_text(&text, group);
+            continue;
+        }
         let Some(name) = part.names().next() else { continue };
         let Some(body) = part.children().next().map(|body| expression(&body, group)) else { continue };
         if let Some(&first) = known.get(&name.text) {

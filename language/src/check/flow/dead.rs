@@ -13,6 +13,11 @@ pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostic
         let dead = cannot_fail.and_then(|index| Some((&parts[index], parts.get(index + 1)?)));
         diagnostics.extend(dead.map(|(part, next)| never_needed(part, next)));
     }
+    if let ExprKind::Catch(first, arms) = &expr.kind
+        && !members.ends_of(first).aborted
+    {
+        diagnostics.extend(arms.first().map(|arm| never_needed(first, &arm.body)));
+    }
     if let ExprKind::Retry(1.., _, part) = &expr.kind
         && !members.ends_of(part).aborted
     {
@@ -53,9 +58,11 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::Never
         | ExprKind::Wait(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)
+        | ExprKind::Catch(..)
         | ExprKind::Within(..)
         | ExprKind::Match(_)
         | ExprKind::Shield(..)

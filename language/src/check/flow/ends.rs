@@ -91,6 +91,14 @@ impl Members {
                 let done = parts.iter().take(tried + 1).filter_map(|part| part.done).min();
                 Ends { done, aborted: tried == parts.len() }
             }
+            ExprKind::Catch(first, arms) => {
+                let (first, parts) = (self.ends_of(first), &parts[1..]);
+                let caught = parts.iter().filter(|_| first.aborted);
+                let done = first.done.into_iter().chain(caught.filter_map(|part| part.done)).min();
+                // Without `else` no arm may take the failure.
+                let is_total = arms.iter().any(|arm| arm.failure.is_none());
+                Ends { done, aborted: first.aborted && (!is_total || parts.iter().any(|part| part.aborted)) }
+            }
             ExprKind::Concurrent(of) => {
                 let is_service = service::is_service(expr, &self.services);
                 let is_task = |part: &Expr| is_service || !service::is_service(part, &self.services);
@@ -102,6 +110,16 @@ impl Members {
                 let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
                 done.sort_unstable();
                 Ends { done: done.get((*count as usize).saturating_sub(1)).copied(), aborted: any_aborted }
+            }
+            ExprKind::AtLeast(count, _) => {
+                let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+                done.sort_unstable();
+                let enough = done.get((*count as usize).saturating_sub(1)).copied();
+                // A part that cannot fail has to be done.
+                let others = all(parts.iter().filter(|part| !part.aborted).map(|part| part.done));
+                let failed = parts.iter().filter(|part| part.aborted).count();
+                let done = enough.zip(others).map(|(enough, others)| enough.max(others));
+                Ends { done, aborted: failed + *count as usize > parts.len() }
             }
             ExprKind::Disable(_) => {
                 Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: any_aborted }

@@ -82,6 +82,12 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
             InstantEnds { done: done(&parts) == parts.len(), aborted: any_aborted }
         }
         ExprKind::AnyOf(count, _) => InstantEnds { done: done(&parts) >= *count as usize, aborted: any_aborted },
+        ExprKind::AtLeast(count, _) => {
+            let are_over = parts.iter().all(|part| part.done || part.aborted);
+            let failed = parts.iter().filter(|part| part.aborted).count();
+            let is_done = are_over && done(&parts) >= *count as usize;
+            InstantEnds { done: is_done, aborted: are_over && failed + *count as usize > parts.len() }
+        }
         ExprKind::Disable(_) | ExprKind::Within(..) => InstantEnds { done: done(&parts) > 0, aborted: any_aborted },
         ExprKind::Finally(..) => InstantEnds { done: done(&parts) == parts.len(), aborted: any_aborted },
         ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
@@ -92,6 +98,12 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
         ExprKind::Otherwise(_) | ExprKind::Retry(..) => {
             let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
             InstantEnds { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
+        }
+        ExprKind::Catch(_, arms) => {
+            let (first, caught) = (parts[0], &parts[1..]);
+            let is_total = arms.iter().any(|arm| arm.failure.is_none());
+            let aborted = first.aborted && (!is_total || caught.iter().any(|part| part.aborted));
+            InstantEnds { done: first.done || first.aborted && caught.iter().any(|part| part.done), aborted }
         }
         ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => InstantEnds { done: false, aborted: any_aborted },
         ExprKind::Match(_)

@@ -103,7 +103,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
                 (None, _) => Ends::untagged(expr.span),
             }
         }
-        ExprKind::FailFast(_) | ExprKind::AnyOf(..) => Ends::untagged(expr.span),
+        ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::AtLeast(..) => Ends::untagged(expr.span),
         ExprKind::Finally(first, _) => rest(first),
         ExprKind::Tagged(tag, part) => {
             let inner = rest(part);
@@ -112,6 +112,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
             Ends { tags: tags.into_iter().collect(), ..Ends::default() }
         }
         ExprKind::Match(arms) => Ends::any(arms.iter().map(|arm| rest(&arm.body))),
+        ExprKind::Catch(..) => Ends::any(expr.parts().into_iter().map(rest)),
         // Nothing else ends it.
         ExprKind::Repeat(until, part) => {
             let declared = rest(part).tags;
@@ -171,6 +172,10 @@ impl Walk<'_> {
                 self.visit(first, start);
                 self.visit(second, &nothing);
             }
+            ExprKind::Catch(first, arms) => {
+                self.visit(first, start);
+                arms.iter().for_each(|arm| self.visit(&arm.body, &nothing));
+            }
             ExprKind::Chart(model) => model.runs.iter().for_each(|(_, run)| self.visit(run, &Ends::open())),
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
             ExprKind::Repeat(until, part) => {
@@ -186,6 +191,7 @@ impl Walk<'_> {
             | ExprKind::Concurrent(_)
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
+            | ExprKind::AtLeast(..)
             | ExprKind::Disable(_)
             | ExprKind::Retry(..)
             | ExprKind::Within(..)

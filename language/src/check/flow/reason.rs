@@ -1,4 +1,4 @@
-//! Texts of aborts that activities wait for: something that runs there has to fail with the text.
+//! Reasons of failures that activities and `else match` ask for: something that runs there has to fail for them.
 
 use crate::automaton::{Failure, Target as Leads, Trigger};
 use crate::check::diagnostics::Diagnostics;
@@ -8,43 +8,97 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEADLINE;
 use std::collections::BTreeSet;
 
-/// Reports transitions `on aborted("TEXT")` whose text no `fail` and no `abort` has in what runs there.
+/// Reports transitions `on aborted("TEXT")`, and arms `"TEXT" =>`, whose text no `fail` and no `abort` has in what runs there.
 pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics) {
-    let Some(ExprKind::Chart(model)) = process.actions.as_ref().map(|actions| &actions.kind) else { return };
+    let Some(actions) = &process.actions else { return };
+    arms(spec, process, actions, diagnostics);
+    let ExprKind::Chart(model) = &actions.kind else { return };
     for (transition, &span) in model.chart.chart.transitions.iter().zip(&model.places) {
-        let Trigger::Aborted(Some(Failure::Failed(text))) = &transition.trigger else { continue };
-        let mut reasons = Reasons { spec, known: BTreeSet::new(), texts: BTreeSet::new() };
+        let Trigger::Aborted(Some(failure)) = &transition.trigger else { continue };
+        let mut reasons = Reasons::new(spec);
         let runs = model
             .runs
             .iter()
             .filter(|(state, _)| model.chart.chart.upward(*state).any(|around| around == transition.source));
         runs.for_each(|(_, run)| reasons.of(process, run));
-        if reasons.texts.contains(text.as_str()) || text.starts_with(DEADLINE) {
-            continue;
-        }
-        let message = format!("this transition is never taken: nothing that runs here fails with \"{text}\"");
-        let texts: Vec<&str> = reasons.texts.into_iter().collect();
-        let help = match texts.as_slice() {
-            [] => "write `on aborted`, or give a `fail` or an `abort` inside this text".to_owned(),
-            texts => format!("the texts of failures here are {}", listed(texts.iter().copied())),
-        };
-        diagnostics.push(Diagnostic::new(Code::W0905, span, message).help(help));
+        let asked = Asked { failure, what: "this transition", all: "write `on aborted`" };
+        diagnostics.extend(
+            asked.report(reasons).map(|(message, help)| Diagnostic::new(Code::W0905, span, message).help(help)),
+        );
     }
 }
 
-/// The texts with which something may fail.
+/// The arms of each `else match`.
+fn arms(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Diagnostics) {
+    if let ExprKind::Catch(first, arms) = &expr.kind {
+        for arm in arms {
+            let Some(failure) = &arm.failure else { continue };
+            let mut reasons = Reasons::new(spec);
+            reasons.of(process, first);
+            let asked = Asked { failure, what: "this arm", all: "write `else`" };
+            let found = asked.report(reasons);
+            diagnostics.extend(found.map(|(message, help)| {
+                Diagnostic::new(Code::W0422, arm.span, message).reason(first.span, "fails for other reasons").help(help)
+            }));
+        }
+    }
+    expr.parts().into_iter().for_each(|part| arms(spec, process, part, diagnostics));
+}
+
+/// A failure that something asks for.
+struct Asked<'s> {
+    failure: &'s Failure,
+    what: &'static str,
+    /// How to ask for every failure.
+    all: &'static str,
+}
+
+impl Asked<'_> {
+    /// The message and the help, if nothing fails so.
+    fn report(&self, reasons: Reasons<'_>) -> Option<(String, String)> {
+        let Self { what, all, .. } = self;
+        if *self.failure == Failure::Timeout && !reasons.has_limit {
+            let message = format!("{what} is never taken: nothing that runs here has a limit");
+            return Some((message, "give it one: `process within 5 s`".to_owned()));
+        }
+        let Failure::Failed(text) = self.failure else { return None };
+        if reasons.texts.contains(text.as_str()) {
+            return None;
+        }
+        let message = format!("{what} is never taken: nothing that runs here fails with \"{text}\"");
+        let texts: Vec<&str> = reasons.texts.into_iter().collect();
+        let help = match texts.as_slice() {
+            [] => format!(
+                "{all}, or give a `fail` or an `abort` inside this text; the words of a program are not looked at"
+            ),
+            texts => format!("the texts of failures here are {}", listed(texts.iter().copied())),
+        };
+        Some((message, help))
+    }
+}
+
+/// The reasons for which something may fail.
 struct Reasons<'s> {
     spec: &'s Spec,
     /// The processes that were looked at.
     known: BTreeSet<usize>,
     texts: BTreeSet<&'s str>,
+    /// Whether there is a `within`.
+    has_limit: bool,
 }
 
 impl<'s> Reasons<'s> {
-    /// Adds the texts of an expression of a group.
+    fn new(spec: &'s Spec) -> Self {
+        Self { spec, known: BTreeSet::new(), texts: BTreeSet::new(), has_limit: false }
+    }
+
+    /// Adds those of an expression of a group.
     fn of(&mut self, process: &'s Process, expr: &'s Expr) {
         if let ExprKind::Fail(text) = &expr.kind {
             self.texts.insert(text);
+            self.has_limit |= text.starts_with(DEADLINE);
+        } else if let ExprKind::Within(..) = &expr.kind {
+            self.has_limit = true;
         } else if let ExprKind::Chart(model) = &expr.kind {
             let aborts = model.chart.chart.transitions.iter().filter_map(|transition| match &transition.target {
                 Leads::Abort(text) => Some(text.as_str()),

@@ -47,9 +47,13 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::Concurrent(parts) | ExprKind::Disable(parts) => parts.iter().all(rest),
         // `&` waits for every operand, so one that never ends is enough.
         ExprKind::Finally(first, second) => rest(first) || rest(second),
-        ExprKind::FailFast(parts) | ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.iter().any(rest),
+        ExprKind::FailFast(parts)
+        | ExprKind::AtLeast(_, parts)
+        | ExprKind::Sequence(parts)
+        | ExprKind::Conditional(parts) => parts.iter().any(rest),
         ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
         ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
+        ExprKind::Catch(first, _) => rest(first),
         ExprKind::Retry(_, _, part)
         | ExprKind::Repeat(_, part)
         | ExprKind::Shield(_, part)
@@ -124,7 +128,9 @@ impl<'a> Order<'a> {
             | ExprKind::Concurrent(_)
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
+            | ExprKind::AtLeast(..)
             | ExprKind::Otherwise(_)
+            | ExprKind::Catch(..)
             | ExprKind::Retry(..)
             | ExprKind::Repeat(..)
             | ExprKind::Within(..)

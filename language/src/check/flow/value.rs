@@ -85,6 +85,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         }
         ExprKind::Disable(_)
         | ExprKind::Otherwise(_)
+        | ExprKind::Catch(..)
         | ExprKind::AnyOf(1, _)
         | ExprKind::Match(_)
         | ExprKind::Retry(..)
@@ -95,6 +96,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         ExprKind::Chart(model) => with_value(&model.outcomes),
         ExprKind::Tagged(..)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Skip
         | ExprKind::Never
         | ExprKind::Fail(_)
@@ -140,6 +142,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Sequence(_)
         | ExprKind::Conditional(_)
@@ -147,6 +150,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)
+        | ExprKind::Catch(..)
         | ExprKind::Asynchronous(..)
         | ExprKind::Finally(..)
         | ExprKind::Broken => None,
@@ -158,9 +162,11 @@ fn starts(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Run(..) => true,
         ExprKind::Sequence(parts) | ExprKind::Otherwise(parts) => parts.first().is_some_and(starts),
+        ExprKind::Catch(first, _) => starts(first),
         ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)
         | ExprKind::AnyOf(..)
+        | ExprKind::AtLeast(..)
         | ExprKind::Disable(_)
         | ExprKind::Retry(..)
         | ExprKind::Repeat(..)

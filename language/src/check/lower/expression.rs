@@ -2,7 +2,7 @@
 
 use super::quote::Quotes;
 use super::start::Starts;
-use crate::check::spec::{Arm, Expr, ExprKind};
+use crate::check::spec::{Arm, CatchArm, Expr, ExprKind};
 use crate::plan::{self, Expression, StateChart, StateRun};
 use crate::syntax::ast::Name;
 use std::time::Duration;
@@ -37,6 +37,7 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
         ExprKind::Concurrent(parts) => Expression::Concurrent(all(parts)),
         ExprKind::FailFast(parts) => Expression::FailFast(all(parts)),
         ExprKind::AnyOf(count, parts) => Expression::AnyOf { count: *count, of: all(parts) },
+        ExprKind::AtLeast(count, parts) => Expression::AtLeast { count: *count, of: all(parts) },
         ExprKind::Disable(parts) => Expression::Disable(all(parts)),
         ExprKind::Sequence(parts) => balance(all(parts), Expression::Sequence),
         ExprKind::Conditional(parts) => balance(all(parts), Expression::Conditional),
@@ -60,6 +61,10 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
             let arm =
                 |arm: &Arm| plan::Arm { tag: arm.tag.as_ref().map(|tag| tag.text.clone()), body: rest(&arm.body) };
             Expression::Match(arms.iter().map(arm).collect())
+        }
+        ExprKind::Catch(first, arms) => {
+            let arm = |arm: &CatchArm| plan::CatchArm { failure: arm.failure.clone(), body: rest(&arm.body) };
+            Expression::Catch { of: Box::new(rest(first)), arms: arms.iter().map(arm).collect() }
         }
         ExprKind::Shield(bound, part) => Expression::Shield { bound: *bound, of: Box::new(rest(part)) },
         ExprKind::Using(taken, part) => {

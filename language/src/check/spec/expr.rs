@@ -1,7 +1,7 @@
 //! Event actions, checked: expressions, and the charts of activities.
 
 use super::{Outcome, Port, Value};
-use crate::automaton::StateKind;
+use crate::automaton::{Failure, StateKind};
 use crate::plan::StateChart;
 use crate::source::Span;
 use crate::syntax::ast::Name;
@@ -25,11 +25,14 @@ pub(crate) enum ExprKind {
     Concurrent(Vec<Expr>),
     FailFast(Vec<Expr>),
     AnyOf(u32, Vec<Expr>),
+    AtLeast(u32, Vec<Expr>),
     Disable(Vec<Expr>),
     Sequence(Vec<Expr>),
     Conditional(Vec<Expr>),
     Otherwise(Vec<Expr>),
     Recurrent(Box<Expr>, Box<Expr>),
+    /// `P else match { ... }`
+    Catch(Box<Expr>, Vec<CatchArm>),
     /// How many times more, and the pause before each.
     Retry(u32, Option<Duration>, Box<Expr>),
     /// The outcomes that end it; any other one starts its operand again.
@@ -114,6 +117,16 @@ pub(crate) struct Arm {
     pub(crate) body: Expr,
 }
 
+/// One way on in an `else match`.
+#[derive(Debug)]
+pub(crate) struct CatchArm {
+    /// `else` has none.
+    pub(crate) failure: Option<Failure>,
+    /// Where its cause or text stands.
+    pub(crate) span: Span,
+    pub(crate) body: Expr,
+}
+
 impl Expr {
     /// Whether its direct parts run in parallel.
     pub(crate) fn is_parallel(&self) -> bool {
@@ -121,6 +134,7 @@ impl Expr {
             ExprKind::Concurrent(_)
             | ExprKind::FailFast(_)
             | ExprKind::AnyOf(..)
+            | ExprKind::AtLeast(..)
             | ExprKind::Disable(_)
             | ExprKind::Asynchronous(..) => true,
             ExprKind::Run(..)
@@ -132,6 +146,7 @@ impl Expr {
             | ExprKind::Sequence(_)
             | ExprKind::Conditional(_)
             | ExprKind::Otherwise(_)
+            | ExprKind::Catch(..)
             | ExprKind::Recurrent(..)
             | ExprKind::Retry(..)
             | ExprKind::Repeat(..)
@@ -165,11 +180,13 @@ impl Expr {
             ExprKind::Concurrent(parts)
             | ExprKind::FailFast(parts)
             | ExprKind::AnyOf(_, parts)
+            | ExprKind::AtLeast(_, parts)
             | ExprKind::Disable(parts) => parts.iter().collect(),
             ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
                 parts.iter().take(1).collect()
             }
             ExprKind::Recurrent(part, _)
+            | ExprKind::Catch(part, _)
             | ExprKind::Asynchronous(part, _)
             | ExprKind::Finally(part, _)
             | ExprKind::Retry(_, _, part)
@@ -196,6 +213,7 @@ impl Expr {
             ExprKind::Concurrent(parts)
             | ExprKind::FailFast(parts)
             | ExprKind::AnyOf(_, parts)
+            | ExprKind::AtLeast(_, parts)
             | ExprKind::Disable(parts)
             | ExprKind::Sequence(parts)
             | ExprKind::Conditional(parts)
@@ -209,6 +227,7 @@ impl Expr {
             | ExprKind::Tagged(_, part)
             | ExprKind::With(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
+            ExprKind::Catch(first, arms) => std::iter::once(&**first).chain(arms.iter().map(|arm| &arm.body)).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
             ExprKind::Chart(model) => model.runs.iter().map(|(_, run)| run).collect(),
             ExprKind::Run(..)

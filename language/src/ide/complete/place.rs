@@ -1,6 +1,7 @@
 //! The cursor and its surroundings in the tree.
 
 use super::{Completion, CompletionKind, inside, keywords};
+use crate::automaton::Failure;
 use crate::ide::words::Place;
 use crate::source::Origin;
 use crate::syntax::ast::Node;
@@ -67,6 +68,20 @@ impl Cursor {
     pub(super) fn follows_repeat(&self) -> bool {
         let before = self.parent.syntax().prev_sibling().filter(|node| node.kind() == SyntaxKind::Repeat);
         before.is_some_and(|repeat| repeat.children().all(|part| part.kind() != SyntaxKind::Until))
+    }
+
+    /// The causes of failures that have no arm yet.
+    pub(super) fn causes(&self) -> Vec<Completion> {
+        let Some(node) = self.inside(SyntaxKind::Match) else { return Vec::new() };
+        let given: Vec<String> =
+            node.children_of(SyntaxKind::Arm).filter_map(|arm| arm.names().next()).map(|name| name.text).collect();
+        let open = Failure::WORDS.iter().filter(|(word, _)| given.iter().all(|other| other != word));
+        let offer = |word: &str| {
+            let mut offer = Completion::new(CompletionKind::Keyword, word).documentation("a cause of a failure");
+            offer.snippet = Some(format!("{word} => $0"));
+            offer
+        };
+        open.map(|(word, _)| offer(word)).collect()
     }
 
     /// Whether a statement begins with the word.

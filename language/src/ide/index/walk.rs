@@ -9,7 +9,7 @@ use super::{Index, Kind, Symbol, Tables};
 use crate::check::spec::{Param, Spec, Target};
 use crate::check::{Word, is_sentence_word, words_of};
 use crate::syntax::SyntaxKind::{self, DotDot, Equals, Number};
-use crate::syntax::ast::{Name, Node};
+use crate::syntax::ast::{Name, Node, catches};
 use std::collections::BTreeMap;
 
 /// Adds every reference in the trees.
@@ -69,6 +69,12 @@ impl Walk<'_> {
                 self.instance_name(names.first());
             }
             SyntaxKind::Endpoint => self.endpoint(&names),
+            // The arms of `else match` are causes of failures.
+            SyntaxKind::Match if catches(node) => {
+                let arms = node.children_of(SyntaxKind::Arm);
+                let bodies: Vec<Node> = arms.flat_map(|arm| arm.children().collect::<Vec<_>>()).collect();
+                return bodies.iter().for_each(|body| self.node(body));
+            }
             SyntaxKind::Arm => self.outcome(names.first()),
             SyntaxKind::Until => names.iter().skip(1).for_each(|name| self.outcome(Some(name))),
             SyntaxKind::Using => self.resources(node),

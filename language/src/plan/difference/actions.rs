@@ -1,7 +1,7 @@
 //! Event actions of two plans: whether they mean the same, and the ones that are wanted in the numbers of the plan that runs.
 
 use super::{Arm, DEADLINE, Expression};
-use crate::plan::{StateChart, StateRun};
+use crate::plan::{CatchArm, StateChart, StateRun};
 
 /// The numbers of one running group, by those of the wanted group.
 pub(super) struct GroupNumbers {
@@ -32,6 +32,7 @@ impl GroupNumbers {
             Expression::Concurrent(of) => Expression::Concurrent(all(of)),
             Expression::FailFast(of) => Expression::FailFast(all(of)),
             Expression::AnyOf { count, of } => Expression::AnyOf { count: *count, of: all(of) },
+            Expression::AtLeast { count, of } => Expression::AtLeast { count: *count, of: all(of) },
             Expression::Disable(of) => Expression::Disable(all(of)),
             Expression::Sequence(p, q) => Expression::Sequence(boxed(p), boxed(q)),
             Expression::Conditional(p, q) => Expression::Conditional(boxed(p), boxed(q)),
@@ -50,6 +51,10 @@ impl GroupNumbers {
             Expression::Tagged { tag, of } => Expression::Tagged { tag: tag.clone(), of: boxed(of) },
             Expression::With { given, of } => Expression::With { given: given.clone(), of: boxed(of) },
             Expression::Repeat { until, of } => Expression::Repeat { until: until.clone(), of: boxed(of) },
+            Expression::Catch { of, arms } => {
+                let arm = |arm: &CatchArm| CatchArm { failure: arm.failure.clone(), body: self.expression(&arm.body) };
+                Expression::Catch { of: boxed(of), arms: arms.iter().map(arm).collect() }
+            }
             Expression::Chart(chart) => {
                 let run = |run: &StateRun| StateRun { state: run.state, expression: self.expression(&run.expression) };
                 let runs = chart.runs.iter().map(run).collect();

@@ -1,7 +1,8 @@
 //! A group of which a story tells only the end, and not the events inside.
 
-use crate::simulate::{Simulation, TraceEvent, Transition};
-use std::collections::VecDeque;
+use crate::automaton::Failure;
+use crate::simulate::{GroupEnd, Simulation, TraceEvent, Transition};
+use std::collections::{BTreeSet, VecDeque};
 
 /// So many ways are tried to bring a group to its end.
 const WAYS_MAX: usize = 2000;
@@ -52,12 +53,13 @@ impl Simulation<'_> {
     }
 
     fn has_come(&self, group: usize, goal: &Goal) -> bool {
-        match (self.last_ends.get(&group), goal) {
-            (Some((Transition::Done, tag)), Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
-            (Some((Transition::Aborted(_), _)), Goal::Failed) => true,
-            (Some((Transition::Stopped, _)), Goal::Stopped) => true,
+        let Some(GroupEnd { transition, tag, failure }) = self.last_ends.get(&group) else { return false };
+        match (transition, goal) {
+            (Transition::Done, Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
+            (Transition::Aborted(_), Goal::Failed(wanted)) => wanted.is_none() || failure == wanted,
+            (Transition::Stopped, Goal::Stopped) => true,
             // Its stop came too late: it had ended.
-            (Some((Transition::Done, _)), Goal::Stopped) => self.pending.is_some(),
+            (Transition::Done, Goal::Stopped) => self.pending.is_some(),
             (_, _) => false,
         }
     }
@@ -81,7 +83,12 @@ impl Simulation<'_> {
                 events.push(TraceEvent::Done((*path).to_owned(), None));
             }
         }
-        events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned())));
+        let asked = self.plan.groups.iter().flat_map(|group| group.expression.failures());
+        let asked: BTreeSet<&Failure> =
+            asked.filter(|failure| [Failure::Crash, Failure::HostLost].contains(failure)).collect();
+        for reason in std::iter::once(None).chain(asked.into_iter().map(Some)) {
+            events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned(), reason.cloned())));
+        }
         let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
         let timers = self.timers.values().filter(|timer| is_own(timer.group));
         events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
@@ -101,7 +108,8 @@ impl Simulation<'_> {
 #[derive(Clone, Debug)]
 pub(super) enum Goal {
     Done(Option<String>),
-    Failed,
+    /// For this reason, if it matters.
+    Failed(Option<Failure>),
     Stopped,
 }
 
@@ -111,7 +119,7 @@ impl Goal {
         let is_answer = matches!(event, TraceEvent::Stopped(_) | TraceEvent::Reached(_));
         let is_end = match self {
             Self::Done(_) => matches!(event, TraceEvent::Done(..)),
-            Self::Failed => matches!(event, TraceEvent::Fails(_)),
+            Self::Failed(_) => matches!(event, TraceEvent::Fails(..)),
             Self::Stopped => false,
         };
         is_answer || is_end

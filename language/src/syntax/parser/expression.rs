@@ -289,6 +289,8 @@ impl Parser<'_> {
             }
         } else if self.begins_repeat() {
             self.repeat();
+        } else if self.at_word("at") && self.word(1) == "least" {
+            self.any_of();
         } else if let Some(word) = word {
             match word {
                 "any" => self.any_of(),
@@ -340,9 +342,12 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `any 2 of (a, b, c)`, `any n of (a, b, c)`
+    /// `any 2 of (a, b, c)`, `any n of (a, b, c)`, `at least 2 of (a, b, c)`
     fn any_of(&mut self) {
         self.start(SyntaxKind::AnyOf);
+        if self.at_word("at") {
+            self.bump();
+        }
         self.bump();
         self.count();
         let place = self.after_last();

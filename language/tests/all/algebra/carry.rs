@@ -222,8 +222,11 @@ fn the_state_is_as_if_it_had_always_been_so() {
         let mut other = State::new(&new);
         let mut wrong = Ok(());
         // An operand that has ended keeps its end, even if its place changes afterwards.
-        let joins = |spec: &Spec| any(&spec.term, &|term| matches!(term, Term::Par(_) | Term::Ff(_) | Term::Tag(..)));
-        let joins = joins(&spec) || joins(&next);
+        let joins = |spec: &Spec| {
+            any(&spec.term, &|term| matches!(term, Term::Par(_) | Term::Ff(_) | Term::Least(..) | Term::Tag(..)))
+        };
+        let finishes = |spec: &Spec| any(&spec.term, &|term| matches!(term, Term::Fin(..)));
+        let joins = joins(&spec) || joins(&next) || finishes(&spec) != finishes(&next);
         follow(&old, &word, |state, event, commands, outcome| {
             let itself = carry((&old, state), &old, &NOBODY);
             if outcome.is_none() && itself.as_ref().map(|it| it.state.configuration()) != Ok(state.configuration()) {

@@ -42,6 +42,7 @@ fn operators_without_operands_end_as_their_rules_say() {
     assert_eq!(start(Expression::Concurrent(vec![])).0, done());
     assert_eq!(start(Expression::FailFast(vec![])).0, done());
     assert_eq!(start(Expression::AnyOf { count: 3, of: vec![] }).0, done());
+    assert_eq!(start(Expression::AtLeast { count: 3, of: vec![] }).0, done());
     assert_eq!(start(Expression::Disable(vec![])).0, None);
     let one = Expression::Concurrent(vec![Expression::Never]);
     let kinds = [(Expression::Concurrent(vec![]), false), (one, true), (Expression::Disable(vec![]), true)];

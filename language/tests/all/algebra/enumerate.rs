@@ -1,7 +1,7 @@
 //! All expressions of a given size.
 
 use super::pair::TAGS;
-use super::reference::{Declared, Term};
+use super::reference::{Asked, Declared, Term};
 use super::spec::{Spec, number};
 
 /// The operators of the enumerated expressions.
@@ -9,7 +9,7 @@ use super::spec::{Spec, number};
 pub(crate) enum Operators {
     /// `, ; : # ;;`
     Core,
-    /// And `else`, `finally`, `&`, `any k of`, `match`, `::`.
+    /// And `else`, `else match`, `finally`, `&`, `any k of`, `at least 1 of`, `match`, `::`.
     All,
 }
 
@@ -65,11 +65,13 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
             if operators == Operators::All {
                 all.push(Term::Else(pair().0, pair().1));
                 all.push(Term::Fin(pair().0, pair().1));
+                all.push(Term::Catch(pair().0, vec![(Some(Asked::Busy), *pair().1)]));
             }
         }
         if operators == Operators::All {
             all.push(Term::Ff(operands.clone()));
             all.extend((1..=operands.len()).map(|count| Term::Any(count, operands.clone())));
+            all.push(Term::Least(1, operands.clone()));
             all.push(Term::Match(arms(&operands)));
             all.push(Term::Arec(Box::new(operands[0].clone()), operands[1..].to_vec()));
         }

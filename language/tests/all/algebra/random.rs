@@ -1,7 +1,7 @@
 //! Larger random expressions under random words of events: current, stale and crossing ones, and stops.
 
 use super::pair::{Pair, TAGS, converge};
-use super::reference::{Declared, Event, Term};
+use super::reference::{Asked, Declared, Event, Term};
 use super::spec::{Spec, number};
 use language::algebra::Program;
 use proptest::collection::vec;
@@ -48,6 +48,7 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
         1 => Just(Term::Skip),
         1 => Just(Term::Never),
         1 => Just(Term::Fail("f".into())),
+        1 => Just(Term::Fail("the deadline `x` has passed".into())),
         2 => Just(Term::Wait(0)),
     ];
     leaf.prop_recursive(5, 12, 4, |inner| {
@@ -61,11 +62,13 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
             2 => pair().prop_map(|(e, f)| Term::Fin(e, f)),
             1 => inner.clone().prop_map(|e| Term::Tag(TAGS[0].to_owned(), Box::new(e))),
             2 => (given(), inner.clone()).prop_map(|(value, e)| Term::With(value, Box::new(e))),
+            2 => (inner.clone(), several(), causes(), any::<bool>()).prop_map(|(e, es, causes, has_else)| catch(e, es, &causes, has_else)),
             2 => (1..3_usize, inner.clone()).prop_map(|(k, e)| Term::Repeat(TAGS[..k].iter().map(|&tag| tag.to_owned()).collect(), Box::new(e))),
             3 => several().prop_map(Term::Par),
             3 => several().prop_map(Term::Dis),
             1 => several().prop_map(Term::Ff),
             1 => (several(), 1..5_usize).prop_map(|(es, k)| Term::Any(k.min(es.len()), es)),
+            2 => (several(), 1..5_usize).prop_map(|(es, k)| Term::Least(k.min(es.len()), es)),
             2 => (several(), any::<bool>()).prop_map(|(es, has_else)| Term::Match(arms(es, has_else))),
             2 => several().prop_map(|mut es| Term::Arec(Box::new(es.remove(0)), es)),
             2 => (resources(), inner.clone()).prop_map(|(taken, e)| Term::Using(0, taken, Box::new(e))),
@@ -81,6 +84,31 @@ fn arms(es: Vec<Term>, has_else: bool) -> Vec<(Option<String>, Term)> {
         last.0 = None;
     }
     arms
+}
+
+fn catch(e: Term, es: Vec<Term>, causes: &[Asked], has_else: bool) -> Term {
+    let mut arms: Vec<_> = causes.iter().cloned().map(Some).zip(es).collect();
+    if let (true, Some(last)) = (has_else, arms.last_mut()) {
+        last.0 = None;
+    }
+    Term::Catch(Box::new(e), arms)
+}
+
+/// Different failures, in any order.
+fn causes() -> impl Strategy<Value = Vec<Asked>> {
+    let all = vec![
+        Asked::Reported,
+        Asked::Busy,
+        Asked::Unconfirmed,
+        Asked::ServiceEnded,
+        Asked::NoMatch,
+        Asked::Timeout,
+        Asked::Crash,
+        Asked::HostLost,
+        Asked::Text("f".into()),
+        Asked::Text("a round of a loop took no time".into()),
+    ];
+    proptest::sample::subsequence(all, 1..=4).prop_shuffle()
 }
 
 /// A value without a tag, or with one, which a `match` looks at.
@@ -110,6 +138,14 @@ fn follow(spec: &Spec, word: &[u16]) -> Result<(u64, u64), String> {
     Ok((sent, ended))
 }
 
+/// Reports of failures: nothing, a text, a limit, and the reasons without a text.
+fn reports() -> [Vec<u8>; 10] {
+    let text = |text: &str| [&[u8::try_from(text.len()).expect("a short text")], text.as_bytes()].concat();
+    let marks = [vec![0, 1], vec![0, 2], vec![0, 3], vec![0, 4], vec![0, 5]];
+    let [a, b, c, d, e] = marks;
+    [vec![], b"0".to_vec(), text("f"), text("g"), text("the deadline `x` has passed"), a, b, c, d, e]
+}
+
 /// Most choices move the group on; of 16, one is a stop, two are unexpected events.
 fn choose(pair: &Pair<'_>, choice: usize) -> Event {
     let (kind, which) = (choice % 16, choice / 16);
@@ -125,6 +161,9 @@ fn choose(pair: &Pair<'_>, choice: usize) -> Event {
         && which.is_multiple_of(3)
     {
         value.clear();
+    }
+    if let Event::Aborted(_, _, report) = &mut event {
+        *report = reports()[which % reports().len()].clone();
     }
     event
 }

@@ -1,8 +1,9 @@
 //! An expression with the kinds of its members, and its translation into a plan's group.
 
-use super::reference::{Declared, Term};
+use super::reference::{Asked, Declared, Term};
 use language::algebra::Value;
-use language::plan::{Arm, ConnectionSet, Expression, Given, Group, Member, MemberKind, Supervision};
+use language::automaton::Failure;
+use language::plan::{Arm, CatchArm, ConnectionSet, Expression, Given, Group, Member, MemberKind, Supervision};
 use std::time::Duration;
 
 /// The set that is open for as long as the group runs; member `i` opens set `i`.
@@ -54,6 +55,9 @@ fn expression(term: &Term) -> Expression {
         Term::Else(e, f) => Expression::Otherwise(boxed(e), boxed(f)),
         Term::Par(es) => Expression::Concurrent(all(es)),
         Term::Ff(es) => Expression::FailFast(all(es)),
+        Term::Least(k, es) => {
+            Expression::AtLeast { count: u32::try_from(*k).expect("`at least` of a test is small"), of: all(es) }
+        }
         Term::Any(k, es) => {
             Expression::AnyOf { count: u32::try_from(*k).expect("`any` of a test is small"), of: all(es) }
         }
@@ -67,6 +71,24 @@ fn expression(term: &Term) -> Expression {
         Term::Tag(tag, e) => Expression::Tagged { tag: tag.clone(), of: boxed(e) },
         Term::With(value, e) => {
             Expression::With { given: Given { text: "?".to_owned(), value: Value::new(value) }, of: boxed(e) }
+        }
+        Term::Catch(e, arms) => {
+            let failure = |asked: &Asked| match asked {
+                Asked::Reported => Failure::Reported,
+                Asked::Busy => Failure::Busy,
+                Asked::Unconfirmed => Failure::StopUnconfirmed,
+                Asked::ServiceEnded => Failure::ServiceEnded,
+                Asked::NoMatch => Failure::NoMatch,
+                Asked::Timeout => Failure::Timeout,
+                Asked::Crash => Failure::Crash,
+                Asked::HostLost => Failure::HostLost,
+                Asked::Text(why) => Failure::Failed(why.clone()),
+            };
+            let arm = |(asked, e): &(Option<Asked>, Term)| CatchArm {
+                failure: asked.as_ref().map(failure),
+                body: expression(e),
+            };
+            Expression::Catch { of: boxed(e), arms: arms.iter().map(arm).collect() }
         }
         Term::Repeat(tags, e) => Expression::Repeat { until: tags.clone(), of: boxed(e) },
         Term::Arec(e, fs) => Expression::Asynchronous { source: boxed(e), pool: all(fs) },

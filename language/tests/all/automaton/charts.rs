@@ -174,6 +174,9 @@ impl Maker<'_> {
             Failure::ServiceEnded,
             Failure::Failed("f".into()),
             Failure::NoMatch,
+            Failure::Timeout,
+            Failure::Crash,
+            Failure::HostLost,
         ];
         failures[self.random.below(failures.len())].clone()
     }

@@ -103,8 +103,12 @@ fn ending(random: &mut Random) -> Outcome {
         0..=4 => Outcome::Done(Value::new(b"v")),
         5..=6 => Outcome::Done(Value::tagged(TAGS[random.below(2)], b"v").expect("the tag is short")),
         7 => Outcome::Stopped,
-        8 => aborted(Cause::Reported(Value::new(b"r"))),
+        8 => {
+            let reports = [&b"r"[..], b"\x01f", b"\x00\x01", b"\x00\x04", b"\x00\x05"];
+            aborted(Cause::Reported(Value::new(reports[random.below(reports.len())])))
+        }
         9 => aborted(Cause::Failed("f".into())),
+        10 if random.one_in(3) => aborted(Cause::Failed("the deadline `a within 1 s` in line 1 has passed".into())),
         10 => aborted([Cause::Busy, Cause::NoMatch, Cause::ServiceEnded][random.below(3)].clone()),
         _ => aborted(Cause::StopUnconfirmed),
     }

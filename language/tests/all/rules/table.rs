@@ -171,6 +171,52 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
         ],
     ),
     (
+        "`P else match { ... }`",
+        "P done(v): done(v). No arm starts.",
+        &["P else match { reported => Q, else => R } | start s: P(s) | P done v: done(v)"],
+    ),
+    (
+        "`P else match { ... }`",
+        "P aborted(r): the first arm that names this reason starts with r, as text. Its outcome is the outcome.",
+        &[
+            "P else match { reported => Q, crash => R } | start s: P(s) | P crash: R(crash) | R abort r: aborted(r)",
+            "P else match { crash => Q, host_lost => R } | start s: P(s) | P host_lost: R(host lost)",
+            "(P , Q) else match { crash => R, reported => skip } | start s: P(s), Q(s) | P crash: | Q abort r: R(crash)",
+            "(S , P) else match { reported => R } | start s: S(s), P(s) | P abort r: stop S | S stopped: R(r)",
+            "(S , P) else match { crash => Q } | start s: S(s), P(s) | S crash: stop P | P stopped: Q(crash)",
+            "(P & Q) else match { crash => R } | start s: P(s), Q(s) | P crash: stop Q | Q abort r: R(crash)",
+            "(P # Q) else match { crash => R } | start s: P(s), Q(s) | Q crash: stop P | P stopped: R(crash)",
+            "(any 2 of (P, Q)) else match { crash => R } | start s: P(s), Q(s) | P crash: stop Q | Q stopped: R(crash)",
+            "(P ; Q) else match { crash => R } | start s: P(s) | P done v: Q() | Q crash: R(crash)",
+            "(P else Q) else match { crash => R } | start s: P(s) | P abort r: Q(r) | Q crash: R(crash)",
+            "retry(1) P else match { crash => R } | start s: P(s) | P abort r: P(r) | P crash: R(crash)",
+            "(P finally Q) else match { crash => R } | start s: P(s) | P crash: Q() | Q abort r: R(crash)",
+            "P within d else match { timeout => R, else => Q } | start s: P(s) | P crash: Q(crash)",
+            "P within d else match { timeout => skip } | start s: P(s) | time: stop P | P stopped: done()",
+            "P within d else match { timeout => R, stop_unconfirmed => skip } | start s: P(s) | time: stop P | P unconfirmed: done()",
+            "P else match { busy => Q, reported => R } | start s: P(s) | P abort r: R(r) | R done w: done(w)",
+            "(P ; fail(\"no\")) else match { \"no\" => Q, else => R } | start s: P(s) | P done v: Q(no) | Q abort q: aborted(q)",
+            "S else match { service_ended => Q, else => R } | start s: S(s) | S done v: Q(service ended)",
+            "(M : match { t => P, else => fail(\"no\") }) else match { \"yes\" => Q, \"no\" => R } | start s: M(s) | M done u:v: R(no)",
+        ],
+    ),
+    (
+        "`P else match { ... }`",
+        "No arm names it: the arm `else` starts. Without `else` the failure stays: aborted(r).",
+        &[
+            "P else match { busy => Q, else => R } | start s: P(s) | P abort r: R(r)",
+            "P else match { busy => Q, timeout => R } | start s: P(s) | P abort r: aborted(r)",
+        ],
+    ),
+    (
+        "`P else match { ... }`",
+        "A stop goes to the one that runs.",
+        &[
+            "P else match { reported => Q } | start s: P(s) | stop: stop P | P abort r: stopped",
+            "P else match { reported => Q } | start s: P(s) | P abort r: Q(r) | stop: stop Q | Q done w: stopped",
+        ],
+    ),
+    (
         "`P finally Q`",
         "P has ended: Q starts, with nothing. Q done: the outcome is that of P.",
         &[
@@ -289,6 +335,24 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
         "Any ... of",
         "So many have failed that k can no longer be done: the others are stopped; then aborted(r) with the first failure.",
         &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: stop R | R stopped: aborted(q)"],
+    ),
+    (
+        "At least ... of",
+        "All of them have ended, and k or more are done: done, with nothing.",
+        &[
+            "at least 1 of (P, Q, R) | start s: P(s), Q(s), R(s) | P done x: | Q abort q: | R done z: done()",
+            "at least 2 of (P, Q) | start s: P(s), Q(s) | P done x: | Q done y: done()",
+        ],
+    ),
+    (
+        "At least ... of",
+        "All of them have ended, and fewer than k are done: aborted(r) with the first failure.",
+        &["at least 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: | R done z: aborted(q)"],
+    ),
+    (
+        "At least ... of",
+        "A stop goes to all that run.",
+        &["at least 1 of (P, Q) | start s: P(s), Q(s) | P done x: | stop: stop Q | Q stopped: stopped"],
     ),
     (
         "Constants",

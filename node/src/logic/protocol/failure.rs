@@ -3,6 +3,9 @@
 use super::Estop;
 use crate::logic::printable::printable;
 use crate::logic::table::counted;
+use language::algebra::Value;
+use language::automaton::Failure as Reason;
+use language::plan::{LeafKind, Plan};
 use serde::{Deserialize, Serialize};
 use shim::protocol::{EndReason, LimitKind, ShimReport};
 use std::fmt;
@@ -18,6 +21,14 @@ pub struct Failure {
     /// Time since GO.
     #[serde(with = "comms::logic::human::seconds")]
     pub at: Duration,
+}
+
+impl Failure {
+    /// Returns the report of the failure to the supervisor around the process.
+    pub fn report(&self, plan: &Plan) -> Value {
+        let is_plain = plan.leaves.iter().any(|leaf| leaf.kind == LeafKind::Plain && leaf.path == self.origin);
+        self.cause.reason(is_plain).report()
+    }
 }
 
 impl fmt::Display for Failure {
@@ -121,6 +132,8 @@ pub enum FailureCause {
     StoppedAway(String),
     /// The program was stopped, and work outside of it may go on: in the program's own words.
     MayGoOn(String),
+    /// No arm of a `match` has the outcome.
+    NoMatch,
 }
 
 /// How a program ended.
@@ -156,6 +169,39 @@ impl FailureCause {
             (None, shim::protocol::ProgramEnd::Exit(code)) => Self::Exit(code),
             (None, shim::protocol::ProgramEnd::Signal(signal)) => Self::Signal(signal),
         })
+    }
+
+    /// Returns the reason that an activity and an `else match` see. `is_plain` says whether it began with a plain program,
+    /// which reports a failure by its exit code.
+    pub fn reason(&self, is_plain: bool) -> Reason {
+        match self {
+            Self::Reported(_) => Reason::Reported,
+            Self::Exit(_) | Self::Program { end: ProgramEnd::Exit(_), restarts: 0, .. } if is_plain => Reason::Reported,
+            Self::Signal(_)
+            | Self::Exit(_)
+            | Self::Program { .. }
+            | Self::Exec(_)
+            | Self::NotAvailable(_)
+            | Self::Exhausted { .. }
+            | Self::Watchdog(_)
+            | Self::StartTimeout(_)
+            | Self::AgentLost
+            | Self::OutOfMemory(_)
+            | Self::Limit { .. }
+            | Self::Intensity { .. }
+            | Self::Ended { .. }
+            | Self::DeviceHeld { .. } => Reason::Crash,
+            Self::HostLost(_) => Reason::HostLost,
+            Self::Busy => Reason::Busy,
+            Self::ServiceEnded => Reason::ServiceEnded,
+            Self::NoMatch => Reason::NoMatch,
+            Self::Failed(text) => Reason::Failed(text.clone()),
+            Self::StopUnconfirmed | Self::HostLostStopping(_) | Self::MayGoOn(_) => Reason::StopUnconfirmed,
+            // These end a whole deployment, so no supervisor hears of them.
+            Self::Preempted(_) | Self::Estop(_) | Self::Rebooted | Self::Restarted | Self::StoppedAway(_) => {
+                Reason::Reported
+            }
+        }
     }
 
     /// Returns whether it, or something that it has begun, may still be running.
@@ -203,6 +249,7 @@ impl fmt::Display for FailureCause {
             Self::NotAvailable(text) => write!(f, "was not there any more: {}", printable(text)),
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
+            Self::NoMatch => f.write_str("no arm of `match` has this outcome"),
             Self::StopUnconfirmed => f.write_str("its stop could not be confirmed"),
             Self::MayGoOn(what) => write!(f, "its stop could not be confirmed: {}", printable(what)),
             Self::Exhausted { last, restarts } => {

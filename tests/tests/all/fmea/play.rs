@@ -132,7 +132,7 @@ pub(crate) fn crash(cluster: &Cluster, program: &str, signal: Signal) {
 fn unconfirmed(game: &Game<'_>, cluster: &Cluster, mission: Program) {
     let Some(freezer) = Freezer::new() else { return };
     let (row, program) = (game.row, game.row.program.as_deref().expect("a row of a program"));
-    let is_cause = |event: &TraceEvent| matches!(event, TraceEvent::Done(..) | TraceEvent::Fails(_));
+    let is_cause = |event: &TraceEvent| matches!(event, TraceEvent::Done(..) | TraceEvent::Fails(..));
     let cause = row.before.iter().rposition(is_cause).expect("something makes it stop");
     game.before(&row.before[..cause]);
     wait_until(SOON, || game.fakes.active().iter().any(|path| path == program)).expect("it runs");
@@ -162,7 +162,7 @@ impl Game<'_> {
                     wait_until(SOON, has_stopped).unwrap_or_else(|| panic!("{}: `{path}` goes on", self.row.name));
                 }
                 TraceEvent::Stop
-                | TraceEvent::Fails(_)
+                | TraceEvent::Fails(..)
                 | TraceEvent::Elapsed(..)
                 | TraceEvent::Struck(..)
                 | TraceEvent::Dies(_)

@@ -1,10 +1,11 @@
 //! The consequences of losing a host: nodes note it, programs stop or go on, supervisors give up unreachable members.
 
-use super::super::reaction::Blow;
+use super::super::reaction::{Blow, failed};
 use super::super::{Frame, Label, Occupant, System, small};
 use super::{FENCED, GONE, HELD, LEFT, LossKind, NOTED, ORPHAN, UNREACHED, WAITS};
 use crate::system::MemberRef;
 use language::algebra::Activity;
+use language::automaton::Failure;
 use language::plan::LinkLoss;
 use std::collections::VecDeque;
 
@@ -59,7 +60,7 @@ impl System<'_> {
         };
         if self.is_out(frame, rift.seats[unit][member as usize]) {
             // The node has left: it answers that there is nothing to start.
-            self.send_end(frame, seat, &super::super::reaction::failed());
+            self.send_end(frame, seat, &failed(&Failure::Crash));
             return false;
         }
         let is_given_up = frame.states[unit].activity(member) == Activity::Idle;

@@ -265,9 +265,12 @@ impl<'t> Tableau<'t> {
                 let bytes = Value::tagged(tag, &[]).expect("a short tag").bytes().to_vec();
                 !edge.was_stopping && edge.what == Move::Leaf(Event::Done(*who, bytes))
             }),
-            Atom::Aborted(who) => event(&|edge| edge.what == Move::Leaf(Event::Aborted(*who))),
+            Atom::Aborted(who) => event(&|edge| {
+                edge.what == Move::Leaf(Event::Aborted(*who))
+                    || matches!(&edge.what, Move::Leaf(Event::Failed(of, _)) if of == who)
+            }),
             Atom::Ended(who) => event(
-                &|edge| matches!(&edge.what, Move::Leaf(Event::Done(of, _) | Event::Aborted(of) | Event::Stopped(of)) if of == who),
+                &|edge| matches!(&edge.what, Move::Leaf(Event::Done(of, _) | Event::Aborted(of) | Event::Failed(of, _) | Event::Stopped(of)) if of == who),
             ),
             Atom::AllDone => edge.is_some() && matches!(seen.ended, Some(Outcome::Done(_))),
             Atom::AllAborted => edge.is_some() && matches!(seen.ended, Some(Outcome::Aborted(_))),

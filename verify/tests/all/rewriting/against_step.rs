@@ -4,6 +4,7 @@ use super::random::{Dice, TAGS, Taste, group};
 use super::rules::{Event, Order, Reference};
 use super::term::{Left, Outcome, Why};
 use language::algebra::{self, Activation, Activity, Cause, Command, Program, State, Value, step};
+use language::automaton::Failure;
 use language::plan::Group;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -73,6 +74,10 @@ impl Pair {
             Event::Aborted(member) => {
                 algebra::Event::Aborted { member, activation: number(&self.members, member), report: Value::EMPTY }
             }
+            Event::Failed(member, reason) => {
+                let report = reason.report();
+                algebra::Event::Aborted { member, activation: number(&self.members, member), report }
+            }
             Event::Stopped(member) => algebra::Event::Stopped { member, activation: number(&self.members, member) },
             Event::Unconfirmed(member) => {
                 algebra::Event::StopUnconfirmed { member, activation: number(&self.members, member) }
@@ -87,7 +92,8 @@ impl Pair {
         let members = u32::try_from(source.members.len()).expect("few members");
         let mut all = Vec::new();
         for member in 0..members {
-            let answers = [Event::Done(member, value(dice).bytes().to_vec()), Event::Aborted(member)];
+            let fails = if dice.one_in(3) { Event::Failed(member, Failure::Crash) } else { Event::Aborted(member) };
+            let answers = [Event::Done(member, value(dice).bytes().to_vec()), fails];
             match self.state.activity(member) {
                 Activity::Active if dice.one_in(12) => all.extend([Event::Stopped(member), Event::Unconfirmed(member)]),
                 Activity::Active => all.extend(answers),
@@ -173,6 +179,9 @@ fn is_outcome(ours: &Outcome, theirs: &algebra::Outcome) -> bool {
         (Outcome::Killed, algebra::Outcome::Stopped) => true,
         (Outcome::Aborted(why), algebra::Outcome::Aborted(reason)) => match (why, &reason.cause) {
             (Why::Reported(member, report), Cause::Reported(of_step)) => reason.member == *member && report == of_step,
+            (Why::Given(member, given), Cause::Reported(of_step)) => {
+                reason.member == Some(*member) && *of_step == given.report()
+            }
             (Why::Busy(member), Cause::Busy)
             | (Why::Unconfirmed(member), Cause::StopUnconfirmed)
             | (Why::ServiceEnded(member), Cause::ServiceEnded)

@@ -1,8 +1,8 @@
 //! The completion functions: what the outcome of an operand does to its operator, after a start and after an event
 //! alike.
 
-use super::rules::{Event, Next, Order, Reference, note, tagged};
-use super::term::{Conf, Expr, Left, Outcome, Pool, Slots, Why};
+use super::rules::{Event, Next, Order, Reference, is_for, note, tagged};
+use super::term::{CatchArms, Conf, Expr, Left, Outcome, Pool, Slots, Why};
 use std::rc::Rc;
 
 /// Which of `,` `&` and `any`.
@@ -11,6 +11,7 @@ pub(crate) enum Join {
     All,
     Each,
     Count(usize),
+    Least(usize),
 }
 
 impl Reference {
@@ -62,6 +63,19 @@ impl Reference {
         }
     }
 
+    /// CATCH
+    pub(crate) fn catch(&mut self, next: Next, arms: &CatchArms) -> Next {
+        let why = match next {
+            Ok(conf) => return Ok(Conf::Catch(conf.into(), arms.clone())),
+            Err(Outcome::Aborted(why)) => why,
+            Err(outcome) => return Err(outcome),
+        };
+        match arms.iter().find(|(failure, _)| failure.as_ref().is_none_or(|failure| is_for(failure, &why))) {
+            Some((_, body)) => self.start(body, Left::ReasonText),
+            None => Err(Outcome::Aborted(why)),
+        }
+    }
+
     /// REPEAT. Loops that take no time are not among the random expressions.
     pub(crate) fn round(&mut self, next: Next, until: &[String], of: &Rc<Expr>) -> Next {
         match next {
@@ -96,6 +110,9 @@ impl Reference {
                 Some(&first) if slots.slots.len() - slots.aborts.len() < count => self.drain_slots(first, slots),
                 Some(_) | None => Ok(Conf::Any(count, slots)),
             },
+            Join::Least(least) if slots.slots.iter().any(Result::is_ok) => Ok(Conf::Least(least, slots)),
+            Join::Least(count) if slots.dones.len() >= count => Err(Outcome::Done(Left::NOTHING)),
+            Join::Least(_) => self.drain_slots(slots.aborts[0], slots),
         }
     }
 
@@ -282,6 +299,7 @@ impl Reference {
             Conf::Par(slots) => self.slot(slots, Join::All, act, is_it),
             Conf::And(slots) => self.slot(slots, Join::Each, act, is_it),
             Conf::Any(count, slots) => self.slot(slots, Join::Count(count), act, is_it),
+            Conf::Least(count, slots) => self.slot(slots, Join::Least(count), act, is_it),
             Conf::Dis(mut of) => {
                 let at = of.iter().position(is_it).expect("the part is in one operand");
                 let part = of.remove(at);
@@ -312,14 +330,18 @@ impl Reference {
                 let next = act(self, *c);
                 self.using(number, next)
             }
-            Conf::Fin2(outcome, c) => match act(self, *c) {
-                Ok(c) => Ok(Conf::Fin2(outcome, c.into())),
-                Err(of_q) => Err(fin2(outcome, of_q)),
-            },
-            Conf::As(tag, c) => match act(self, *c) {
-                Ok(c) => Ok(Conf::As(tag, c.into())),
-                Err(outcome) => Err(tagged(&tag, outcome)),
-            },
+            Conf::Fin2(outcome, c) => {
+                let next = act(self, *c).map(|c| Conf::Fin2(outcome.clone(), c.into()));
+                next.map_err(|of_q| fin2(outcome, of_q))
+            }
+            Conf::As(tag, c) => {
+                let next = act(self, *c).map(|c| Conf::As(tag.clone(), c.into()));
+                next.map_err(|outcome| tagged(&tag, outcome))
+            }
+            Conf::Catch(c, arms) => {
+                let next = act(self, *c);
+                self.catch(next, &arms)
+            }
             Conf::Repeat(until, c, of) => {
                 let next = act(self, *c);
                 self.round(next, &until, &of)
@@ -376,7 +398,7 @@ fn concerns(conf: &Conf, event: &Event) -> bool {
         (Conf::Active(own, _) | Conf::Stopping(own, _), Event::Done(member, _)) => own == member,
         (
             Conf::Active(own, _) | Conf::Stopping(own, _),
-            Event::Aborted(member) | Event::Stopped(member) | Event::Unconfirmed(member),
+            Event::Aborted(member) | Event::Failed(member, _) | Event::Stopped(member) | Event::Unconfirmed(member),
         ) => own == member,
         (Conf::Timer(own) | Conf::ShieldK(Some(own), _), Event::Elapsed(timer)) => own == timer,
         _ => false,

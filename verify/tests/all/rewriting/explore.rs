@@ -3,6 +3,7 @@
 use super::rules::{Event, Order, Reference};
 use super::term::{Conf, Outcome};
 use language::algebra::Value;
+use language::automaton::Failure;
 use language::plan::Group;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
@@ -110,6 +111,10 @@ fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), st
         }
         if aborts {
             all.push(Move::Leaf(Event::Aborted(member)));
+            let asked = group.expression.failures();
+            if asked.contains(&&Failure::Crash) || asked.contains(&&Failure::Reported) {
+                all.push(Move::Leaf(Event::Failed(member, Failure::Crash)));
+            }
         }
     }
     all.extend(seen.stopping.iter().map(|&member| Move::Leaf(Event::Stopped(member))));
@@ -146,9 +151,11 @@ fn gather(conf: &Conf, seen: &mut Seen) {
 
 fn is_of_stopping(seen: &Seen, event: &Event) -> bool {
     match event {
-        Event::Done(member, _) | Event::Aborted(member) | Event::Stopped(member) | Event::Unconfirmed(member) => {
-            seen.stopping.contains(member)
-        }
+        Event::Done(member, _)
+        | Event::Aborted(member)
+        | Event::Failed(member, _)
+        | Event::Stopped(member)
+        | Event::Unconfirmed(member) => seen.stopping.contains(member),
         Event::Elapsed(_) => false,
     }
 }
@@ -156,7 +163,7 @@ fn is_of_stopping(seen: &Seen, event: &Event) -> bool {
 impl Edge {
     /// Whether it takes neither a failure nor a stop of the whole.
     pub(crate) fn is_natural(&self) -> bool {
-        !matches!(self.what, Move::Stop | Move::Leaf(Event::Aborted(_)))
+        !matches!(self.what, Move::Stop | Move::Leaf(Event::Aborted(_) | Event::Failed(..)))
     }
 
     /// Whether a member is done by it.

@@ -12,9 +12,10 @@ mod loss;
 use super::explore::armed;
 use super::graph::{Edge, Graph, Kind, Seat, Seen};
 use super::rules::{Event, Order, Reference};
-use super::term::{Conf, Left, Outcome};
+use super::term::{Conf, Left, Outcome, Why};
 use language::algebra::Value;
-use language::plan::{MemberKind, Plan};
+use language::automaton::Failure;
+use language::plan::{DEADLINE, MemberKind, Plan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::rc::Rc;
 
@@ -30,7 +31,7 @@ pub(crate) type Tags = BTreeMap<Seat, Vec<String>>;
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum End {
     Done(Vec<u8>),
-    Failed,
+    Failed(Failure),
     Stopped,
 }
 
@@ -119,7 +120,7 @@ fn explore_from(first: World<'_>, tags: &Tags) -> Option<Graph> {
             return None;
         }
         for what in world.moves(state, tags) {
-            let is_natural = !matches!(what, Move::Stop | Move::Ends(_, End::Failed));
+            let is_natural = !matches!(what, Move::Stop | Move::Ends(_, End::Failed(_)));
             let mut next = world.clone();
             next.happens(what);
             let happened = std::mem::take(&mut next.happened);
@@ -258,7 +259,11 @@ impl<'p> World<'p> {
                 continue;
             }
             if !is_calm {
-                all.push(Move::Ends(seat, End::Failed));
+                all.push(Move::Ends(seat, End::Failed(Failure::Reported)));
+                let mut asked = self.plan.groups.iter().flat_map(|group| group.expression.failures());
+                if asked.any(|failure| [Failure::Crash, Failure::Reported].contains(failure)) {
+                    all.push(Move::Ends(seat, End::Failed(Failure::Crash)));
+                }
             }
             if self.plan.groups[seat.0 as usize].members[seat.1 as usize].service {
                 continue;
@@ -396,7 +401,7 @@ impl<'p> World<'p> {
         let end = match outcome {
             Outcome::Done(Left::Value(value)) => End::Done(value.bytes().to_vec()),
             Outcome::Done(Left::ReasonText) => End::Done(Vec::new()),
-            Outcome::Aborted(_) => End::Failed,
+            Outcome::Aborted(why) => End::Failed(reason(&why)),
             Outcome::Killed => End::Stopped,
         };
         match self.seat_of(group) {
@@ -417,15 +422,30 @@ impl<'p> World<'p> {
 fn kind(end: &End) -> Kind {
     match end {
         End::Done(_) => Kind::Done,
-        End::Failed => Kind::Failed,
+        End::Failed(_) => Kind::Failed,
         End::Stopped => Kind::Stopped,
+    }
+}
+
+/// The reason that a group hands on.
+fn reason(why: &Why) -> Failure {
+    match why {
+        Why::Reported(..) | Why::Left(_) => Failure::Reported,
+        Why::Given(_, reason) => reason.clone(),
+        Why::Busy(_) => Failure::Busy,
+        Why::Unconfirmed(_) => Failure::StopUnconfirmed,
+        Why::ServiceEnded(_) => Failure::ServiceEnded,
+        Why::Failed(why) if why.starts_with(DEADLINE) => Failure::Timeout,
+        Why::Failed(why) => Failure::Failed(why.clone()),
+        Why::NoMatch => Failure::NoMatch,
     }
 }
 
 fn event(slot: u32, end: End) -> Event {
     match end {
         End::Done(bytes) => Event::Done(slot, bytes),
-        End::Failed => Event::Aborted(slot),
+        End::Failed(Failure::Reported) => Event::Aborted(slot),
+        End::Failed(reason) => Event::Failed(slot, reason),
         End::Stopped => Event::Stopped(slot),
     }
 }

@@ -6,6 +6,7 @@
 //! their stop is not confirmed.
 
 use super::{Event, Move, Seat, Work, World};
+use language::automaton::Failure;
 use language::plan::MemberKind;
 use std::collections::BTreeSet;
 
@@ -117,7 +118,7 @@ impl World<'_> {
     pub(super) fn gives_up(&self, (group, slot): Seat) -> Option<Work> {
         let event = match self.is_being_stopped((group, slot))? {
             true => Event::Unconfirmed(slot),
-            false => Event::Aborted(slot),
+            false => Event::Failed(slot, Failure::HostLost),
         };
         Some(Work::Happen(group, event))
     }

@@ -1,6 +1,7 @@
 //! Random small groups, from a seed.
 
-use language::plan::{Arm, Expression, Given, Group, Member, MemberKind, Supervision, text_value};
+use language::automaton::Failure;
+use language::plan::{Arm, CatchArm, Expression, Given, Group, Member, MemberKind, Supervision, text_value};
 use std::time::Duration;
 
 /// The tags that modules of random groups end with.
@@ -88,7 +89,7 @@ impl Maker<'_> {
         if size <= 1 {
             return self.leaf();
         }
-        match self.dice.below(27) {
+        match self.dice.below(31) {
             0..=2 => Expression::Concurrent(self.operands(size)),
             3 => Expression::FailFast(self.operands(size)),
             4 | 5 => {
@@ -104,6 +105,12 @@ impl Maker<'_> {
             16 | 17 => self.two(size, Expression::Finally),
             18 => self.matching(size),
             25 | 26 => self.repeat(size),
+            27 | 28 => self.catch(size),
+            29 | 30 => {
+                let of = self.operands(size);
+                let count = 1 + self.dice.below(u32::try_from(of.len()).expect("a short list"));
+                Expression::AtLeast { count, of }
+            }
             19 => {
                 let bound = self.dice.one_in(2).then(|| self.time());
                 Expression::Shield { bound, of: Box::new(self.expression(size - 1)) }
@@ -212,6 +219,29 @@ impl Maker<'_> {
             Arm { tag: if self.dice.one_in(3) { None } else { Some(TAGS[1].to_owned()) }, body: self.leaf() },
         ];
         Expression::Conditional(Box::new(before), Box::new(Expression::Match(arms)))
+    }
+
+    /// An operand with one to three arms for its failures, perhaps with `else`.
+    fn catch(&mut self, size: u32) -> Expression {
+        let of = Box::new(self.expression(size - 1));
+        let mut failures = vec![
+            Failure::Reported,
+            Failure::Busy,
+            Failure::StopUnconfirmed,
+            Failure::ServiceEnded,
+            Failure::NoMatch,
+            Failure::Crash,
+            Failure::Failed("broken".to_owned()),
+        ];
+        let mut arms = Vec::new();
+        for _ in 0..=self.dice.below(3) {
+            let at = self.dice.below(u32::try_from(failures.len()).expect("a short list"));
+            arms.push(CatchArm { failure: Some(failures.remove(at as usize)), body: self.leaf() });
+        }
+        if self.dice.one_in(3) {
+            arms.push(CatchArm { failure: None, body: self.leaf() });
+        }
+        Expression::Catch { of, arms }
     }
 
     /// A process, or a race, until it ends with one tag, or with one of two.

@@ -7,7 +7,8 @@
 use super::completion::Join;
 use super::term::{Conf, Expr, Kind, Left, Outcome, Pool, Slots, Why, expression, is_endless};
 use language::algebra::Value;
-use language::plan::Group;
+use language::automaton::Failure;
+use language::plan::{DEADLINE, Group};
 use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
@@ -31,6 +32,8 @@ pub(crate) enum Order {
 pub(crate) enum Event {
     Done(u32, Vec<u8>),
     Aborted(u32),
+    /// For a reason other than its own report.
+    Failed(u32, Failure),
     Stopped(u32),
     Unconfirmed(u32),
     Elapsed(u32),
@@ -144,6 +147,7 @@ impl Reference {
             Kind::Par(of) => self.start_all(of, &value, Join::All),
             Kind::And(of) => self.start_all(of, &value, Join::Each),
             Kind::Any(count, of) => self.start_all(of, &value, Join::Count(*count)),
+            Kind::Least(count, of) => self.start_all(of, &value, Join::Least(*count)),
             Kind::Dis(of) => self.start_dis(of, &value),
             Kind::Seq(p, q) => {
                 self.start(p, value).map_or_else(|o| self.seq(o, q), |c| Ok(Conf::Seq(c.into(), Rc::clone(q))))
@@ -167,6 +171,10 @@ impl Reference {
             Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
             // The outcome is that of P, so nothing of `with` is left once P runs.
             Kind::With(value, of) => self.start(of, Left::Value(value.clone())),
+            Kind::Catch(of, arms) => {
+                let next = self.start(of, value);
+                self.catch(next, arms)
+            }
             Kind::Repeat(until, of) => {
                 let next = self.start(of, value);
                 self.round(next, until, of)
@@ -249,10 +257,13 @@ impl Reference {
     pub(crate) fn leaf(&mut self, is_stopping: bool, (member, sets): (u32, Vec<u32>), event: &Event) -> Next {
         let outcome = match event {
             Event::Unconfirmed(_) => Outcome::Aborted(Why::Unconfirmed(member)),
-            Event::Done(..) | Event::Aborted(_) | Event::Stopped(_) if is_stopping => Outcome::Killed,
+            Event::Done(..) | Event::Aborted(_) | Event::Failed(..) | Event::Stopped(_) if is_stopping => {
+                Outcome::Killed
+            }
             Event::Done(..) if is_endless(&self.group, member) => Outcome::Aborted(Why::ServiceEnded(member)),
             Event::Done(_, bytes) => Outcome::Done(Left::Value(Value::new(bytes))),
             Event::Aborted(_) => Outcome::Aborted(Why::Reported(Some(member), Value::EMPTY)),
+            Event::Failed(_, reason) => Outcome::Aborted(Why::Given(member, reason.clone())),
             Event::Stopped(_) => Outcome::Aborted(Why::Left(member)),
             Event::Elapsed(_) => panic!("the event of a timer at a leaf"),
         };
@@ -263,6 +274,21 @@ impl Reference {
 
     pub(crate) fn release(&mut self, number: usize) {
         self.held.retain(|(holder, _)| *holder != number);
+    }
+}
+
+/// Whether an arm of `else match` takes a failure.
+pub(crate) fn is_for(failure: &Failure, why: &Why) -> bool {
+    match (failure, why) {
+        (Failure::Reported, Why::Reported(_, _) | Why::Left(_))
+        | (Failure::Busy, Why::Busy(_))
+        | (Failure::StopUnconfirmed, Why::Unconfirmed(_))
+        | (Failure::ServiceEnded, Why::ServiceEnded(_))
+        | (Failure::NoMatch, Why::NoMatch) => true,
+        (failure, Why::Given(_, given)) => failure == given,
+        (Failure::Failed(text), Why::Failed(why)) => text == why,
+        (Failure::Timeout, Why::Failed(why)) => why.starts_with(DEADLINE),
+        (_, _) => false,
     }
 }
 

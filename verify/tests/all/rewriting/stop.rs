@@ -24,8 +24,12 @@ impl Reference {
             | Conf::Rec1(c, ..)
             | Conf::Rec2(c, ..)
             | Conf::As(_, c)
-            | Conf::Repeat(_, c, _) => self.stop(*c),
-            Conf::Par(Slots { slots, .. }) | Conf::And(Slots { slots, .. }) | Conf::Any(_, Slots { slots, .. }) => {
+            | Conf::Repeat(_, c, _)
+            | Conf::Catch(c, _) => self.stop(*c),
+            Conf::Par(Slots { slots, .. })
+            | Conf::And(Slots { slots, .. })
+            | Conf::Any(_, Slots { slots, .. })
+            | Conf::Least(_, Slots { slots, .. }) => {
                 self.drain(Outcome::Killed, slots.into_iter().filter_map(Result::ok).collect())
             }
             Conf::Dis(of) => self.drain(Outcome::Killed, of),
@@ -85,9 +89,9 @@ impl Conf {
         match self {
             Self::Active(..) | Self::Stopping(..) | Self::Never | Self::Timer(_) | Self::Waiting(..) => Vec::new(),
             Self::Seq(c, _) | Self::Cond(c, _) | Self::Else(c, _) | Self::Fin1(c, _) => vec![c],
-            Self::Rec1(c, ..) | Self::Rec2(c, ..) | Self::Repeat(_, c, _) => vec![c],
+            Self::Rec1(c, ..) | Self::Rec2(c, ..) | Self::Repeat(_, c, _) | Self::Catch(c, _) => vec![c],
             Self::Shield(_, c) | Self::ShieldK(_, c) | Self::Using(_, c) | Self::Fin2(_, c) | Self::As(_, c) => vec![c],
-            Self::Par(slots) | Self::And(slots) | Self::Any(_, slots) => {
+            Self::Par(slots) | Self::And(slots) | Self::Any(_, slots) | Self::Least(_, slots) => {
                 slots.slots.iter().filter_map(|slot| slot.as_ref().ok()).collect()
             }
             Self::Dis(of) | Self::Drain(_, of) => of.iter().collect(),

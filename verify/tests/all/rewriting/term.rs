@@ -1,6 +1,7 @@
 //! The terms of the reference: static expressions, configurations, outcomes. See `rules` for their meaning.
 
 use language::algebra::Value;
+use language::automaton::Failure;
 use language::plan::{Expression, Group, MemberKind};
 use std::rc::Rc;
 use std::time::Duration;
@@ -32,6 +33,7 @@ impl Left {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Why {
     Reported(Option<u32>, Value),
+    Given(u32, Failure),
     Busy(u32),
     Unconfirmed(u32),
     ServiceEnded(u32),
@@ -74,6 +76,7 @@ pub(crate) enum Kind {
     Par(Vec<Rc<Expr>>),
     And(Vec<Rc<Expr>>),
     Any(usize, Vec<Rc<Expr>>),
+    Least(usize, Vec<Rc<Expr>>),
     Dis(Vec<Rc<Expr>>),
     Seq(Rc<Expr>, Rc<Expr>),
     Cond(Rc<Expr>, Rc<Expr>),
@@ -88,6 +91,7 @@ pub(crate) enum Kind {
     As(String, Rc<Expr>),
     With(Value, Rc<Expr>),
     Repeat(Vec<String>, Rc<Expr>),
+    Catch(Rc<Expr>, CatchArms),
 }
 
 /// A configuration: the running part of a term.
@@ -105,6 +109,7 @@ pub(crate) enum Conf {
     Par(Slots),
     And(Slots),
     Any(usize, Slots),
+    Least(usize, Slots),
     Dis(Vec<Self>),
     Drain(Outcome, Vec<Self>),
     Shield(Option<(u32, Duration)>, Box<Self>),
@@ -117,7 +122,11 @@ pub(crate) enum Conf {
     Fin2(Outcome, Box<Self>),
     As(String, Box<Self>),
     Repeat(Vec<String>, Box<Self>, Rc<Expr>),
+    Catch(Box<Self>, CatchArms),
 }
+
+/// The arms of an `else match`; `else` has no failure.
+pub(crate) type CatchArms = Vec<(Option<Failure>, Rc<Expr>)>;
 
 /// The operands of `,` `&` and `any`.
 #[derive(Clone, Debug)]
@@ -166,6 +175,7 @@ fn build(source: &Expression, group: &Group, numbers: &mut Numbers) -> Rc<Expr> 
         Expression::Concurrent(of) => Kind::Par(all(of, group, numbers)),
         Expression::FailFast(of) => Kind::And(all(of, group, numbers)),
         Expression::AnyOf { count, of } => Kind::Any(*count as usize, all(of, group, numbers)),
+        Expression::AtLeast { count, of } => Kind::Least(*count as usize, all(of, group, numbers)),
         Expression::Disable(of) => Kind::Dis(all(of, group, numbers)),
         Expression::Sequence(p, q) => two(Kind::Seq, (p, q), group, numbers),
         Expression::Conditional(p, q) => two(Kind::Cond, (p, q), group, numbers),
@@ -190,6 +200,11 @@ fn build(source: &Expression, group: &Group, numbers: &mut Numbers) -> Rc<Expr> 
         }
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
         Expression::Tagged { tag, of } => Kind::As(tag.clone(), build(of, group, numbers)),
+        Expression::Catch { of, arms } => {
+            let of = build(of, group, numbers);
+            let arms = arms.iter().map(|arm| (arm.failure.clone(), build(&arm.body, group, numbers)));
+            Kind::Catch(of, arms.collect())
+        }
         Expression::Repeat { until, of } => Kind::Repeat(until.clone(), build(of, group, numbers)),
         Expression::With { given, of } => Kind::With(given.value.clone(), build(of, group, numbers)),
     };
@@ -226,8 +241,9 @@ fn is_service(kind: &Kind, group: &Group) -> bool {
         Kind::Par(of) | Kind::Dis(of) => tasks(of) == 0,
         Kind::And(of) => tasks(of) < of.len(),
         Kind::Any(count, of) => tasks(of) < *count,
+        Kind::Least(_, of) => tasks(of) < of.len(),
         Kind::Seq(p, q) | Kind::Cond(p, q) => p.is_service || q.is_service,
-        Kind::Else(p, _) => p.is_service,
+        Kind::Else(p, _) | Kind::Catch(p, _) => p.is_service,
         Kind::Finally(p, q) => p.is_service || q.is_service,
         Kind::Match(arms) => arms.iter().all(|(_, body)| body.is_service),
         Kind::Shield(_, of) | Kind::Using(_, _, of) | Kind::As(_, of) | Kind::With(_, of) | Kind::Repeat(_, of) => {

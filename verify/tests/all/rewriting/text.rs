@@ -45,6 +45,7 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
         Expression::Concurrent(of) => join(of, ", "),
         Expression::FailFast(of) => join(of, " & "),
         Expression::AnyOf { count, of } => format!("any {count} of ({})", join(of, ", ")),
+        Expression::AtLeast { count, of } => format!("at least {count} of ({})", join(of, ", ")),
         Expression::Disable(of) => join(of, " # "),
         Expression::Sequence(p, q) => format!("({}) ; ({})", written(p, matched), written(q, matched)),
         Expression::Conditional(p, q) => {
@@ -77,6 +78,14 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
         // The value decides no event, and the modules of a text take none.
         Expression::With { of, .. } => written(of, matched),
+        Expression::Catch { of, arms } => {
+            let of = written(of, matched);
+            let arms = arms.iter().map(|arm| {
+                let failure = arm.failure.as_ref().map_or_else(|| "else".to_owned(), ToString::to_string);
+                format!("{failure} => ({})", written(&arm.body, matched))
+            });
+            format!("({of}) else match {{ {} }}", arms.collect::<Vec<_>>().join(", "))
+        }
         Expression::Repeat { until, of } => {
             if let Expression::Run { member, .. } = **of {
                 matched.push(member);

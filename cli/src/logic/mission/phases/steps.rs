@@ -1,6 +1,7 @@
 //! The steps of a plan's main sequence, and their names.
 
-use language::plan::{Arm, DEADLINE, Expression, Group, Member, MemberKind, Plan};
+use language::automaton::Failure;
+use language::plan::{Arm, CatchArm, DEADLINE, Expression, Group, Member, MemberKind, Plan};
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -149,9 +150,10 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Never => return (9, "never".to_owned()),
         E::Fail(why) => return (9, format!("fail(\"{why}\")")),
         E::Wait(time) => return (9, format!("wait({} s)", time.as_secs_f64())),
-        E::AnyOf { count, of } => {
+        E::AnyOf { count, of } | E::AtLeast { count, of } => {
+            let word = if matches!(expression, E::AnyOf { .. }) { "any" } else { "at least" };
             let of = of.iter().map(|child| text(child, members).1).collect::<Vec<_>>();
-            return (9, format!("any {count} of ({})", of.join(", ")));
+            return (9, format!("{word} {count} of ({})", of.join(", ")));
         }
         E::Concurrent(_) => (0, ", "),
         E::FailFast(_) => (1, " & "),
@@ -176,6 +178,12 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
             return (3, format!("{} finally {}", inside(first, 4, members), inside(second, 4, members)));
         }
         E::Chart(chart) => return (9, format!("{} states", chart.chart.states.len().saturating_sub(1))),
+        E::Catch { of, arms } => {
+            let word = |arm: &CatchArm| arm.failure.as_ref().map_or_else(|| "else".to_owned(), Failure::to_string);
+            let arm = |arm: &CatchArm| format!("{} => {}", word(arm), inside(&arm.body, 1, members));
+            let arms = arms.iter().map(arm).collect::<Vec<_>>().join(", ");
+            return (4, format!("{} else match {{ {arms} }}", inside(of, 4, members)));
+        }
         E::Repeat { until, of } => {
             return (6, format!("repeat {} until {}", inside(of, 6, members), until.join(" | ")));
         }

@@ -3,6 +3,7 @@
 use crate::algebra::phase::Phase;
 use crate::algebra::program::{Kind, Program};
 use crate::algebra::state::Cell;
+use crate::automaton::Failure;
 use std::collections::BTreeSet;
 use std::mem::discriminant;
 use std::sync::Arc;
@@ -34,6 +35,10 @@ pub(super) fn tags(program: &Program, node: usize) -> &[Option<Arc<str>>] {
     }
 }
 
+pub(super) fn failures(program: &Program, node: usize) -> &[Option<Failure>] {
+    if let Kind::Catch { failures } = &program.nodes[node].kind { &program.failures[failures.clone()] } else { &[] }
+}
+
 pub(super) fn taken(program: &Program, node: usize) -> BTreeSet<&str> {
     program.taken(node).iter().map(|&index| program.resources()[index].as_str()).collect()
 }
@@ -59,10 +64,12 @@ pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
         (Kind::Fail(why), Kind::Fail(other)) | (Kind::Tagged(why), Kind::Tagged(other)) => why == other,
         (Kind::With(value), Kind::With(other)) => value == other,
         (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
-        (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. }) => count == other,
+        (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. })
+        | (Kind::AtLeast { count, .. }, Kind::AtLeast { count: other, .. }) => count == other,
         (Kind::Match { .. }, Kind::Match { .. }) | (Kind::Repeat { .. }, Kind::Repeat { .. }) => {
             tags(old, a) == tags(new, b)
         }
+        (Kind::Catch { .. }, Kind::Catch { .. }) => failures(old, a) == failures(new, b),
         (Kind::Shield { bound }, Kind::Shield { bound: other }) => {
             bound.map(|bound| bound.after) == other.map(|bound| bound.after)
         }

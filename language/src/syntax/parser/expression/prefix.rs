@@ -5,7 +5,7 @@ use crate::diagnostic::{Code, Edit, Fix};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Bar, Colon, Comma, DoubleColon, End, FatArrow, Greater, Hash, Ident, LeftBrace, LeftBracket,
-    LeftParen, Less, Number, Recur, RightBrace, RightBracket, RightParen, Semicolon,
+    LeftParen, Less, Number, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
 /// How many tokens behind a `repeat` are searched for its `until`, where parentheses are missing.
@@ -165,7 +165,8 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses.
+    /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses. Behind `else` an arm may
+    /// have the text of a failure.
     pub(super) fn matching(&mut self) {
         let ends = std::mem::take(&mut self.ends);
         self.arms();
@@ -179,7 +180,7 @@ impl Parser<'_> {
         if self.at(RightBrace) {
             self.expected("an outcome");
         }
-        while self.at(Ident) && !self.ends_block() {
+        while self.at_any(&[Ident, Text]) && !self.ends_block() {
             self.start(SyntaxKind::Arm);
             self.bump();
             if !self.eat(FatArrow) {
@@ -192,7 +193,7 @@ impl Parser<'_> {
                 self.skip_as_error();
             }
             self.finish();
-            let goes_on = self.at(Ident) && self.kind(1) == FatArrow;
+            let goes_on = self.at_any(&[Ident, Text]) && self.kind(1) == FatArrow;
             if !self.eat(Comma) && !goes_on {
                 break;
             }

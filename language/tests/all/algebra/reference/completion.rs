@@ -10,6 +10,18 @@ pub(super) enum Phase {
     Q,
 }
 
+/// LEAST: nothing is decided before all have ended.
+pub(super) fn least(k: usize, ks: Vec<Slot>) -> R {
+    if ks.iter().any(|k| matches!(k.held, Held::Runs(_))) {
+        return R::C(Config::Least(k, ks));
+    }
+    let all: Vec<&Slot> = ks.iter().collect();
+    match first_abort(&all) {
+        Some(r) if values(&all).len() < k => R::O(Outcome::Aborted(r)),
+        _ => R::O(Outcome::Done(vec![])),
+    }
+}
+
 impl World {
     pub(super) fn seq(&mut self, r: R, f: &Term) -> R {
         match r {
@@ -188,7 +200,14 @@ pub(crate) fn tuple(us: &[Value]) -> Value {
 /// A reason as a value, for `else`.
 pub(crate) fn words(r: Reason) -> Value {
     match r {
-        Reason::Reported(_, v) => v,
+        Reason::Reported(i, v) => match v.as_slice() {
+            [0, 1] => words(Reason::Busy(i)),
+            [0, 2] => words(Reason::ServiceEnded(i)),
+            [0, 3] => words(Reason::NoMatch),
+            [0, 4] => b"crash".to_vec(),
+            [0, 5] => b"host lost".to_vec(),
+            _ => v,
+        },
         Reason::Busy(_) => b"busy".to_vec(),
         Reason::Unconfirmed(_) => b"stop unconfirmed".to_vec(),
         Reason::ServiceEnded(_) => b"service ended".to_vec(),

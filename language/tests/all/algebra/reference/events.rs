@@ -1,7 +1,7 @@
 //! `C --e--> R` and `stop(C) = R`, and the observable part of a configuration.
 
 use super::World;
-use super::completion::{drain, hold, is_unconfirmed, running};
+use super::completion::{drain, hold, is_unconfirmed, least, running};
 use super::scopes::{ending, fin2, shield, tag};
 use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
 
@@ -52,10 +52,8 @@ impl World {
                 let ks = self.react_slots(ks, e);
                 self.any(k, ks)
             }
-            Config::Shield(t, c) => {
-                let r = self.react(*c, e);
-                shield(t, r)
-            }
+            Config::Least(k, ks) => least(k, self.react_slots(ks, e)),
+            Config::Shield(t, c) => shield(t, self.react(*c, e)),
             Config::ShieldK(t, c) => self.react_held_up(t, *c, e),
             Config::Fin1(c, f) => {
                 let r = self.react(*c, e);
@@ -63,6 +61,10 @@ impl World {
             }
             Config::Fin2(o, c) => fin2(o, self.react(*c, e)),
             Config::Tag(t, c) => tag(&t, self.react(*c, e)),
+            Config::Catch(c, arms) => {
+                let r = self.react(*c, e);
+                self.catch(r, &arms)
+            }
             Config::Repeat(c, p, ts) => {
                 let r = self.react(*c, e);
                 self.repeat(r, &p, &ts, 1)
@@ -154,7 +156,9 @@ impl World {
             Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
                 self.stop(*c)
             }
-            Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => self.drain_stopping(Outcome::Killed, running(ks)),
+            Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) | Config::Least(_, ks) => {
+                self.drain_stopping(Outcome::Killed, running(ks))
+            }
             Config::Dis(cs) => self.drain_stopping(Outcome::Killed, cs),
             Config::Drain(o, cs) if is_unconfirmed(&o) => R::C(Config::Drain(o, cs)),
             Config::Drain(_, cs) => R::C(Config::Drain(Outcome::Killed, cs)),
@@ -166,7 +170,7 @@ impl World {
             }
             Config::Fin2(o, c) if is_unconfirmed(&o) => R::C(Config::Fin2(o, c)),
             Config::Fin2(_, c) => R::C(Config::Fin2(Outcome::Killed, c)),
-            Config::Tag(_, c) | Config::Repeat(c, ..) => self.stop(*c),
+            Config::Tag(_, c) | Config::Repeat(c, ..) | Config::Catch(c, _) => self.stop(*c),
             Config::Acquiring(u, ..) => {
                 self.queue.retain(|(other, _)| *other != u);
                 R::O(Outcome::Killed)
@@ -210,7 +214,8 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
         | Config::Fin1(c, _)
         | Config::Fin2(_, c)
         | Config::Tag(_, c)
-        | Config::Repeat(c, ..) => leaves(c, see),
+        | Config::Repeat(c, ..)
+        | Config::Catch(c, _) => leaves(c, see),
         Config::Acquiring(..) => {}
         Config::Arec(k, cs, ..) => {
             if let Held::Runs(c) = &**k {
@@ -221,7 +226,7 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
         Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
             leaves(c, see);
         }
-        Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => {
+        Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) | Config::Least(_, ks) => {
             for k in ks {
                 if let Held::Runs(c) = &k.held {
                     leaves(c, see);
@@ -265,6 +270,7 @@ pub(super) fn forget(c: Config) -> Config {
         }
         Config::Ff(ks) => Config::Ff(slots(ks)),
         Config::Any(k, ks) => Config::Any(k, slots(ks)),
+        Config::Least(k, ks) => Config::Least(k, slots(ks)),
         Config::Dis(cs) => Config::Dis(cs.into_iter().map(forget).collect()),
         Config::Drain(o, cs) => Config::Drain(o, cs.into_iter().map(forget).collect()),
         Config::Ending(o, cs) => Config::Ending(o, cs.into_iter().map(forget).collect()),
@@ -273,6 +279,7 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Fin2(o, c) => Config::Fin2(o, boxed(c)),
         Config::Tag(t, c) => Config::Tag(t, boxed(c)),
         Config::Repeat(c, e, ts) => Config::Repeat(boxed(c), e, ts),
+        Config::Catch(c, arms) => Config::Catch(boxed(c), arms),
         Config::ShieldK(t, c) => Config::ShieldK(t.map(|(t, _)| (t, 0)), boxed(c)),
         Config::Acquiring(..) => c,
         Config::Holding(res, c) => Config::Holding(res, boxed(c)),

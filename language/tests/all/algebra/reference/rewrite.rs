@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use self::term::R;
-pub(crate) use self::term::{Command, Config, Declared, Event, Outcome, Reason, Term};
+pub(crate) use self::term::{Asked, Command, Config, Declared, Event, Outcome, Reason, Term};
 
 /// A group: its expression, its members, and its configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
-//! MATCH, SHIELD, USING, AREC, FIN, TAG, REPEAT.
+//! MATCH, SHIELD, USING, AREC, FIN, TAG, REPEAT, CATCH.
 
 use super::World;
-use super::completion::{collect, is_unconfirmed};
-use super::term::{Command, Config, Event, Held, Outcome, R, Reason, Term, Value};
+use super::completion::{collect, is_unconfirmed, words};
+use super::term::{Asked, Command, Config, Event, Held, Outcome, R, Reason, Term, Value};
 
 impl World {
     /// [s-match]
@@ -137,6 +137,19 @@ impl World {
 }
 
 impl World {
+    /// CATCH
+    pub(super) fn catch(&mut self, r: R, arms: &[(Option<Asked>, Term)]) -> R {
+        let r = match r {
+            R::C(c) => return R::C(Config::Catch(Box::new(c), arms.to_vec())),
+            R::O(Outcome::Aborted(r)) => r,
+            R::O(o) => return R::O(o),
+        };
+        match arms.iter().find(|(asked, _)| asked.as_ref().is_none_or(|asked| is_for(asked, &r))) {
+            Some((_, f)) => self.start(f, words(r)),
+            None => R::O(Outcome::Aborted(r)),
+        }
+    }
+
     /// REPEAT; `rounds` may still begin in this reaction.
     pub(super) fn repeat(&mut self, r: R, e: &Term, ts: &[String], rounds: usize) -> R {
         match r {
@@ -200,6 +213,36 @@ pub(super) fn ending(o: Outcome, rs: Vec<R>) -> R {
     }
 }
 
+/// Whether an arm takes a failure: of a text, also of one that a group or an activity inside reports.
+fn is_for(asked: &Asked, r: &Reason) -> bool {
+    let text = |why: &str| if why.starts_with("the deadline `") { Asked::Timeout } else { Asked::Text(why.to_owned()) };
+    let reason = match r {
+        Reason::Failed(why) => text(why),
+        Reason::Instant => text("a round of a loop took no time"),
+        Reason::Reported(_, v) => match (v.as_slice(), text_of(v)) {
+            (_, Some(why)) => text(why),
+            ([0, 1], _) => Asked::Busy,
+            ([0, 2], _) => Asked::ServiceEnded,
+            ([0, 3], _) => Asked::NoMatch,
+            ([0, 4], _) => Asked::Crash,
+            ([0, 5], _) => Asked::HostLost,
+            (_, None) => Asked::Reported,
+        },
+        Reason::Busy(_) => Asked::Busy,
+        Reason::Unconfirmed(_) => Asked::Unconfirmed,
+        Reason::ServiceEnded(_) => Asked::ServiceEnded,
+        Reason::NoMatch => Asked::NoMatch,
+    };
+    reason == *asked
+}
+
+/// The text of a report: its length, and its bytes.
+fn text_of(v: &Value) -> Option<&str> {
+    let (&length, rest) = v.split_first()?;
+    let is_short = length < 128 && usize::from(length) == rest.len();
+    std::str::from_utf8(rest).ok().filter(|_| is_short)
+}
+
 /// The tag of a value, and the value behind it.
 fn split(v: &Value) -> (Option<String>, Value) {
     let length = usize::from(v.first().copied().unwrap_or(0));
@@ -221,12 +264,13 @@ impl Term {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
-            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Least(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
             Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
                 vec![e]
             }
             Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
+            Self::Catch(e, arms) => std::iter::once(&**e).chain(arms.iter().map(|(_, f)| f)).collect(),
         }
     }
 
@@ -235,12 +279,15 @@ impl Term {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
-            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Least(_, es) | Self::Dis(es) => {
+                es.iter_mut().collect()
+            }
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
             Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
                 vec![e]
             }
             Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
+            Self::Catch(e, arms) => std::iter::once(&mut **e).chain(arms.iter_mut().map(|(_, f)| f)).collect(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `v |- E ~> R`: the start rules.
 
 use super::World;
-use super::completion::{Phase, hold};
+use super::completion::{Phase, hold, least};
 use super::scopes::{shield, tag};
 use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Term, Value};
 
@@ -75,6 +75,10 @@ impl World {
             }
             // [s-with]: the outcome is that of E, so nothing of it is left.
             Term::With(u, e) => self.start(e, u.clone()),
+            Term::Catch(e, arms) => {
+                let r = self.start(e, v);
+                self.catch(r, arms)
+            }
             Term::Repeat(ts, e) => {
                 let r = self.start(e, v);
                 self.repeat(r, e, ts, 0)
@@ -82,6 +86,10 @@ impl World {
             Term::Any(k, es) => {
                 let ks = self.start_all(es, &v);
                 self.any(*k, ks)
+            }
+            Term::Least(k, es) => {
+                let ks = self.start_all(es, &v);
+                least(*k, ks)
             }
             // [s-dis]
             Term::Dis(es) => {
@@ -135,10 +143,11 @@ impl World {
             | Term::Using(_, _, e)
             | Term::Tag(_, e)
             | Term::With(_, e)
-            | Term::Repeat(_, e) => self.service(e),
+            | Term::Repeat(_, e)
+            | Term::Catch(e, _) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
-            Term::Ff(es) => es.iter().any(|e| self.service(e)),
+            Term::Ff(es) | Term::Least(_, es) => es.iter().any(|e| self.service(e)),
             Term::Any(k, es) => es.iter().filter(|e| !self.service(e)).count() < *k,
         }
     }

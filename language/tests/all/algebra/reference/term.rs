@@ -30,6 +30,8 @@ pub(crate) enum Term {
     Ff(Vec<Self>),
     /// `any k of (E, F, ..)`
     Any(usize, Vec<Self>),
+    /// `at least k of {E..}`
+    Least(usize, Vec<Self>),
     /// `E # F # ..`
     Dis(Vec<Self>),
     /// `match { t => E, .. }`; `else` has no tag.
@@ -48,6 +50,22 @@ pub(crate) enum Term {
     With(Value, Box<Self>),
     /// `repeat E until t | ..`
     Repeat(Vec<String>, Box<Self>),
+    /// `E else match { r => F, .. }`; `else` asks for no reason.
+    Catch(Box<Self>, Vec<(Option<Asked>, Self)>),
+}
+
+/// The failures that an arm takes.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Asked {
+    Reported,
+    Busy,
+    Unconfirmed,
+    ServiceEnded,
+    NoMatch,
+    Timeout,
+    Crash,
+    HostLost,
+    Text(String),
 }
 
 /// `r`: why something aborted.
@@ -107,6 +125,7 @@ pub(crate) enum Config {
     Ff(Vec<Slot>),
     /// `anyk[k1..km]`
     Any(usize, Vec<Slot>),
+    Least(usize, Vec<Slot>),
     /// `dis[C1..Cm]`
     Dis(Vec<Self>),
     /// `drain(o,{C..})`
@@ -127,6 +146,8 @@ pub(crate) enum Config {
     Fin2(Outcome, Box<Self>),
     /// `C as t`
     Tag(String, Box<Self>),
+    /// `catch(C,{r => F ..})`
+    Catch(Box<Self>, Vec<(Option<Asked>, Term)>),
     /// `repeat(C,E,t..)`
     Repeat(Box<Self>, Term, Vec<String>),
     /// An `arec` that comes to its end or is stopped: `o` once all have ended.

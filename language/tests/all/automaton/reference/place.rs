@@ -248,14 +248,23 @@ impl Place<'_> {
             (Trigger::Done(None), Heard::Done(..)) | (Trigger::Aborted(None), Heard::Aborted(..)) => true,
             (Trigger::Done(Some(tag)), Heard::Done(_, value)) => value.tag() == Some(tag),
             (Trigger::Aborted(Some(failure)), Heard::Aborted(_, reason)) => match (failure, &reason.cause) {
+                (Failure::Timeout, Cause::Failed(why)) => why.starts_with("the deadline `"),
                 (Failure::Failed(text), Cause::Failed(why)) => text.as_str() == &**why,
-                (Failure::Failed(text), Cause::Reported(report)) => report.text() == Some(text),
+                (failure, Cause::Reported(report)) => match (report.text(), report.bytes(), failure) {
+                    (Some(text), _, Failure::Timeout) => text.starts_with("the deadline `"),
+                    (Some(text), _, failure) => *failure == Failure::Failed(text.to_owned()),
+                    (None, [0, number @ 1..=5], failure) => {
+                        let marked =
+                            [Failure::Busy, Failure::ServiceEnded, Failure::NoMatch, Failure::Crash, Failure::HostLost];
+                        marked[usize::from(*number) - 1] == *failure
+                    }
+                    (None, _, failure) => *failure == Failure::Reported,
+                },
                 (Failure::StopUnconfirmed, cause) => *cause == Cause::StopUnconfirmed,
-                (Failure::Reported, cause) => matches!(cause, Cause::Reported(_)),
                 (Failure::Busy, cause) => *cause == Cause::Busy,
                 (Failure::NoMatch, cause) => *cause == Cause::NoMatch,
                 (Failure::ServiceEnded, cause) => *cause == Cause::ServiceEnded,
-                (Failure::Failed(_), _) => false,
+                (_, _) => false,
             },
             (Trigger::After(_) | Trigger::Every(_), Heard::Timer(timer)) => *timer == number,
             _ => false,
