@@ -1,6 +1,7 @@
 //! Outcomes: which tags an expression can end with, whether every `match` has an arm for each, and whether every `repeat` ends
 //! with some of them.
 
+use super::service;
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
 use crate::check::spec::{Arm, Expr, ExprKind, Outcome, Process, Spec, Target};
@@ -95,12 +96,15 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
         ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),
         ExprKind::AnyOf(1, parts) => Ends::any(parts.iter().map(rest)),
-        // The value of one task that is waited for is passed on; those of several are combined.
+        // The value of one task is passed on. The values of several tasks are combined, without a tag.
         ExprKind::Concurrent(parts) => {
-            let mut some = parts.iter().map(rest).filter(|ends| ends.is_open || !ends.tags.is_empty());
-            match (some.next(), some.next()) {
-                (Some(_), _) => Ends::open(),
-                (None, _) => Ends::untagged(expr.span),
+            let services = service::members(spec, process);
+            let tasks = parts.iter().filter(|part| !service::is_service(part, &services)).map(rest);
+            match &tasks.collect::<Vec<_>>()[..] {
+                [] => Ends::default(),
+                [only] => only.clone(),
+                several if several.iter().any(|ends| ends.is_open) => Ends::open(),
+                [..] => Ends::untagged(expr.span),
             }
         }
         ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::AtLeast(..) => Ends::untagged(expr.span),
