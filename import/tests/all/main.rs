@@ -2,8 +2,10 @@
 
 mod behavior;
 mod cases;
+mod delays;
 mod hostile;
 mod manual;
+mod player;
 #[path = "../../../language/tests/all/random/numbers.rs"]
 mod random;
 mod scion;
