@@ -98,6 +98,15 @@ fn skipped(context: &mut Context<'_>, node: Node<'_>, around: Around, attribute:
     }
 }
 
+/// The children that are skipped if their node is: the last one of a `TryCatch` only cleans up.
+fn row<'a>(node: Node<'a>, id: &str) -> Vec<Node<'a>> {
+    let mut children: Vec<Node<'_>> = elements(node).collect();
+    if id == "TryCatch" {
+        children.pop();
+    }
+    children
+}
+
 /// Whether a node can be skipped as a whole. A subtree has a remark of its own if its root can be skipped.
 fn is_skippable(context: &Context<'_>, node: Node<'_>) -> Result<bool, ImportError> {
     if ["_skipIf", "_while"].iter().any(|name| node.attribute(*name).is_some()) {
@@ -110,14 +119,17 @@ fn is_skippable(context: &Context<'_>, node: Node<'_>) -> Result<bool, ImportErr
         // With its default thresholds it succeeds if all children are skipped.
         "Parallel" | "ParallelAll" => Ok(false),
         "Precondition" if node.attribute("else") == Some("SKIPPED") => Ok(true),
-        _ => elements(node).map(|child| is_skippable(context, child)).try_fold(true, |all, one| Ok(all && one?)),
+        id => {
+            let children = row(node, id).into_iter();
+            children.map(|child| is_skippable(context, child)).try_fold(true, |all, one| Ok(all && one?))
+        }
     }
 }
 
 /// Notes that a node is skipped in the tree, and ends here, if all its children are skipped.
 fn skipped_children(context: &mut Context<'_>, node: Node<'_>, around: Around) -> Result<(), ImportError> {
-    let children: Vec<Node<'_>> = elements(node).collect();
     let id = id_of(context, node)?;
+    let children = row(node, id);
     // The children of these have a remark each, or end the node as the tree does.
     let is_noted = inside(id, children.len(), around) == Around::Other;
     if children.is_empty() || is_noted || is_same(id, children.len(), around) {

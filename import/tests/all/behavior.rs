@@ -227,7 +227,9 @@ impl Interpreter {
                     return Run { end: start, is_success: !is_sequence, is_skipped: false, starts: vec![] };
                 }
                 let change = states.map(|(_, change)| change).min().unwrap_or(u64::MAX);
-                self.cut(self.run(action, start), change, !is_sequence)
+                let run = self.run(action, start);
+                let run = if run.is_skipped { Run { is_success: *is_sequence, is_skipped: false, ..run } } else { run };
+                self.cut(run, change, !is_sequence)
             }
             Node::Inverter(child) => {
                 let run = self.run(child, start);
