@@ -3,6 +3,7 @@
 use super::event::sent_to_self;
 use super::expression::{self, Sort};
 use super::model::Kind;
+use super::timer::Clock;
 use super::{Writer, timer};
 use crate::name::{plain, quoted};
 use crate::remark::RemarkKind;
@@ -10,7 +11,8 @@ use crate::xml::{Node, elements, tag};
 
 /// Returns the actions of a block.
 ///
-/// An event that the chart sends to itself waits behind the events that it raises, so it stands behind them.
+/// An event that the chart sends to itself at once waits behind the events that it raises, so it stands behind them.
+/// A delayed one keeps its place: it begins a timer, which a later `<cancel>` of the same block ends.
 pub(super) fn actions(writer: &mut Writer<'_>, block: Node<'_>) -> String {
     let (mut text, mut behind) = (String::new(), String::new());
     for node in block.children() {
@@ -22,7 +24,7 @@ pub(super) fn actions(writer: &mut Writer<'_>, block: Node<'_>) -> String {
         }
         text += &match tag(node) {
             "raise" => raise(writer, node, node.attribute("event").unwrap_or_default()),
-            "send" if node.attribute("target") != Some("#_internal") => {
+            "send" if node.attribute("target") != Some("#_internal") && timer::clock_of(node).is_none() => {
                 behind += &send(writer, node);
                 String::new()
             }
@@ -64,16 +66,23 @@ fn statement_of(writer: &Writer<'_>, statement: &str) -> Option<String> {
     }
 }
 
-/// An action that ends the time of a delayed event.
+/// An action that ends the time of a delayed event. The last `<send>` or `<cancel>` counts, so it also takes back a start.
 fn cancel(writer: &mut Writer<'_>, node: Node<'_>) -> String {
-    let id = node.attribute("sendid");
-    let clocks = writer.model.clocks.iter().filter(|(key, _)| id.is_some() && key.id.as_deref() == id);
-    let variables = clocks.filter_map(|(_, clock)| clock.cancel.as_ref());
-    let text: String = variables.map(|variable| format!("{variable} = true;\n")).collect();
+    let Some(id) = node.attribute("sendid") else {
+        return writer.remark(node, RemarkKind::Missing, "<cancel> without a fixed `sendid` is left out");
+    };
+    if writer.model.timers.values().any(|timer| timer.id.as_deref() == Some(id)) {
+        // The state of the timer is left here, and the timer ends with its state.
+        return String::new();
+    }
+    let clocks = writer.model.clocks.iter().filter(|(key, _)| key.id.as_deref() == Some(id));
+    let cancels = clocks.filter_map(|(_, Clock { start, cancel })| Some((start, cancel.as_ref()?)));
+    let text: String = cancels.map(|(start, cancel)| format!("{cancel} = true;\n{start} = false;\n")).collect();
     if !text.is_empty() {
         return text;
     }
-    writer.remark(node, RemarkKind::Missing, "<cancel> is left out: a timer ends with its state")
+    let why = format!("<cancel> is left out: no timer here has the id `{}`", plain(id));
+    writer.remark(node, RemarkKind::Differs, why)
 }
 
 fn raise(writer: &mut Writer<'_>, node: Node<'_>, event: &str) -> String {
@@ -124,14 +133,20 @@ fn send(writer: &mut Writer<'_>, node: Node<'_>) -> String {
         }
         Some(_) => {
             let clock = timer::clock_of(node).and_then(|key| writer.model.clocks.get(&key));
-            let Some(start) = clock.map(|clock| format!("{} = true;\n", clock.start)) else {
+            let Some(Clock { start, cancel }) = clock else {
                 return text + &raise(writer, node, own);
             };
+            let cancel = cancel.as_ref().map_or_else(String::new, |cancel| format!("{cancel} = false;\n"));
+            let start = format!("{start} = true;\n{cancel}");
             let why = format!("if `{}` is sent again while it waits, its time begins again", plain(own));
             text + &writer.remark(node, RemarkKind::Differs, why) + &start
         }
         None => {
-            let why = format!("`{}` comes after a computed time: send it to its port from outside", plain(own));
+            let time = match node.attribute("delay") {
+                Some(delay) => format!("its delay `{}` is not a time that a timer can have", plain(delay)),
+                None => "its delay is computed".to_owned(),
+            };
+            let why = format!("`{}` comes from outside here, to its port, since {time}", plain(own));
             text + &writer.remark(node, RemarkKind::Missing, why)
         }
     }

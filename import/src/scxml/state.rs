@@ -142,6 +142,10 @@ fn state(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, ImportError>
 /// A history; one with several targets or actions leads to a state that leads to them.
 fn history(writer: &mut Writer<'_>, node: Node<'_>, name: &str) -> Result<String, ImportError> {
     let deep = if node.attribute("type") == Some("deep") { "deep " } else { "" };
+    if node.parent().is_none_or(|around| inner_states(around).next().is_none()) {
+        let why = "a <history> needs a <state> beside it that it can lead to";
+        return Err(ImportError::at(writer.model.file, node, why));
+    }
     let entry = elements(node).find(|child| tag(*child) == "transition");
     let Some((entry, ids)) = entry.and_then(|entry| Some((entry, entry.attribute("target")?))) else {
         let why = "a <history> without a <transition> that says where it leads at first";

@@ -3,7 +3,7 @@
 use super::event::{Awaited, sent_to_self, stems_of};
 use super::model::{inner_states, is_state};
 use crate::name::{Names, identifier};
-use crate::xml::{Node, number, tag};
+use crate::xml::{Node, elements, number, tag};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The least time of a timer, in milliseconds.
@@ -16,6 +16,8 @@ pub(super) struct Timer {
     pub(super) time: u64,
     /// The state that waits for the event.
     pub(super) state: u32,
+    /// The id of the `<send>`, by which a `<cancel>` names it.
+    pub(super) id: Option<String>,
 }
 
 /// A delayed event that waits in a region of its own.
@@ -89,7 +91,8 @@ pub(super) fn delay(send: Node<'_>) -> Option<u64> {
 /// Returns the delayed events of a chart that are timers of one state.
 ///
 /// A state has a timer if it alone waits for the event, and if the event is sent whenever the state is entered: by its own
-/// `<onentry>`, or by each transition to it.
+/// `<onentry>`, or by each transition to it. A `<cancel>` may name the event only where the state is left, since the timer
+/// ends there. No internal transition may leave the state around its timer.
 pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Timer> {
     let mut sends_of: BTreeMap<&str, Vec<Node<'_>>> = BTreeMap::new();
     for &send in own.iter().filter(|node| tag(**node) == "send") {
@@ -109,13 +112,35 @@ pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Ti
             continue;
         };
         let state = own.iter().find(|node| number(**node) == state).copied();
-        if let Some(state) =
-            state.filter(|state| time > 0 && is_state(*state) && is_sent_at_entry(sends, &transitions, *state))
-        {
-            timers.insert((*event).to_owned(), Timer { time: time.max(LEAST), state: number(state) });
+        let ids: BTreeSet<Option<&str>> = sends.iter().map(|send| send.attribute("id")).collect();
+        let (Some(&id), 1) = (ids.first(), ids.len()) else { continue };
+        let is_timer = |state: &Node<'_>| {
+            time > 0
+                && is_state(*state)
+                && !elements(*state).any(is_inner)
+                && is_sent_at_entry(sends, &transitions, *state)
+                && is_cancelled_at_exit(own, id, *state)
+        };
+        if let Some(state) = state.filter(is_timer) {
+            let (time, state, id) = (time.max(LEAST), number(state), id.map(str::to_owned));
+            timers.insert((*event).to_owned(), Timer { time, state, id });
         }
     }
     timers
+}
+
+/// Whether a transition may stay inside its source.
+fn is_inner(node: Node<'_>) -> bool {
+    tag(node) == "transition" && node.attribute("type") == Some("internal") && node.attribute("target").is_some()
+}
+
+/// Whether each `<cancel>` of an id stands where a state is left: in its `<onexit>`, or in a transition of it to some state.
+fn is_cancelled_at_exit(own: &[Node<'_>], id: Option<&str>, state: Node<'_>) -> bool {
+    let cancels = own.iter().filter(|node| tag(**node) == "cancel" && id.is_some() && node.attribute("sendid") == id);
+    cancels.filter_map(roxmltree::Node::parent).all(|block| {
+        let is_exit = tag(block) == "onexit" || tag(block) == "transition" && block.attribute("target").is_some();
+        is_exit && block.parent() == Some(state)
+    })
 }
 
 /// Whether an event is sent whenever a state is entered.
@@ -129,11 +154,24 @@ fn is_sent_at_entry(sends: &[Node<'_>], transitions: &[Node<'_>], state: Node<'_
     let leads_here = |node: &&Node<'_>| {
         node.attribute("target").is_some_and(|ids| ids.split_whitespace().any(|target| Some(target) == id))
     };
+    // A transition to a state inside enters this state as well, without its event.
+    let is_entered_inside = state.descendants().skip(1).any(|inner| {
+        is_state(inner)
+            && inner.attribute("id").is_some_and(|id| {
+                transitions.iter().any(|transition| {
+                    let ids = transition.attribute("target").unwrap_or_default();
+                    ids.split_whitespace().any(|target| target == id) && !transition.ancestors().any(|a| a == state)
+                })
+            })
+    });
     let entries: Vec<_> = transitions.iter().filter(leads_here).map(|node| number(*node)).collect();
     let sending: BTreeSet<_> = sends.iter().filter_map(|send| send.parent()).map(number).collect();
     let is_first = state.parent().is_some_and(|around| {
         let named = around.attribute("initial").map(|ids| ids.split_whitespace().any(|target| Some(target) == id));
         named.unwrap_or_else(|| tag(around) == "parallel" || inner_states(around).next() == Some(state))
     });
-    !is_first && entries.len() == sends.len() && entries.iter().all(|entry| sending.contains(entry))
+    !is_first
+        && !is_entered_inside
+        && entries.len() == sends.len()
+        && entries.iter().all(|entry| sending.contains(entry))
 }

@@ -1,12 +1,12 @@
 //! Conditions and scripts of nodes: `_skipIf`, `_while`, `_onSuccess` and the like.
 
 use super::context::{Around, Context, content};
-use super::leaf::{PortUse, program};
+use super::leaf::{PortUse, id_of, program};
 use super::library::Direction;
 use super::module::{ModuleKey, Role};
 use super::piece::Piece;
 use crate::remark::RemarkKind;
-use crate::xml::{ImportError, Node};
+use crate::xml::{ImportError, Node, elements};
 use std::collections::BTreeMap;
 
 /// Translates a node with its conditions before and its scripts behind.
@@ -16,6 +16,7 @@ pub(super) fn with_conditions<'a>(
     around: Around,
 ) -> Result<Piece, ImportError> {
     let mut piece = content(context, node, around)?;
+    skipped_children(context, node, around)?;
     if let Some(code) = node.attribute("_while") {
         let skipped = skipped(context, node, around, "_while");
         let (check, lapse) = (check(context, node, code, Role::Once), check(context, node, code, Role::While));
@@ -94,6 +95,82 @@ fn skipped(context: &mut Context<'_>, node: Node<'_>, around: Around, attribute:
             context.remark(node, RemarkKind::Differs, text);
             Piece::skip()
         }
+    }
+}
+
+/// The children that are skipped if their node is: the last one of a `TryCatch` only cleans up.
+fn row<'a>(node: Node<'a>, id: &str) -> Vec<Node<'a>> {
+    let mut children: Vec<Node<'_>> = elements(node).collect();
+    if id == "TryCatch" {
+        children.pop();
+    }
+    children
+}
+
+/// Whether a node can be skipped as a whole. A subtree has a remark of its own if its root can be skipped.
+fn is_skippable(context: &Context<'_>, node: Node<'_>) -> Result<bool, ImportError> {
+    if ["_skipIf", "_while"].iter().any(|name| node.attribute(*name).is_some()) {
+        return Ok(true);
+    }
+    if elements(node).next().is_none() {
+        return Ok(false);
+    }
+    match id_of(context, node)? {
+        // With its default thresholds it succeeds if all children are skipped.
+        "Parallel" | "ParallelAll" => Ok(false),
+        "Precondition" if node.attribute("else") == Some("SKIPPED") => Ok(true),
+        id => {
+            let children = row(node, id).into_iter();
+            children.map(|child| is_skippable(context, child)).try_fold(true, |all, one| Ok(all && one?))
+        }
+    }
+}
+
+/// Notes that a node is skipped in the tree, and ends here, if all its children are skipped.
+fn skipped_children(context: &mut Context<'_>, node: Node<'_>, around: Around) -> Result<(), ImportError> {
+    let id = id_of(context, node)?;
+    let children = row(node, id);
+    // The children of these have a remark each, or end the node as the tree does.
+    let is_noted = inside(id, children.len(), around) == Around::Other;
+    if children.is_empty() || is_noted || is_same(id, children.len(), around) {
+        return Ok(());
+    }
+    for child in children {
+        if !is_skippable(context, child)? {
+            return Ok(());
+        }
+    }
+    let text = format!("if all children of this <{id}> are skipped, it ends here; in the tree it is skipped too");
+    context.remark(node, RemarkKind::Differs, text);
+    Ok(())
+}
+
+/// Whether a node whose children are all skipped ends as a skipped node does here.
+fn is_same(id: &str, children: usize, around: Around) -> bool {
+    id == "Inverter" || inside(id, children, around) == around
+}
+
+/// The meaning of a skipped child of a node: if the child is the only one, the node is skipped with it.
+pub(super) fn inside(id: &str, children: usize, around: Around) -> Around {
+    match (id, children, around) {
+        ("Sequence" | "AsyncSequence" | "Fallback" | "AsyncFallback" | "Timeout" | "Delay", 1, _) => around,
+        ("Inverter", 1, Around::Sequence) => Around::Fallback,
+        ("Inverter", 1, Around::Fallback) => Around::Sequence,
+        ("Fallback" | "AsyncFallback" | "ReactiveFallback" | "RoundRobin", _, _) => Around::Fallback,
+        (
+            "Sequence"
+            | "AsyncSequence"
+            | "SequenceWithMemory"
+            | "SequenceStar"
+            | "ReactiveSequence"
+            | "PipelineSequence"
+            | "PersistentSequence"
+            | "NonblockingSequence"
+            | "TryCatch",
+            _,
+            _,
+        ) => Around::Sequence,
+        _ => Around::Other,
     }
 }
 

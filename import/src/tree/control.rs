@@ -1,6 +1,6 @@
 //! Nodes with several children.
 
-use super::condition::{check, script};
+use super::condition::{self, check, script};
 use super::context::{Around, Context, children, node as child_node};
 use super::decorator;
 use super::leaf::{id_of, key_of, leaf, subtree};
@@ -19,8 +19,14 @@ pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, around: Aro
     }
     let name = id_of(context, node)?;
     match name {
-        "Sequence" | "AsyncSequence" => Ok(Piece::joined(";", children(context, node, Around::Sequence)?)),
-        "Fallback" | "AsyncFallback" => Ok(fallback(children(context, node, Around::Fallback)?)),
+        "Sequence" | "AsyncSequence" => {
+            let inside = condition::inside(name, elements(node).count(), around);
+            Ok(Piece::joined(";", children(context, node, inside)?))
+        }
+        "Fallback" | "AsyncFallback" => {
+            let inside = condition::inside(name, elements(node).count(), around);
+            Ok(fallback(children(context, node, inside)?))
+        }
         "SequenceWithMemory" | "SequenceStar" => {
             let text = "when it is tried again, it begins with its first child; in the tree with the child that failed";
             context.remark(node, RemarkKind::Differs, text);
@@ -38,8 +44,8 @@ pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, around: Aro
         "AlwaysFailure" => Ok(Piece::fail("AlwaysFailure")),
         "Script" => Ok(script(context, node, node.attribute("code").unwrap_or_default())),
         "ScriptCondition" => Ok(check(context, node, node.attribute("code").unwrap_or_default(), Role::Once)),
-        "Sleep" => Ok(match decorator::number(context, node, "msec")? {
-            Some(time) => Piece::wait(time.max(0).unsigned_abs()),
+        "Sleep" => Ok(match decorator::milliseconds(context, node, "msec")? {
+            Some(time) => Piece::wait(time),
             None => leaf(context, node, Role::Once)?,
         }),
         _ => match decorator::content(context, node, name, around)? {

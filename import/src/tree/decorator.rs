@@ -1,6 +1,6 @@
 //! Nodes with one child.
 
-use super::condition::check;
+use super::condition::{check, inside};
 use super::context::{Around, Context, node as child_node};
 use super::leaf::key_of;
 use super::module::Role;
@@ -25,6 +25,20 @@ pub(super) fn number(context: &mut Context<'_>, node: Node<'_>, attribute: &str)
     let wrong =
         |_not| context.error(node, format!("`{value}` is not a number; `{attribute}` of <{}> needs one", tag(node)));
     value.trim().parse().map(Some).map_err(wrong)
+}
+
+/// Returns a time that a node has as an attribute; none if it is not there or stands on the blackboard.
+pub(super) fn milliseconds(
+    context: &mut Context<'_>,
+    node: Node<'_>,
+    attribute: &str,
+) -> Result<Option<u64>, ImportError> {
+    let Some(number) = number(context, node, attribute)? else { return Ok(None) };
+    let time = u64::try_from(number).map_err(|_negative| {
+        let why = format!("`{number}` is not a time; `{attribute}` of <{}> needs milliseconds from 0", tag(node));
+        context.error(node, why)
+    })?;
+    Ok(Some(time))
 }
 
 /// The child of a node that has one.
@@ -69,18 +83,18 @@ pub(super) fn content<'a>(
         return Ok(None);
     }
     let child = only_child(context, node)?;
-    let piece = child_node(context, child, Around::Other)?;
+    let piece = child_node(context, child, inside(name, 1, around))?;
     Ok(Some(match name {
         "Inverter" => piece.inverted(&succeeded(context, child)?),
         "ForceSuccess" => piece.tolerated(),
         "ForceFailure" => piece.tolerated().then(Piece::fail("ForceFailure")),
         "Repeat" => repeat(context, node, piece)?,
         "KeepRunningUntilFailure" => piece.forever(),
-        "Timeout" => match number(context, node, "msec")?.map(i64::unsigned_abs) {
+        "Timeout" => match milliseconds(context, node, "msec")? {
             Some(time) if time > 0 => piece.limited(time),
             Some(_) | None => piece,
         },
-        "Delay" => match number(context, node, "delay_msec")?.map(i64::unsigned_abs) {
+        "Delay" => match milliseconds(context, node, "delay_msec")? {
             Some(time) if time > 0 => Piece::wait(time).then(piece),
             Some(_) | None => piece,
         },
@@ -112,8 +126,8 @@ fn retry(context: &mut Context<'_>, node: Node<'_>, piece: Piece) -> Result<Piec
     let attempts = number(context, node, "num_attempts")?.unwrap_or(1);
     Ok(match attempts {
         // Until the child succeeds: a loop that only a success ends, with a failure of the loop.
-        ..0 => piece.inverted("it has succeeded").forever().tolerated(),
-        0 => Piece::fail("no attempts"),
+        -1 => piece.inverted("it has succeeded").forever().tolerated(),
+        ..=0 => Piece::fail("no attempts"),
         1 => piece,
         2.. => {
             let tries = (attempts - 1).min(RETRIES_MAX);
@@ -129,8 +143,8 @@ fn retry(context: &mut Context<'_>, node: Node<'_>, piece: Piece) -> Result<Piec
 fn repeat(context: &mut Context<'_>, node: Node<'_>, piece: Piece) -> Result<Piece, ImportError> {
     let cycles = number(context, node, "num_cycles")?.unwrap_or(1);
     Ok(match cycles {
-        ..0 => piece.forever(),
-        0 => Piece::skip(),
+        -1 => piece.forever(),
+        ..=0 => Piece::skip(),
         1 => piece,
         2..=ROUNDS_MAX => {
             // Each index is different from those around it.

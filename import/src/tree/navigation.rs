@@ -57,7 +57,11 @@ fn recovery<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
         return Err(context.error(node, format!("<RecoveryNode> has {} children; it needs two", nodes.len())));
     };
     let retries = number(context, node, "number_of_retries")?.unwrap_or(1);
-    if retries < 1 {
+    if retries < 0 {
+        let why = format!("`{retries}` is not a number of retries; <RecoveryNode> needs one from 0");
+        return Err(context.error(node, why));
+    }
+    if retries == 0 {
         return child_node(context, *task, Around::Other);
     }
     let task = node_of_its_own(context, *task, Around::Other)?;

@@ -65,6 +65,10 @@ fn trees_that_contradict_themselves_are_refused() {
         "<Inverter/>",
         "<Inverter><A/><A/></Inverter>",
         "<Timeout msec=\"soon\"><A/></Timeout>",
+        "<Timeout msec=\"-5\"><A/></Timeout>",
+        "<Delay delay_msec=\"-5\"><A/></Delay>",
+        "<Sleep msec=\"-5\"/>",
+        "<RecoveryNode number_of_retries=\"-5\"><A/><B/></RecoveryNode>",
         "<Parallel success_count=\"3\"><A/><A/></Parallel>",
         "<IfThenElse><A/></IfThenElse>",
         "<Switch2 variable=\"{a}\"><A/></Switch2>",
@@ -94,6 +98,12 @@ fn charts_that_contradict_themselves_are_refused() {
     refused(
         "<scxml initial=\"b\"><state id=\"a\"/></scxml>",
         expect!["cannot import `file.xml`, line 1, column 1: no state has the id `b`"],
+    );
+    refused(
+        "<scxml><parallel id=\"p\"><state id=\"x\"/><state id=\"r\">\n<history id=\"h\"><transition target=\"x\"/></history></state></parallel></scxml>",
+        expect![
+            "cannot import `file.xml`, line 2, column 1: a <history> needs a <state> beside it that it can lead to"
+        ],
     );
     assert!(imported("<scxml/>").is_err());
     assert!(imported("<scxml><parallel><final id=\"a\"/></parallel></scxml>").is_err());
@@ -257,4 +267,28 @@ fn changed_numbers_have_remarks() {
                  <transition event=\"t\" target=\"b\"/></state><state id=\"b\"/></scxml>";
     let told = remarks(chart);
     assert!(told.iter().any(|text| text.contains("after 10 ms here, in the chart after 3 ms")), "{told:?}");
+}
+
+/// Only -1 means for ever; a smaller number of rounds or attempts is none, as in BehaviorTree.CPP.
+#[test]
+fn negative_counts_are_none_but_for_one() {
+    let text = |inside: &str| imported(&tree(inside)).expect("it has a counterpart").text;
+    assert!(text("<Repeat num_cycles=\"-1\"><A/></Repeat>").contains("a ;; wait(10 ms)"));
+    assert!(text("<Repeat num_cycles=\"-5\"><A/></Repeat>").contains("skip"));
+    assert!(text("<RetryUntilSuccessful num_attempts=\"-5\"><A/></RetryUntilSuccessful>").contains("fail("));
+    let chart = "<scxml><state id=\"a\"><onentry><send event=\"t\" delay=\"-5s\"/></onentry>\
+                 <transition event=\"t\" target=\"b\"/></state><state id=\"b\"/></scxml>";
+    assert!(imported(chart).expect("t comes from outside").text.contains("its delay `-5s` is not a time"));
+}
+
+/// A row of skipped children is skipped as well: either the next child of a fallback follows, or a remark says otherwise.
+#[test]
+fn a_skipped_row_is_skipped_or_has_a_remark() {
+    let alone = "<Fallback><Sequence><Action ID=\"A\" _skipIf=\"1\"/></Sequence><Action ID=\"B\"/></Fallback>";
+    let alone = imported(&tree(alone)).expect("a good tree");
+    assert!(alone.text.contains("fail(\"skipped\")"), "{}", alone.text);
+    let two = "<Fallback><Sequence><Action ID=\"A\" _skipIf=\"1\"/><Action ID=\"C\" _skipIf=\"2\"/></Sequence>\
+               <Action ID=\"B\"/></Fallback>";
+    let two = imported(&tree(two)).expect("a good tree");
+    assert!(two.remarks.iter().any(|remark| remark.text.contains("all children of this <Sequence>")), "{two:?}");
 }

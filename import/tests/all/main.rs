@@ -2,9 +2,11 @@
 
 mod behavior;
 mod cases;
+mod delays;
 mod hostile;
 mod launch;
 mod manual;
+mod player;
 #[path = "../../../language/tests/all/random/numbers.rs"]
 mod random;
 mod scion;

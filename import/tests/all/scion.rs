@@ -3,11 +3,10 @@
 //! The charts are fetched by npm and not copied. Each is imported, and the text of its spec becomes a plan. The activity of the
 //! plan plays the script of the chart, unless a part of the chart has no counterpart.
 
-use import::{Imported, RemarkKind, import};
-use language::algebra::{Activation, Outcome, Value};
-use language::automaton::{Action, Automaton, Command, Configuration, Event, StateKind, ValueSource, step};
-use language::plan::{Expression, StateChart};
-use language::{Options, Source, compile};
+use crate::player::{Played, Player};
+use import::{RemarkKind, import};
+use language::Source;
+use language::automaton::{Automaton, Event};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process;
@@ -80,135 +79,21 @@ fn cases(folder: &Path) -> Option<Vec<Case>> {
     Some(cases)
 }
 
-/// A chart that was imported, with the names that its script needs.
-struct Played {
-    imported: Imported,
-    chart: StateChart,
-    /// The ids of the states, by their numbers.
-    ids: BTreeMap<usize, String>,
-    /// The final states of the whole chart, by the numbers of the outputs that they were given.
-    finals: BTreeMap<usize, usize>,
-}
-
-impl Played {
-    /// Imports a chart, and reads its activity back from the plan of the text.
-    fn of(text: &str) -> Result<Self, Verdict> {
-        let imported = import(&Source::new("chart.scxml", text), &[]).map_err(|why| Verdict::Missing(why.why))?;
-        if let Some(remark) = imported.remarks.iter().find(|remark| remark.kind == RemarkKind::Missing) {
-            return Err(Verdict::Missing(remark.text.clone()));
-        }
-        let spec = Source::new("chart.dca", imported.text.as_str());
-        let plan = compile(&spec, &[], &Options::named("chart")).plan.expect("an imported text has a plan");
-        let activity = plan
-            .groups
-            .into_iter()
-            .find_map(|group| if let Expression::Chart(chart) = group.expression { Some(*chart) } else { None });
-        let mut chart = activity.expect("the plan has the activity");
-        let number = |name: &String| chart.chart.states.iter().position(|state| state.name == *name);
-        let ids: BTreeMap<usize, String> =
-            imported.states.iter().filter_map(|(id, name)| Some((number(name)?, id.clone()))).collect();
-        let finals = told_finals(&mut chart, &ids);
-        Ok(Self { imported, chart, ids, finals })
-    }
-
-    /// The port of an event: its own, or that of the longest name that takes it.
-    fn port(&self, event: &str) -> Option<usize> {
-        let mut stems: Vec<&str> = event.match_indices('.').map(|(end, _)| &event[..end]).collect();
-        stems.push(event);
-        let ports = stems.iter().rev().copied().chain(["*"]).find_map(|stem| self.imported.ports.get(stem));
-        ports.and_then(|port| self.chart.inputs.iter().position(|input| input == port))
-    }
-}
-
-/// Lets the final states of the whole chart send something, since an activity that has ended is in no state.
-///
-/// The parent of such a state is the activity itself, or the region of the chart beside its timers.
-fn told_finals(chart: &mut StateChart, ids: &BTreeMap<usize, String>) -> BTreeMap<usize, usize> {
-    let mut finals = BTreeMap::new();
-    for (number, state) in chart.chart.states.iter_mut().enumerate() {
-        if state.kind == StateKind::Final && state.parent.is_some_and(|parent| !ids.contains_key(&parent)) {
-            let output = chart.outputs.len() + finals.len();
-            state.entry.push(Action::Send { output, value: ValueSource::Constant(Value::EMPTY) });
-            finals.insert(output, number);
-        }
-    }
-    finals
-}
-
-/// A chart that runs on virtual time.
-struct Player<'a> {
-    played: &'a Played,
-    automaton: &'a Automaton,
-    configuration: Configuration,
-    now: Duration,
-    /// The timers that run, with their times.
-    timers: Vec<(Duration, Event)>,
-    end: Option<String>,
-}
-
-impl Player<'_> {
-    fn send(&mut self, event: Event) {
-        let mut commands = vec![];
-        let outcome = step(self.automaton, &mut self.configuration, event, &mut commands);
-        for command in commands {
-            match command {
-                Command::Send { output, .. } => {
-                    let state = self.played.finals.get(&output);
-                    self.end = state.and_then(|state| self.played.ids.get(state)).cloned().or(self.end.take());
-                }
-                Command::Arm { transition, activation: Activation(number), after } => {
-                    let event = Event::Elapsed { transition, activation: Activation(number) };
-                    self.timers.push((self.now + after, event));
-                }
-                Command::Run { .. }
-                | Command::Stop { .. }
-                | Command::Cancel { .. }
-                | Command::Log(_)
-                | Command::Lost { .. } => {}
-            }
-        }
-        if let Some(Outcome::Aborted(reason)) = outcome {
-            self.end = Some(format!("{:?}", reason.cause));
-        }
-    }
-
-    /// Lets time pass: every timer that ends until then ends in order.
-    fn pass(&mut self, time: Duration) {
-        let until = self.now + time;
-        while let Some(place) = (0..self.timers.len()).min_by_key(|&place| self.timers[place].0)
-            && self.timers[place].0 <= until
-        {
-            let (at, event) = self.timers.remove(place);
-            self.now = at;
-            self.send(event);
-        }
-        self.now = until;
-    }
-
-    fn expect(&self, expected: &BTreeSet<String>) -> Result<(), String> {
-        // States without an id are those of timers.
-        let leaves = self.configuration.leaves(self.automaton);
-        let mut active: BTreeSet<String> = leaves.filter_map(|state| self.played.ids.get(&state).cloned()).collect();
-        active.extend(self.end.clone());
-        if active == *expected { Ok(()) } else { Err(format!("{active:?}, not {expected:?}")) }
-    }
-}
-
 fn judge(folder: &Path, case: &Case) -> Verdict {
     let text = std::fs::read_to_string(folder.join(&case.file)).expect("node has listed it");
-    let played = match Played::of(&text) {
-        Ok(played) => played,
-        Err(verdict) => return verdict,
+    let imported = match import(&Source::new("chart.scxml", text), &[]) {
+        Ok(imported) => imported,
+        Err(why) => return Verdict::Missing(why.why),
     };
+    if let Some(remark) = imported.remarks.iter().find(|remark| remark.kind == RemarkKind::Missing) {
+        return Verdict::Missing(remark.text.clone());
+    }
+    let played = Played::of(imported);
     let automaton = match Automaton::new(played.chart.chart.clone()) {
         Ok(automaton) => automaton,
         Err(why) => return Verdict::Failed(why.to_string()),
     };
-    let configuration = Configuration::new(&automaton);
-    let (now, timers, end) = (Duration::ZERO, vec![], None);
-    let mut player = Player { played: &played, automaton: &automaton, configuration, now, timers, end };
-    player.send(Event::Start(Value::EMPTY));
-    player.pass(Duration::ZERO);
+    let mut player = Player::start(&played, &automaton);
     let mut verdict = player.expect(&case.initial);
     for event in &case.events {
         player.pass(event.after);

@@ -113,7 +113,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let told = || states(&here).get("main/hangs").is_some_and(|process| process.state == hung);
     wait_until(SOON, told).unwrap_or_else(|| panic!("{:?}", states(&here)));
     assert_eq!(states(&here)["main/well"].pid, before);
-    // `dca deploy` gives a node up that is away for 5 s, and on a busy machine this one is.
+    // `dca deploy` gives up a node that is away for too long, and on a busy machine this one may be.
     let mission = here.dca(&["attach", "hanging"]);
     mission.wait_for(Stream::Err, "hangs aborted", SOON);
     let stop = here.ask(&["stop", "hanging"]);
