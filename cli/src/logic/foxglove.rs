@@ -21,6 +21,7 @@ pub(crate) use order::{Answer, Given, Order, ProcedureCall, Ticket};
 pub(crate) use peer::{Endpoint, user};
 pub(crate) use protocol::{GivenValue, ParameterValue};
 pub(crate) use socket::{Ended, Socket};
+pub(crate) use viewer::Moment;
 
 use crate::logic::record::Form;
 

@@ -8,7 +8,7 @@ use super::mission::{LiveMission, Published};
 use super::order::{Answer, Given, Order, Ticket, read as read_order};
 use super::outbox::Frame;
 use super::protocol::{self, Call, Level, ParameterValue, Request, Subscription};
-use super::viewer::{ORDERS_MAX, Viewer};
+use super::viewer::{Moment, NewValue, ORDERS_MAX, Viewer};
 use super::{JSON, ProgramName};
 use crate::logic::record::{Entry, LOG, Rows, log_schema};
 use comms::logic::object::Exports;
@@ -115,7 +115,7 @@ impl Hub {
     }
 
     /// Takes a message of a client in.
-    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Duration) {
+    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Moment) {
         let request = match frame {
             Frame::Text(text) => protocol::read_text(text),
             Frame::Binary(bytes) => protocol::read_binary(bytes),
@@ -234,7 +234,7 @@ impl Hub {
                     mission.forget(&path, &mut hub.catalog);
                 }
             }
-            published.into_iter().for_each(|one| hub.publish(&one, at));
+            published.into_iter().for_each(|one| hub.publish(&one, at, None));
         });
     }
 
@@ -243,7 +243,7 @@ impl Hub {
         if let Some(payload) = super::events::payload(event) {
             self.events.keep(event.time, &payload);
             if let Some(channel) = self.events.channel {
-                self.publish(&Published { channel, payload, lost: 0 }, event.time);
+                self.publish(&Published { channel, payload, lost: 0 }, event.time, None);
             }
         }
     }
@@ -254,7 +254,7 @@ impl Hub {
         let payload = Rows::default().row(&Entry::Output { path, at: Duration::ZERO, text }, at).data;
         self.log.keep(at, &payload);
         if let Some(channel) = self.log.channel {
-            self.publish(&Published { channel, payload, lost: 0 }, at);
+            self.publish(&Published { channel, payload, lost: 0 }, at, None);
         }
     }
 
@@ -280,23 +280,32 @@ impl Hub {
         }
     }
 
-    /// Takes a value of an output in.
-    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Duration) {
+    /// Takes a value of an output in. It is encoded only if a client wants it.
+    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Moment) {
         let Some(program) = source.program() else { return };
-        self.publish_of(&program.deployment, at, |mission, catalog| mission.value(source, tapped, at, catalog));
+        let wants = |channel| self.viewers.values().any(|viewer| viewer.wants(channel, at.time));
+        let mission = self.missions.get(&program.deployment);
+        if mission.is_some_and(|mission| mission.channels_of(source).any(wants)) {
+            self.publish_of(&program.deployment, at, |mission, catalog| {
+                mission.value(source, tapped, at.since_1970, catalog)
+            });
+        }
     }
 
-    /// Takes a sample of the signals of a program in.
-    pub(crate) fn signals(&mut self, program: &ProgramName, sample: Signals, at: Duration) {
-        self.publish_of(&program.deployment, at, |mission, catalog| {
-            mission.signals(&program.path, sample, at, catalog)
-        });
+    /// Takes samples of the signals of a program in. So many messages before them were left out.
+    pub(crate) fn signals(&mut self, program: &ProgramName, samples: Vec<Signals>, lost: u64, at: Moment) {
+        for (sample, lost) in samples.into_iter().zip(std::iter::once(lost).chain(std::iter::repeat(0))) {
+            self.publish_of(&program.deployment, at, |mission, catalog| {
+                let published = mission.signals(&program.path, sample, at.since_1970, catalog)?;
+                Some(Published { lost, ..published })
+            });
+        }
     }
 
     fn publish_of(
         &mut self,
         deployment: &Deployment,
-        at: Duration,
+        at: Moment,
         take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
     ) {
         // A channel is compared only if there may be a new one: values come often.
@@ -309,19 +318,16 @@ impl Hub {
             self.viewers.values_mut().for_each(|viewer| viewer.outbox.word(Frame::Text(word.clone())));
         }
         if let Some(published) = published {
-            self.publish(&published, at);
+            self.publish(&published, at.since_1970, Some(at.time));
         }
     }
 
-    /// Sends a message to all clients that have subscribed to its channel.
-    fn publish(&mut self, Published { channel, payload, lost }: &Published, at: Duration) {
+    /// Sends a message to all clients that have subscribed to its channel, before it arrived if that is given.
+    fn publish(&mut self, Published { channel, payload, lost }: &Published, at: Duration, arrived: Option<Time>) {
         let Some(topic) = self.catalog.channels.get(channel).map(|channel| Arc::clone(&channel.topic)) else { return };
+        let value = NewValue { channel: *channel, topic: &topic, arrived, lost: *lost };
         for viewer in self.viewers.values_mut() {
-            let Some(subscription) = viewer.subscription(*channel) else { continue };
-            if *lost > 0 {
-                viewer.lose(*channel, &topic, *lost);
-            }
-            viewer.outbox.value(&topic, subscription, protocol::data(subscription, at, payload));
+            viewer.put(value, |subscription| protocol::data(subscription, at, payload));
         }
     }
 
@@ -361,7 +367,7 @@ impl Hub {
         self.catalog.channels.retain(|_, channel| channel.source != Source::State(deployment.clone()));
     }
 
-    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Duration) {
+    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Moment) {
         let Some(viewer) = self.viewers.get_mut(&number) else { return };
         let (mut refused, mut first) = (0_usize, None);
         for subscription in subscriptions {
@@ -370,7 +376,7 @@ impl Hub {
                 first.get_or_insert_with(|| format!("the channel {} does not exist", subscription.channel));
                 continue;
             };
-            if let Err(why) = viewer.subscribe(*subscription) {
+            if let Err(why) = viewer.subscribe(*subscription, at.time) {
                 refused += 1;
                 first.get_or_insert(why);
                 continue;
@@ -384,7 +390,7 @@ impl Hub {
                 Source::Log => self.log.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
                 Source::State(deployment) => {
                     let state = self.missions.get(deployment).and_then(LiveMission::state);
-                    state.iter().for_each(|state| send(at, &state.payload));
+                    state.iter().for_each(|state| send(at.since_1970, &state.payload));
                 }
                 Source::Output { .. } | Source::Signals(_) => {}
             }
