@@ -5,6 +5,7 @@
 //! fold the same input to the same result.
 
 mod late;
+mod losses;
 mod phases;
 mod progress;
 mod signals;
@@ -20,6 +21,7 @@ pub use summary::{Files, failure_chain, failure_output, summary};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
+use losses::ProgramLosses;
 use node::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use phases::Phases;
 use signals::Tracks;
@@ -40,6 +42,7 @@ pub struct Mission {
     phases: Phases,
     tracks: Tracks,
     late: Late,
+    losses: ProgramLosses,
     notes: Vec<Note>,
     notes_dropped: usize,
     verdict: Option<Verdict>,
@@ -112,6 +115,7 @@ impl Mission {
             phases: Phases::new(plan),
             tracks: Tracks::default(),
             late: Late::new(plan),
+            losses: ProgramLosses::default(),
             notes: Vec::new(),
             notes_dropped: 0,
             verdict: None,
@@ -155,8 +159,10 @@ impl Mission {
         }
     }
 
-    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out.
+    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out. Counts of losses are
+    /// also taken after the end, because the last sample may come later than the end.
     pub fn signals(&mut self, path: &str, at: Duration, sample: &Signals) {
+        self.losses.take(path, sample);
         if self.verdict.is_some() {
             return;
         }
@@ -239,6 +245,11 @@ impl Mission {
     /// Returns the unusual events.
     pub fn notes(&self) -> &[Note] {
         &self.notes
+    }
+
+    /// Returns each program whose inputs have lost or refused values, without the leading `main/`, and how many, in words.
+    pub fn losses(&self) -> impl Iterator<Item = (&str, String)> {
+        self.losses.texts().map(|(path, text)| (short(path), text))
     }
 
     /// Returns how many notes were left out.

@@ -443,10 +443,11 @@ impl Cycle {
         }
         self.signals_due = time + every;
         let missed = self.peaks.sampled(&values, time);
-        // The names are the same from the first sample on, so that a record has one schema.
+        // The names are the same from the first sample on, so that a record has one schema. Losses that wait count: a calculation that
+        // takes long may be the last one.
         let counts = [
             (OVERRUNS, self.overruns),
-            (LOST_VALUES, self.lost),
+            (LOST_VALUES, self.lost + self.inbox.waiting_losses()),
             (REFUSED_VALUES, self.refused),
         ];
         for (name, count) in counts {
