@@ -418,6 +418,6 @@ async fn hear_log(
 }
 
 async fn read_parameters(clients: Clients, sink: Sender<News>) {
-    let (values, _) = super::orders::parameters(&clients).await;
-    sink.send(News::Parameters(values)).await.unwrap_or_default();
+    let read = super::orders::parameters(&clients).await;
+    sink.send(News::Parameters(read.values)).await.unwrap_or_default();
 }
