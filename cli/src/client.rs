@@ -81,7 +81,7 @@ impl Clients {
         let keys = connect.key_place();
         let (mut clients, mut hanging) = (Vec::new(), None);
         for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
-            match Client::through(folder, &keys).await {
+            match Client::through(folder, &keys, &BTreeSet::new()).await {
                 Ok(client) => clients.extend(client),
                 // A command that has just begun or ended is left out, and so is one that hangs while others answer.
                 Err(failure) => hanging = Some(failure),
@@ -170,7 +170,7 @@ fn no_node(other: Option<u32>) -> anyhow::Error {
 impl Client {
     /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
-        let problem = match Self::through(&connect.base(), &connect.key_place()).await {
+        let problem = match Self::through(&connect.base(), &connect.key_place(), &connect.silent).await {
             Ok(Some(client)) => return Ok(client),
             Ok(None) => None,
             Err(Failure::Unreachable(problem)) => Some(problem),
@@ -203,7 +203,9 @@ impl Client {
         match (standing, &commands[..]) {
             (Ok(client), _) => Ok(client),
             (Err(failure), []) => Err(failure),
-            (Err(failure), [folder]) => Self::through(folder, &connect.key_place()).await?.ok_or(failure),
+            (Err(failure), [folder]) => {
+                Self::through(folder, &connect.key_place(), &BTreeSet::new()).await?.ok_or(failure)
+            }
             (Err(_), several) => {
                 let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
                 let several = several.join("` or `");
@@ -212,10 +214,12 @@ impl Client {
         }
     }
 
-    /// Connects through a node that has its sockets in this folder; nothing if none runs.
-    async fn through(folder: &Path, keys: &KeyPlace) -> Result<Option<Self>, Failure> {
+    /// Connects through a node that has its sockets in this folder; nothing if none runs. A silent node takes seconds to fail, so it comes
+    /// last.
+    async fn through(folder: &Path, keys: &KeyPlace, silent: &BTreeSet<String>) -> Result<Option<Self>, Failure> {
         let (mut problem, mut outlawed) = (None, None);
-        let running = run_dir::running(folder)?;
+        let mut running = run_dir::running(folder)?;
+        running.sort_by_key(|(name, _)| silent.contains(name));
         let has_others = running.len() > 1;
         for (name, socket) in running {
             match Session::open_client(&socket).await {

@@ -127,20 +127,20 @@ pub(crate) async fn follow(
     } else {
         Some(start_record(&spec, &following.runs, Readers::of(client.team().is_some()))?)
     };
-    let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
+    let (mut watch, mut arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
     let answers = client.ask_on(&home, &request)?;
-    let watched = watch.watch(client, &home, answers, arriving).await;
-    watch.finish(watched).await
+    let watched = watch.watch(client, &home, answers, &mut arriving).await;
+    watch.finish(watched, arriving).await
 }
 
 /// Watches a deployment that runs, from its beginning on, and stays until it has ended; Ctrl-C stops it everywhere.
 pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) -> Result<(), Failure> {
     let home = plan.home().context("the plan names no host for `main`")?.to_owned();
-    let (mut watch, arriving) = Watch::new(&plan, home.clone(), None, Vec::new(), client.team());
+    let (mut watch, mut arriving) = Watch::new(&plan, home.clone(), None, Vec::new(), client.team());
     watch.deployment = Some(deployment.clone());
     let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
-    let watched = watch.watch(client, &home, answers, arriving).await;
-    watch.finish(watched).await
+    let watched = watch.watch(client, &home, answers, &mut arriving).await;
+    watch.finish(watched, arriving).await
 }
 
 impl Watch {
@@ -180,7 +180,7 @@ impl Watch {
         client: &Client,
         home: &str,
         mut answers: Answers,
-        mut observer_events: mpsc::Receiver<ObserverEvent>,
+        observer_events: &mut mpsc::Receiver<ObserverEvent>,
     ) -> Result<(), Failure> {
         let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let mut refresh = tokio::time::interval(UPDATE_EVERY);
@@ -395,8 +395,19 @@ impl Watch {
         }
     }
 
-    async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
+    async fn finish(
+        mut self,
+        watched: Result<(), Failure>,
+        mut arriving: mpsc::Receiver<ObserverEvent>,
+    ) -> Result<(), Failure> {
         self.hearing.close().await;
+        // The last samples of programs that have ended, which count what they have lost.
+        while let Ok(event) = arriving.try_recv() {
+            self.observed(event);
+        }
+        while let Ok(event) = self.arriving_ports.try_recv() {
+            self.observed(event);
+        }
         // A user who leaves in the middle does not wait.
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };

@@ -9,4 +9,5 @@ pub mod recorder;
 pub(crate) mod screen;
 pub(crate) mod taps;
 pub mod user;
+pub(crate) mod value_queue;
 pub mod whole_file;

@@ -77,6 +77,7 @@ use comms::io::session::{self, Role};
 use language::Assignment;
 use node::console::{finish, on_own_stack, parsed_by};
 use node::io::{logging, run_dir};
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -216,17 +217,21 @@ pub struct ConnectArgs {
     /// A file of mode 0600 whose first line is the passphrase of your key [env: DCA_PASSPHRASE_FILE] [default: asked for at the terminal]
     #[arg(long = "passphrase", value_name = "FILE")]
     pub key_passphrase: Option<PathBuf>,
+    /// Nodes of this machine that have not answered: others are tried first.
+    #[arg(skip)]
+    silent: BTreeSet<String>,
 }
 
 impl ConnectArgs {
     /// Returns these, and where something is not given the others.
     fn or(&self, other: &Self) -> Self {
-        let Self { lan, run_dir, key_folder, key_passphrase } = self.clone();
+        let Self { lan, run_dir, key_folder, key_passphrase, silent } = self.clone();
         Self {
             lan: lan || other.lan,
             run_dir: run_dir.or_else(|| other.run_dir.clone()),
             key_folder: key_folder.or_else(|| other.key_folder.clone()),
             key_passphrase: key_passphrase.or_else(|| other.key_passphrase.clone()),
+            silent: &silent | &other.silent,
         }
     }
 

@@ -240,11 +240,19 @@ impl Live {
             let client = &connection.client;
             client.local().is_some() && now.since(connection.answered) >= SILENT_MAX && client.has_another()
         };
-        if self.is_opening || !self.connections.iter().any(is_silent) {
+        let silent: BTreeSet<String> = self
+            .connections
+            .iter()
+            .filter(|one| is_silent(one))
+            .filter_map(|one| one.client.local())
+            .map(str::to_owned)
+            .collect();
+        if self.is_opening || silent.is_empty() {
             return;
         }
         self.is_opening = true;
-        let (connect, heard, sink) = (self.connect.clone(), self.feed.heard(), self.sink.clone());
+        let (heard, sink) = (self.feed.heard(), self.sink.clone());
+        let connect = ConnectArgs { silent, ..self.connect.clone() };
         self.tasks.spawn(async move {
             let feed = Feed::resume(&connect, Mode::Live, heard).await.ok().map(Box::new);
             sink.send(Heard::Opened(feed)).await.unwrap_or_default();

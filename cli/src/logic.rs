@@ -28,3 +28,4 @@ pub(crate) mod tap;
 pub(crate) mod top;
 pub(crate) mod trace;
 pub mod tree;
+pub(crate) mod value_queue;

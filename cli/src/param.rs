@@ -8,6 +8,7 @@ use super::db::databases::{DatabaseArgs, Databases};
 use super::db::write::CommitArgs;
 use super::logic::process_name::ProcessName;
 use super::logic::suggestion;
+use crate::client::words;
 use crate::complete;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
@@ -101,6 +102,14 @@ struct Program {
     told: InstanceParameters,
     /// By parameter: the keys that set it, the one with precedence last, with their values.
     set: BTreeMap<String, Vec<(String, Datum)>>,
+}
+
+/// The programs of the nodes that answer.
+struct Reached {
+    programs: Vec<Program>,
+    answered: BTreeSet<String>,
+    /// The nodes that were asked and have not answered, and why.
+    silent: BTreeMap<String, String>,
 }
 
 /// The programs of the nodes that answer, and the hosts that do not.
@@ -419,7 +428,8 @@ fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
 /// Asks every node that can be reached for its programs, and its database for the values that replace their arguments.
 fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
-        let programs = programs_of(databases).await?;
+        // The warnings name the hosts that do not answer.
+        let Reached { programs, .. } = programs_of(databases).await?;
         let (nodes, away) = databases.statuses().await?;
         let active = leaves(&nodes).into_iter().filter(|leaf| leaf.process.state == "running");
         let active = active.map(|leaf| (leaf.deployment.clone(), leaf.process.path.clone())).collect();
@@ -428,22 +438,28 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
 }
 
 /// Returns the programs of the nodes that answer, with the values of their databases.
-async fn programs_of(databases: &Databases<'_>) -> Result<Vec<Program>, Failure> {
-    let mut programs = Vec::new();
+async fn programs_of(databases: &Databases<'_>) -> Result<Reached, Failure> {
+    let (mut programs, mut answered, mut silent) = (Vec::new(), BTreeSet::new(), BTreeMap::new());
     for host in databases.robots().await? {
-        // The other robots are still listed if one does not answer; the warnings name it.
+        // The other robots are still listed if one does not answer.
         let told = match databases.parameters(&host).await {
-            Ok(told) if told.is_empty() => continue,
             Ok(told) => told,
-            Err(Failure::Unreachable(_)) => continue,
+            Err(failure @ Failure::Unreachable(_)) => {
+                silent.insert(host, words(&failure));
+                continue;
+            }
             Err(failure) => return Err(failure),
         };
+        answered.insert(host.clone());
+        if told.is_empty() {
+            continue;
+        }
         let keys = databases.parameters_of(&host, "").await?;
         let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
         programs.extend(told.into_iter().map(program));
     }
     programs.sort_by_key(Program::name);
-    Ok(programs)
+    Ok(Reached { programs, answered, silent })
 }
 
 /// The keys that set the parameters of a program, by parameter; the one that names most of its path last.

@@ -144,7 +144,7 @@ fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path
         let message = |output: &str| of_module?.get(output);
         let steps = replay::steps(recorded, &path, stand_in, message).map_err(|why| anyhow!("`{path}`: {why}"))?;
         for (output, counts) in &steps.counts {
-            console::note(&format!("plays {path}.{output}: {}", counted(counts.played, "value")));
+            console::note(&format!("plays {path}.{output}: {}", steps.plays(output)));
             if counts.lost > 0 {
                 let lost = counted(counts.lost, "value");
                 console::note(&format!(

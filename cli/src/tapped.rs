@@ -6,7 +6,9 @@
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
 use crate::complete;
 use crate::io::taps::Taps;
+use crate::io::value_queue::SharedQueue;
 use crate::logic::tap::{Wanted, message};
+use crate::logic::value_queue::Queued;
 use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
@@ -18,11 +20,9 @@ use comms::logic::tap::{Outputs, Tapped};
 use node::console::{self, Failure};
 use node::logic::protocol::{Answer, Change, Deployment, Report, Request, leaves};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::mpsc::{self, Receiver};
 
-/// How many values wait to be shown; more are left out, and counted as lost.
-const VALUES_MAX: usize = 4096;
 /// How many outputs are followed at once.
 const OUTPUTS_MAX: usize = 256;
 /// How often [`TapEvent::Second`] comes.
@@ -120,15 +120,12 @@ async fn follow_with(
     // Heard first, so that nothing of it is missed.
     let watch = Request::Watch { deployment: deployment.clone(), seen: u64::MAX };
     let mut reports = Some(client.ask_on(&home, &watch)?);
-    let (outputs, mut values) = hear(taps, arguments, &deployment, &programs).await?;
+    let (outputs, values) = hear(taps, arguments, &deployment, &programs).await?;
     take(TapEvent::Begun(outputs))?;
     let (mut second, mut is_away) = (clock::now() + SECOND, false);
     loop {
         let end = tokio::select! {
-            value = values.recv() => match value {
-                Some((number, tapped)) => take(TapEvent::Value(number, tapped))?,
-                None => None,
-            },
+            Queued { source, value, .. } = values.next() => take(TapEvent::Value(source, value))?,
             () = clock::sleep_until(second) => {
                 second = second + SECOND;
                 if reports.is_none() {
@@ -263,9 +260,9 @@ async fn hear(
     arguments: &TapArgs,
     deployment: &Deployment,
     programs: &[Program],
-) -> Result<(Vec<FollowedOutput>, Receiver<(usize, Tapped)>), Failure> {
+) -> Result<(Vec<FollowedOutput>, Arc<SharedQueue<usize, Tapped>>), Failure> {
     let wanted = &arguments.output;
-    let (sink, values) = mpsc::channel(VALUES_MAX);
+    let values = Arc::new(SharedQueue::default());
     let (mut followed, mut known, mut failure) = (Vec::new(), BTreeSet::new(), None);
     for Program { path, dial, .. } in programs {
         let outputs = match outputs_of(taps, deployment, path, dial.clone()).await {
@@ -285,7 +282,7 @@ async fn hear(
             if followed.len() == OUTPUTS_MAX {
                 return Err(anyhow!("more than {OUTPUTS_MAX} outputs are meant; name the process, too").into());
             }
-            taps.hear(&deployment.name, path, &output.name, followed.len(), sink.clone()).await?;
+            taps.hear(&deployment.name, path, &output.name, followed.len(), Arc::clone(&values)).await?;
             let message = message(output, &outputs);
             followed.push(FollowedOutput { name, type_name: output.type_name.clone(), message });
         }

@@ -452,7 +452,7 @@ async fn look_for_commands(base: PathBuf, known: Vec<PathBuf>, sink: Sender<Sour
         known.retain(|folder| groups.contains(folder));
         for folder in groups {
             if !known.contains(&folder)
-                && let Ok(Some(client)) = Client::through(&folder, &KeyPlace::default()).await
+                && let Ok(Some(client)) = Client::through(&folder, &KeyPlace::default(), &BTreeSet::new()).await
             {
                 known.insert(folder);
                 if sink.send(SourceMessage::Client(Arc::new(client))).await.is_err() {

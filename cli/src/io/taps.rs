@@ -1,6 +1,7 @@
 //! A data session of the command line that hears the outputs of programs while they work.
 
 use crate::io::observer;
+use crate::io::value_queue::SharedQueue;
 use comms::io::clock;
 use comms::io::data::{CallWay, DataSession, Subscription};
 use comms::logic::bytes::Bytes;
@@ -15,7 +16,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::sync::mpsc::Sender;
 
 /// How long a program has to be reached, and then to answer: the longest way there and back is 3 s, and to dial takes four.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
@@ -113,20 +113,19 @@ impl Taps {
         Ok(heard.map_err(anyhow::Error::from)?.map_err(anyhow::Error::from)?)
     }
 
-    /// Hears an output from now on, wherever its program is started again. Each value goes to `sink` with `number`; when it is
-    /// full, values are left out.
+    /// Hears an output from now on, wherever its program is started again. Each value goes to `values` with `number`; when it is
+    /// full, the oldest values are left out, and the numbers of the others show it.
     pub(crate) async fn hear(
         &mut self,
         robot: &str,
         path: &str,
         output: &str,
         number: usize,
-        sink: Sender<(usize, Tapped)>,
+        values: Arc<SharedQueue<usize, Tapped>>,
     ) -> Result<(), Failure> {
         let take = move |bytes: Cow<'_, [u8]>| {
             if let Ok(tapped) = codec::decode(&bytes) {
-                // A full queue means that the screen is slow. The robot must not feel it, and the numbers show it.
-                sink.try_send((number, tapped)).unwrap_or_default();
+                values.push(&number, bytes.len(), tapped);
             }
         };
         let heard = self.listen(key::tap(robot, path, output), take).await?;

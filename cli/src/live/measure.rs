@@ -3,6 +3,7 @@
 use super::Heard;
 use crate::client::{Client, words};
 use crate::io::taps::Taps;
+use crate::io::value_queue::SharedQueue;
 use crate::logic::tap::Rate;
 use crate::logic::top::{Program, ProgramOutput};
 use crate::tapped::{self, found_again, locations, outputs_of};
@@ -12,7 +13,7 @@ use comms::logic::time::Time;
 use node::console::Failure;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::mpsc::{self, Sender};
+use tokio::sync::mpsc::Sender;
 use tokio::sync::oneshot;
 use tokio::task::{AbortHandle, JoinSet};
 use view::{Input, Measured};
@@ -23,8 +24,6 @@ const TOLD_EVERY: Duration = Duration::from_secs(1);
 const FIND_EVERY: Duration = Duration::from_secs(3);
 /// How long after its begin a measurement that has ended by itself may begin again.
 const AGAIN_AFTER: Duration = Duration::from_secs(3);
-/// How many values wait to be counted; more are left out, and their numbers show it.
-const VALUES_MAX: usize = 4096;
 
 /// A measurement that goes on until it is ended.
 pub(super) struct Measurement {
@@ -100,16 +99,13 @@ async fn measure(
     let dial = dial.ok_or_else(|| anyhow!("`{path}` has no links yet"))?;
     outputs_of(taps, deployment, path, dial.clone()).await?;
     let mut tapped = tapped::Program { path: path.clone(), host: host.clone(), dial };
-    let (values_tx, mut values) = mpsc::channel(VALUES_MAX);
-    taps.hear(&deployment.name, path, port, 0, values_tx).await?;
+    let values = Arc::new(SharedQueue::default());
+    taps.hear(&deployment.name, path, port, 0, Arc::clone(&values)).await?;
     let (mut rate, begun) = (Rate::default(), clock::now());
     let (mut told_at, mut find_at) = (begun + TOLD_EVERY, begun + FIND_EVERY);
     loop {
         tokio::select! {
-            value = values.recv() => match value {
-                Some((_, value)) => rate.take(&value),
-                None => return Ok(()),
-            },
+            queued = values.next() => rate.take(&queued.value),
             () = clock::sleep_until(told_at) => {
                 if let Some(hertz) = rate.hertz() {
                     let (mission, path, port) = (mission.clone(), path.clone(), port.clone());

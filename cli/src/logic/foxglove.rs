@@ -11,6 +11,7 @@ mod layout;
 mod mission;
 mod order;
 mod outbox;
+mod parameters;
 mod peer;
 mod player;
 mod protocol;
@@ -20,12 +21,14 @@ mod viewer;
 
 pub(crate) use catalog::{ProgramName, Source};
 pub(crate) use handshake::{Entrance, Peer, Refusal, origin};
-pub(crate) use hub::{Arrival, Hub};
+pub(crate) use hub::Hub;
 pub(crate) use layout::of_record as layout_of_record;
 pub(crate) use order::{Answer, Given, Order, ProcedureCall, Ticket};
+pub(crate) use parameters::Parameters;
 pub(crate) use peer::{Endpoint, user};
 pub(crate) use protocol::{GivenValue, ParameterValue};
 pub(crate) use socket::{Ended, Socket};
+pub(crate) use viewer::Moment;
 
 use crate::logic::record::Form;
 

@@ -5,6 +5,7 @@
 //! fold the same input to the same result.
 
 mod late;
+mod losses;
 mod phases;
 mod progress;
 mod signals;
@@ -20,6 +21,7 @@ pub use summary::{Files, failure_chain, failure_output, summary};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
+use losses::ProgramLosses;
 use node::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use phases::Phases;
 use signals::Tracks;
@@ -28,7 +30,7 @@ use view::sentence::{
     ENDED_LATE, configured_text, entered_text, renewing_text, report_text, restarting_text, reverting_text,
 };
 
-/// The most notes kept; the rest are counted.
+/// The most notes kept: the first half of them, then the last ones. The rest are counted; routine ones give way first.
 pub const NOTES_MAX: usize = 200;
 
 /// A deployment seen from outside.
@@ -40,6 +42,7 @@ pub struct Mission {
     phases: Phases,
     tracks: Tracks,
     late: Late,
+    losses: ProgramLosses,
     notes: Vec<Note>,
     notes_dropped: usize,
     verdict: Option<Verdict>,
@@ -96,6 +99,10 @@ pub struct Note {
     pub text: String,
     /// The last lines that its program wrote, if it failed.
     pub output: Vec<String>,
+    /// Its place among all notes of the mission.
+    pub number: usize,
+    /// Whether it may be left out when there are many: no question and no failure is.
+    pub is_routine: bool,
 }
 
 impl Mission {
@@ -108,6 +115,7 @@ impl Mission {
             phases: Phases::new(plan),
             tracks: Tracks::default(),
             late: Late::new(plan),
+            losses: ProgramLosses::default(),
             notes: Vec::new(),
             notes_dropped: 0,
             verdict: None,
@@ -125,12 +133,12 @@ impl Mission {
                 self.late.replan(plan);
             }
             Report::Changed { .. } | Report::Unchanged { .. } | Report::Omitted { .. } => {
-                self.push_note("main", report_text(report), self.now, &[]);
+                self.note_of_main(report);
             }
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
             Report::Aligned { within, .. } => self.start.aligned(*within),
-            Report::BeganLate { .. } => self.push_note("main", report_text(report), self.now, &[]),
+            Report::BeganLate { .. } => self.note_of_main(report),
             Report::Go { took, signals: _ } => self.start.go(*took),
             Report::Process { path, change, at } => {
                 self.now = self.now.max(*at);
@@ -151,8 +159,10 @@ impl Mission {
         }
     }
 
-    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out.
+    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out. Counts of losses are
+    /// also taken after the end, because the last sample may come later than the end.
     pub fn signals(&mut self, path: &str, at: Duration, sample: &Signals) {
+        self.losses.take(path, sample);
         if self.verdict.is_some() {
             return;
         }
@@ -237,6 +247,11 @@ impl Mission {
         &self.notes
     }
 
+    /// Returns each program whose inputs have lost or refused values, without the leading `main/`, and how many, in words.
+    pub fn losses(&self) -> impl Iterator<Item = (&str, String)> {
+        self.losses.texts().map(|(path, text)| (short(path), text))
+    }
+
     /// Returns how many notes were left out.
     pub fn notes_dropped(&self) -> usize {
         self.notes_dropped
@@ -282,17 +297,37 @@ impl Mission {
                 return;
             }
         };
-        self.push_note(path, text, at, output);
+        let note = Note {
+            at,
+            process: short(path).to_owned(),
+            text,
+            output: output.to_vec(),
+            number: 0,
+            is_routine: is_routine(change),
+        };
+        self.keep(note);
     }
 
-    fn push_note(&mut self, path: &str, text: String, at: Duration, output: &[String]) {
-        if self.notes.len() == NOTES_MAX {
-            self.notes_dropped += 1;
-        } else {
-            let (process, output) = (short(path).to_owned(), output.to_vec());
-            self.notes.push(Note { at, process, text, output });
-        }
+    fn note_of_main(&mut self, report: &Report) {
+        let (at, text) = (self.now, report_text(report));
+        self.keep(Note { at, process: "main".to_owned(), text, output: Vec::new(), number: 0, is_routine: false });
     }
+
+    fn keep(&mut self, note: Note) {
+        let number = self.notes_dropped + self.notes.len();
+        if self.notes.len() == NOTES_MAX {
+            let place = self.notes.iter().skip(NOTES_MAX / 2).position(|note| note.is_routine).unwrap_or(0);
+            self.notes.remove(NOTES_MAX / 2 + place);
+            self.notes_dropped += 1;
+        }
+        self.notes.push(Note { number, ..note });
+    }
+}
+
+/// Returns whether a change happens so often in a working activity that a person need not see each.
+fn is_routine(change: &Change) -> bool {
+    let is_word = |text: &str| ["says: ", "sends through ", "loses "].iter().any(|begin| text.starts_with(begin));
+    matches!(change, Change::Entered { .. }) || matches!(change, Change::Says { text } if is_word(text))
 }
 
 /// Returns `path` without the leading `main/`, which everything has in common.

@@ -1,10 +1,10 @@
 //! Parameters for a view that stays connected: their present values, and changes.
 
-use super::{Program, datum, programs_of};
+use super::{Program, Reached, datum, programs_of};
 use crate::client::{Client, words};
 use crate::db::databases::Databases;
 use crate::db::write::{CommitArgs, CommitProgress};
-use crate::logic::foxglove::{GivenValue, ParameterValue};
+use crate::logic::foxglove::{GivenValue, ParameterValue, Parameters};
 use anyhow::anyhow;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
@@ -12,12 +12,16 @@ use language::plan::Accepts;
 use node::console::Failure;
 use serde_json::Value;
 
-/// Returns the present values of all parameters of running programs that a connection reaches, by names such as
+/// Adds the present values of all parameters of running programs that a connection reaches, by names such as
 /// `door:main/hit/force.threshold`. Secrets are left out.
-pub(crate) async fn read(client: &Client) -> Result<Vec<ParameterValue>, Failure> {
-    let programs = programs_of(&through(client).await?).await?;
-    // A node of ROS 2 has its parameters itself.
-    Ok(programs.iter().filter(|program| program.told.ros_node.is_none()).flat_map(Program::values).collect())
+pub(crate) async fn read(client: &Client, all: &mut Parameters) -> Result<(), Failure> {
+    let Reached { programs, answered, silent } = programs_of(&through(client).await?).await?;
+    // A node of ROS 2 keeps its parameters itself.
+    let ours = programs.iter().filter(|program| program.told.ros_node.is_none());
+    all.values.extend(ours.flat_map(Program::values));
+    all.answered.extend(answered);
+    all.silent.extend(silent);
+    Ok(())
 }
 
 /// Sets parameters, or takes changes back; returns a sentence for each that was not done. Names of programs that this connection does
@@ -28,7 +32,7 @@ pub(crate) async fn set(
     values: &mut Vec<GivenValue>,
 ) -> Result<Vec<String>, Failure> {
     let databases = through(client).await?;
-    let programs = programs_of(&databases).await?;
+    let Reached { programs, .. } = programs_of(&databases).await?;
     let mut problems = Vec::new();
     for given in std::mem::take(values) {
         match parameter_of(&programs, &given.name) {

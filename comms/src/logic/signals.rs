@@ -10,6 +10,13 @@ use std::time::Duration;
 /// The most values in one sample.
 pub const VALUES_MAX: usize = 256;
 
+/// The signal that counts missed deadlines of an activation.
+pub const OVERRUNS: &str = "overruns";
+/// The signal that counts the values that were sent to inputs in an activation and have not come.
+pub const LOST_VALUES: &str = "lost values";
+/// The signal that counts the values that inputs have refused in an activation.
+pub const REFUSED_VALUES: &str = "refused values";
+
 /// One sample of a program's signals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Signals {

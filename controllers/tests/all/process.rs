@@ -156,6 +156,8 @@ fn heard_of(signals: &Receiver<Vec<u8>>, count: f64, mut in_vain: impl FnMut()) 
         let bytes = signals.recv_timeout(SOON).unwrap_or_else(|_| panic!("it says nothing"));
         let signals: Signals = codec::decode(&bytes).unwrap();
         let value = |name| signals.values.iter().find(|signal| signal.name == name).unwrap().value;
+        // A record has one schema for all samples.
+        assert!(value("lost values") + value("refused values") >= 0.0);
         if value("received") + value("lost") >= count {
             return value("received");
         }

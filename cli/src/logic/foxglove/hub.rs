@@ -11,7 +11,7 @@ use super::order::{Answer, Given, Order, Ticket, read as read_order};
 use super::outbox::Frame;
 use super::protocol::{self, Call, Control, Level, ParameterValue, Request, Subscription};
 use super::recording::{Played, Recording};
-use super::viewer::{ORDERS_MAX, Viewer};
+use super::viewer::{Moment, NewValue, ORDERS_MAX, Viewer};
 use super::{JSON, ProgramName};
 use crate::logic::record::{Entry, LOG, Rows, Timeline, log_schema};
 use comms::logic::object::Exports;
@@ -30,14 +30,6 @@ use view::{MissionId, Model};
 pub(super) const VIEWERS_MAX: usize = 8;
 /// How many problems of one order are told.
 const PROBLEMS_MAX: usize = 5;
-
-/// When a message came.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Arrival {
-    /// On the clock that does not jump.
-    pub(crate) now: Time,
-    pub(crate) since_1970: Duration,
-}
 
 /// All clients.
 #[derive(Debug)]
@@ -134,8 +126,8 @@ impl Hub {
     }
 
     /// Takes a message of a client in.
-    pub(crate) fn take(&mut self, number: u64, frame: &Frame, arrival: Arrival) {
-        let Arrival { now, since_1970: at } = arrival;
+    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Moment) {
+        let now = at.time;
         let request = match frame {
             Frame::Text(text) => protocol::read_text(text),
             Frame::Binary(bytes) => protocol::read_binary(bytes),
@@ -267,7 +259,7 @@ impl Hub {
                     mission.forget(&path, &mut hub.catalog);
                 }
             }
-            published.into_iter().for_each(|one| hub.publish(&one, at));
+            published.into_iter().for_each(|one| hub.publish(&one, at, None));
         });
     }
 
@@ -293,7 +285,7 @@ impl Hub {
         if let Some(payload) = super::events::payload(event) {
             self.events.keep(event.time, &payload);
             if let Some(channel) = self.events.channel {
-                self.publish(&Published { channel, payload, lost: 0 }, event.time);
+                self.publish(&Published { channel, payload, lost: 0 }, event.time, None);
             }
         }
     }
@@ -304,7 +296,7 @@ impl Hub {
         let payload = Rows::default().row(&Entry::Output { path, at: Duration::ZERO, text }, at).data;
         self.log.keep(at, &payload);
         if let Some(channel) = self.log.channel {
-            self.publish(&Published { channel, payload, lost: 0 }, at);
+            self.publish(&Published { channel, payload, lost: 0 }, at, None);
         }
     }
 
@@ -330,21 +322,32 @@ impl Hub {
         }
     }
 
-    /// Takes a value of an output in.
-    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Duration) {
+    /// Takes a value of an output in. It is encoded only if a client wants it.
+    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Moment) {
         let Some(program) = source.program() else { return };
-        self.publish_of(&program.mission, at, |mission, catalog| mission.value(source, tapped, at, catalog));
+        let wants = |channel| self.viewers.values().any(|viewer| viewer.wants(channel, at.time));
+        let mission = self.missions.get(&program.mission);
+        if mission.is_some_and(|mission| mission.channels_of(source).any(wants)) {
+            self.publish_of(&program.mission, at, |mission, catalog| {
+                mission.value(source, tapped, at.since_1970, catalog)
+            });
+        }
     }
 
-    /// Takes a sample of the signals of a program in.
-    pub(crate) fn signals(&mut self, program: &ProgramName, sample: Signals, at: Duration) {
-        self.publish_of(&program.mission, at, |mission, catalog| mission.signals(&program.path, sample, at, catalog));
+    /// Takes samples of the signals of a program in. So many messages before them were left out.
+    pub(crate) fn signals(&mut self, program: &ProgramName, samples: Vec<Signals>, lost: u64, at: Moment) {
+        for (sample, lost) in samples.into_iter().zip(std::iter::once(lost).chain(std::iter::repeat(0))) {
+            self.publish_of(&program.mission, at, |mission, catalog| {
+                let published = mission.signals(&program.path, sample, at.since_1970, catalog)?;
+                Some(Published { lost, ..published })
+            });
+        }
     }
 
     fn publish_of(
         &mut self,
         mission: &MissionId,
-        at: Duration,
+        at: Moment,
         take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
     ) {
         // A channel is compared only if there may be a new one: values come often.
@@ -357,19 +360,16 @@ impl Hub {
             self.viewers.values_mut().for_each(|viewer| viewer.outbox.word(Frame::Text(word.clone())));
         }
         if let Some(published) = published {
-            self.publish(&published, at);
+            self.publish(&published, at.since_1970, Some(at.time));
         }
     }
 
-    /// Sends a message to all clients that have subscribed to its channel.
-    fn publish(&mut self, Published { channel, payload, lost }: &Published, at: Duration) {
+    /// Sends a message to all clients that have subscribed to its channel, before it arrived if that is given.
+    fn publish(&mut self, Published { channel, payload, lost }: &Published, at: Duration, arrived: Option<Time>) {
         let Some(topic) = self.catalog.channels.get(channel).map(|channel| Arc::clone(&channel.topic)) else { return };
+        let value = NewValue { channel: *channel, topic: &topic, arrived, lost: *lost };
         for viewer in self.viewers.values_mut() {
-            let Some(subscription) = viewer.subscription(*channel) else { continue };
-            if *lost > 0 {
-                viewer.lose(*channel, &topic, *lost);
-            }
-            viewer.outbox.value(&topic, subscription, protocol::data(subscription, at, payload));
+            viewer.put(value, |subscription| protocol::data(subscription, at, payload));
         }
     }
 
@@ -409,7 +409,7 @@ impl Hub {
         self.catalog.channels.retain(|_, channel| channel.source != Source::State(id.clone()));
     }
 
-    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Duration) {
+    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Moment) {
         let Some(viewer) = self.viewers.get_mut(&number) else { return };
         let (mut refused, mut first) = (0_usize, None);
         for subscription in subscriptions {
@@ -418,7 +418,7 @@ impl Hub {
                 first.get_or_insert_with(|| format!("the channel {} does not exist", subscription.channel));
                 continue;
             };
-            if let Err(why) = viewer.subscribe(*subscription) {
+            if let Err(why) = viewer.subscribe(*subscription, at.time) {
                 refused += 1;
                 first.get_or_insert(why);
                 continue;
@@ -432,7 +432,7 @@ impl Hub {
                 Source::Log => self.log.kept.iter().for_each(|kept| send(kept.at, &kept.payload)),
                 Source::State(mission) => {
                     let state = self.missions.get(mission).and_then(LiveMission::state);
-                    state.iter().for_each(|state| send(at, &state.payload));
+                    state.iter().for_each(|state| send(at.since_1970, &state.payload));
                 }
                 Source::Output { .. } | Source::Signals(_) => {}
                 Source::Recorded(_) => {

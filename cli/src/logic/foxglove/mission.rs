@@ -28,6 +28,8 @@ struct Output {
     message: Option<Arc<Message>>,
     /// Index into the topics of the rows.
     topic: usize,
+    /// The topic of values that cannot be read, if there was one.
+    unread: Option<usize>,
     numbers: Numbers,
 }
 
@@ -102,7 +104,7 @@ impl LiveMission {
             let topic = self.rows.declare(&format!("{path}/{}", output.name), message.as_deref());
             self.channel(topic, &source, catalog);
             let numbers = self.outputs.get(&source).map_or_else(Numbers::default, |known| known.numbers);
-            there.insert(source, Output { message, topic, numbers });
+            there.insert(source, Output { message, topic, unread: None, numbers });
         }
         let gone = self.outputs.iter().filter(|(source, output)| {
             source.program() == Some(&program) && there.get(*source).is_none_or(|now| now.topic != output.topic)
@@ -169,6 +171,12 @@ impl LiveMission {
         }
     }
 
+    /// Returns the channels that values of an output go to.
+    pub(super) fn channels_of(&self, source: &Source) -> impl Iterator<Item = u32> {
+        let topics = self.outputs.get(source).map(|output| [Some(output.topic), output.unread]);
+        topics.into_iter().flatten().flatten().filter_map(|topic| self.channels.get(&topic).copied())
+    }
+
     /// Takes a value of an output in.
     pub(super) fn value(
         &mut self,
@@ -188,6 +196,7 @@ impl LiveMission {
             message: known.message.clone(),
         };
         let row = self.rows.row(&entry, at);
+        known.unread = Some(row.topic).filter(|topic| *topic != known.topic).or(known.unread);
         let channel = self.channel(row.topic, source, catalog)?;
         Some(Published { channel, payload: row.data, lost })
     }

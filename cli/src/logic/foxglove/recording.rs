@@ -207,14 +207,15 @@ fn schemas() -> [Value; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::foxglove::hub::{Arrival, Hub};
+    use crate::logic::foxglove::Moment;
+    use crate::logic::foxglove::hub::Hub;
     use crate::logic::foxglove::outbox::Frame;
     use crate::logic::record::{RecordedMessage, RecordedTopic};
 
     const BEGIN: Duration = Duration::from_secs(1_800_000_000);
 
-    fn at(millis: u64) -> Arrival {
-        Arrival { now: Time::ZERO + Duration::from_millis(millis), since_1970: BEGIN }
+    fn at(millis: u64) -> Moment {
+        Moment { time: Time::ZERO + Duration::from_millis(millis), since_1970: BEGIN }
     }
 
     /// A record of 10 s: `/a` each second, and `/b` once, after 2.5 s.

@@ -2,8 +2,10 @@
 
 use super::outbox::Outbox;
 use super::protocol::Subscription;
+use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// The most subscriptions of a client. Foxglove has one for each topic that a panel shows.
 pub(super) const SUBSCRIPTIONS_MAX: usize = 1024;
@@ -12,13 +14,41 @@ const FOLLOWED_MAX: usize = 4096;
 /// The most orders of a client that are carried out at once.
 pub(super) const ORDERS_MAX: usize = 16;
 
+/// A moment on the clock of this machine, which never goes back, and since 1970.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Moment {
+    pub(crate) time: Time,
+    pub(crate) since_1970: Duration,
+}
+
+/// The subscription of a channel.
+#[derive(Debug)]
+struct Subscribed {
+    id: u32,
+    /// Earlier values are not for it.
+    since: Time,
+    /// Whether it has had a value. Values that were lost before are not its loss.
+    has_begun: bool,
+}
+
+/// A value for a client.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct NewValue<'a> {
+    pub(super) channel: u32,
+    pub(super) topic: &'a Arc<str>,
+    /// When it arrived; without it, it was never stored.
+    pub(super) arrived: Option<Time>,
+    /// How many earlier values have not come here.
+    pub(super) lost: u64,
+}
+
 /// A client.
 #[derive(Debug, Default)]
 pub(super) struct Viewer {
     pub(super) outbox: Outbox,
     /// The channel of each subscription, and the subscription of each channel.
     channels: BTreeMap<u32, u32>,
-    subscriptions: BTreeMap<u32, u32>,
+    subscriptions: BTreeMap<u32, Subscribed>,
     follows_all: bool,
     followed: BTreeSet<String>,
     /// How many orders are being carried out.
@@ -26,11 +56,11 @@ pub(super) struct Viewer {
 }
 
 impl Viewer {
-    /// Adds a subscription.
+    /// Adds a subscription of values from now on.
     ///
     /// # Errors
     /// Why it cannot be added.
-    pub(super) fn subscribe(&mut self, Subscription { id, channel }: Subscription) -> Result<(), String> {
+    pub(super) fn subscribe(&mut self, Subscription { id, channel }: Subscription, now: Time) -> Result<(), String> {
         if self.channels.len() >= SUBSCRIPTIONS_MAX {
             return Err(format!("a client may have {SUBSCRIPTIONS_MAX} subscriptions"));
         }
@@ -41,7 +71,7 @@ impl Viewer {
             return Err(format!("there is a subscription of the channel {channel} already"));
         }
         self.channels.insert(id, channel);
-        self.subscriptions.insert(channel, id);
+        self.subscriptions.insert(channel, Subscribed { id, since: now, has_begun: false });
         Ok(())
     }
 
@@ -55,26 +85,32 @@ impl Viewer {
 
     /// Removes the subscription of a channel that does not exist any more.
     pub(super) fn forget(&mut self, channel: u32) {
-        if let Some(id) = self.subscriptions.get(&channel).copied() {
+        if let Some(id) = self.subscriptions.get(&channel).map(|one| one.id) {
             self.unsubscribe(id);
         }
     }
 
-    /// Returns the subscription of a channel.
-    pub(super) fn subscription(&self, channel: u32) -> Option<u32> {
-        self.subscriptions.get(&channel).copied()
+    /// Returns whether it wants a value of a channel that arrived then.
+    pub(super) fn wants(&self, channel: u32, arrived: Time) -> bool {
+        self.subscriptions.get(&channel).is_some_and(|one| one.since <= arrived)
+    }
+
+    /// Adds a value of a channel, if it wants that. `frame` makes the message for a subscription.
+    pub(super) fn put(&mut self, value: NewValue<'_>, frame: impl FnOnce(u32) -> Vec<u8>) {
+        let NewValue { channel, topic, arrived, lost } = value;
+        let Some(one) = self.subscriptions.get_mut(&channel) else { return };
+        if arrived.is_some_and(|arrived| arrived < one.since) {
+            return;
+        }
+        if std::mem::replace(&mut one.has_begun, true) && lost > 0 {
+            self.outbox.lose(topic, lost);
+        }
+        self.outbox.value(topic, one.id, frame(one.id));
     }
 
     /// Returns the channels that it has subscribed to.
     pub(super) fn wanted(&self) -> impl Iterator<Item = u32> {
         self.subscriptions.keys().copied()
-    }
-
-    /// Counts values of a channel that were lost on the way here.
-    pub(super) fn lose(&mut self, channel: u32, topic: &Arc<str>, count: u64) {
-        if self.subscriptions.contains_key(&channel) {
-            self.outbox.lose(topic, count);
-        }
     }
 
     /// Begins to follow parameters: all, if none is named.

@@ -1,10 +1,13 @@
 //! The progress lines of a running mission.
 
-use crate::logic::mission::{Mission, Phase};
+use crate::logic::mission::{Mission, Note, Phase};
 use std::time::Duration;
 
 /// How often a log that is not a terminal gets a line while nothing changes.
 const PLAIN_EVERY: Duration = Duration::from_secs(2);
+/// The most routine notes that are shown within [`ROUTINE_WITHIN`]; the rest are counted.
+const ROUTINE_MAX: usize = 20;
+const ROUTINE_WITHIN: Duration = Duration::from_secs(1);
 /// The widest column of phase names.
 const NAME_MAX: usize = 40;
 /// As many programs inside groups are named.
@@ -35,8 +38,47 @@ pub struct Progress {
     going: bool,
     begun: usize,
     ended: usize,
+    /// The number of the next note.
     notes: usize,
+    routine: Routine,
     last: Duration,
+}
+
+/// The routine notes within some time.
+#[derive(Debug, Default)]
+struct Routine {
+    began: Duration,
+    shown: usize,
+    left_out: usize,
+}
+
+impl Routine {
+    /// Returns whether a note is shown.
+    fn shows(&mut self, note: &Note, lines: &mut Vec<Line>) -> bool {
+        self.pass(note.at, lines);
+        if !note.is_routine || self.shown < ROUTINE_MAX {
+            self.shown += usize::from(note.is_routine);
+            return true;
+        }
+        self.left_out += 1;
+        false
+    }
+
+    /// Begins again once the time is over, and tells how many notes were left out.
+    fn pass(&mut self, now: Duration, lines: &mut Vec<Line>) {
+        if now >= self.began + ROUTINE_WITHIN {
+            self.tell(lines);
+            *self = Self { began: now, ..Self::default() };
+        }
+    }
+
+    fn tell(&mut self, lines: &mut Vec<Line>) {
+        match std::mem::take(&mut self.left_out) {
+            0 => {}
+            1 => lines.push(Line::Kept(format!("{:10}… 1 more line", ""))),
+            more => lines.push(Line::Kept(format!("{:10}… {more} more lines", ""))),
+        }
+    }
 }
 
 impl Progress {
@@ -55,11 +97,18 @@ impl Progress {
             self.going = true;
             lines.extend(mission.start().done().map(Line::Kept));
         }
-        for note in &mission.notes()[self.notes..] {
+        for note in mission.notes().iter().filter(|note| note.number >= self.notes) {
+            if !self.routine.shows(note, &mut lines) {
+                continue;
+            }
             lines.push(Line::Kept(format!("{:>6.1} s  ! {} {}", note.at.as_secs_f64(), note.process, note.text)));
             lines.extend(note.output.iter().map(|line| Line::Kept(format!("{:10}| {line}", ""))));
         }
-        self.notes = mission.notes().len();
+        self.notes = mission.notes_dropped() + mission.notes().len();
+        self.routine.pass(mission.now(), &mut lines);
+        if mission.verdict().is_some() {
+            self.routine.tell(&mut lines);
+        }
         self.phases(mission, style, &mut lines);
         fitted(lines, style)
     }
@@ -150,7 +199,7 @@ mod tests {
     use crate::logic::mission::tests::{OPENING, door, feed, seconds};
     use expect_test::{Expect, expect};
     use language::{Options, Source, compile};
-    use node::logic::protocol::{Change, Ending, Report};
+    use node::logic::protocol::{Change, Ending, Failure, FailureCause, Report};
 
     fn check(style: Style, expect: &Expect) {
         let mut mission = Mission::new(&door());
@@ -211,6 +260,40 @@ mod tests {
                 ~   22.5 s  ▸ …                         0.0 s  force 28.8 N · angle 74.0 deg
             "#]],
         );
+    }
+
+    /// A flood is thinned, but each line is shown or counted, and questions and failures are always shown.
+    #[test]
+    fn a_flood_hides_no_question_and_no_failure() {
+        let (mut mission, mut progress, mut lines) = (Mission::new(&door()), Progress::default(), Vec::new());
+        feed(&mut mission, OPENING.lines().next().unwrap());
+        let mut tell = |change: Change, millis: u64| {
+            mission.report(&Report::Process { path: "main/sys".to_owned(), change, at: Duration::from_millis(millis) });
+            lines.extend(progress.lines(&mission, Style::Plain));
+        };
+        let says = |text: &str| Change::Says { text: text.to_owned() };
+        for number in 0..1000 {
+            tell(says(&format!("says: {number}")), number * 10);
+            if number % 100 == 99 {
+                tell(says(&format!("asks, as question {number}: go on?")), number * 10);
+                let cause = FailureCause::Failed(format!("host `c{number}` could not be reached"));
+                let failure = Failure { origin: "main/sys".to_owned(), cause, at: Duration::ZERO };
+                tell(Change::Ended(Ending::Aborted(failure)), number * 10);
+            }
+        }
+        mission.report(&Report::Finished { ending: Ending::Stopped, at: seconds(10.0), unconfirmed: Vec::new() });
+        lines.extend(progress.lines(&mission, Style::Plain));
+        let kept: Vec<&str> = lines
+            .iter()
+            .filter_map(|line| if let Line::Kept(line) = line { Some(line.as_str()) } else { None })
+            .collect();
+        let count = |what: &str| kept.iter().filter(|line| line.contains(what)).count();
+        assert_eq!((count("asks, as question"), count("could not be reached")), (10, 10));
+        let more =
+            kept.iter().filter_map(|line| line.trim().strip_prefix("… ")?.split(' ').next()?.parse::<usize>().ok());
+        assert_eq!(more.sum::<usize>() + count("says: "), 1000);
+        assert!(count("says: ") <= 20 * 11, "{}", count("says: "));
+        assert!(mission.notes().len() <= crate::logic::mission::NOTES_MAX);
     }
 
     #[test]

@@ -11,6 +11,8 @@ const ROWS_MAX: usize = 14;
 const COLUMNS_MAX: usize = 6;
 /// The most notes shown.
 const NOTES_MAX: usize = 6;
+/// The most programs whose lost values are shown.
+const LOSSES_MAX: usize = 6;
 /// The most programs whose output is shown.
 const OUTPUTS_MAX: usize = 3;
 /// The widest cell.
@@ -59,6 +61,7 @@ fn text(mission: &Mission, files: &Files, columns: usize) -> String {
         text.push_str("    programs may still run there; `dca status` says when they have ended\n");
     }
     notes(mission, &mut text);
+    losses(mission, &mut text);
     if mission.start().is_running() {
         text.push('\n');
         table(mission, columns, &mut text);
@@ -141,6 +144,16 @@ fn notes(mission: &Mission, text: &mut String) {
     let more = notes.len().saturating_sub(NOTES_MAX) + mission.notes_dropped();
     if more > 0 {
         text.push_str(&format!("  and {more} more\n"));
+    }
+}
+
+fn losses(mission: &Mission, text: &mut String) {
+    for (process, counts) in mission.losses().take(LOSSES_MAX) {
+        text.push_str(&format!("  {process}: {counts}\n"));
+    }
+    let more = mission.losses().skip(LOSSES_MAX).count();
+    if more > 0 {
+        text.push_str(&format!("  {} lost values as well\n", counted(more, "other program")));
     }
 }
 
@@ -356,6 +369,22 @@ mod tests {
                   report  runs/test-1/report.html
             "#]],
         );
+    }
+
+    /// Counts begin again with each activation, and the last one may come after the end.
+    #[test]
+    fn lost_values_are_in_the_summary() {
+        let table = format!(
+            "{OPENING} 1 near lost_values 0 - \n 2 near lost_values 600 - \n 3 near lost_values 30 - \n \
+             3 hit refused_values 1 - \n 3 servo lost_values 0 -"
+        );
+        let mut mission = Mission::new(&door());
+        feed(&mut mission, &table);
+        mission.report(&Report::Finished { ending: Ending::Done(Vec::new()), at: at(22.1), unconfirmed: Vec::new() });
+        feed_more(&mut mission, "22.2 near lost_values 37 -");
+        let text = summary(&mission, &Files::default(), None);
+        let lines: Vec<&str> = text.lines().filter(|line| line.starts_with("  sys/")).collect();
+        assert_eq!(lines, ["  sys/hit: 1 value refused", "  sys/near: 637 values lost"]);
     }
 
     #[test]

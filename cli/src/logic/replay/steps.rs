@@ -6,8 +6,12 @@ use crate::logic::record::{Entry, RecordedValue, Run};
 use comms::logic::layout::Message;
 use comms::logic::replay::{STEPS_MAX, Stamp, Step, append};
 use node::logic::protocol::{Change, Ending, Report};
+use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// The most activations whose values are counted one by one for a person.
+const ACTIVATIONS_MAX: usize = 8;
 
 /// The recorded values of the outputs of a process.
 #[derive(Debug)]
@@ -16,6 +20,10 @@ pub(crate) struct Recorded {
     pub(crate) steps: Vec<u8>,
     /// How many values of each output are played, and how many cannot be.
     pub(crate) counts: BTreeMap<String, Counts>,
+    /// How many activations there are.
+    activations: usize,
+    /// How many values of each output each activation plays.
+    by_activation: BTreeMap<String, BTreeMap<usize, u64>>,
 }
 
 /// The number of values of an output.
@@ -45,17 +53,18 @@ pub(crate) fn steps<'a>(
     message: impl Fn(&str) -> Option<&'a Message>,
 ) -> Result<Recorded, String> {
     let mut activations = activations(&run.entries, path).into_iter().peekable();
-    let mut recorded = Recorded { steps: Vec::new(), counts: BTreeMap::new() };
+    let mut recorded =
+        Recorded { steps: Vec::new(), counts: BTreeMap::new(), activations: 0, by_activation: BTreeMap::new() };
     let mut current: Option<Activation> = None;
     for Sent { port, output, at, encoded, origin } in sent(run, path, stand_in, message) {
         while activations.peek().is_some_and(|next| current.is_none() || next.began <= at) {
             recorded.end(current.take())?;
-            recorded.add(&Step::Begin)?;
+            recorded.begin()?;
             current = activations.next();
         }
         if recorded.steps.is_empty() {
             // The record lacks its beginning.
-            recorded.add(&Step::Begin)?;
+            recorded.begin()?;
         }
         let began = current.as_ref().map_or(Duration::ZERO, |activation| activation.began);
         let counts = recorded.counts.entry(output.to_owned()).or_default();
@@ -63,6 +72,8 @@ pub(crate) fn steps<'a>(
             None => counts.lost += 1,
             Some(encoded) => {
                 counts.played += 1;
+                let of_output = recorded.by_activation.entry(output.to_owned()).or_default();
+                *of_output.entry(recorded.activations).or_default() += 1;
                 let stamp = stamp(&encoded, origin, began);
                 let at = at.saturating_sub(began);
                 recorded.add(&Step::Value { at, port, bytes: encoded.bytes, stamp })?;
@@ -71,13 +82,37 @@ pub(crate) fn steps<'a>(
     }
     recorded.end(current)?;
     for activation in activations {
-        recorded.add(&Step::Begin)?;
+        recorded.begin()?;
         recorded.end(Some(activation))?;
     }
     Ok(recorded)
 }
 
 impl Recorded {
+    /// Returns how many values of an output are played, in words. Which of several activations are played depends on how often the
+    /// mission activates the process.
+    pub(crate) fn plays(&self, output: &str) -> String {
+        let played = self.counts.get(output).map_or(0, |counts| counts.played);
+        let all = counted(played, "value");
+        if self.activations < 2 {
+            return all;
+        }
+        let of_output = self.by_activation.get(output);
+        let count = |number| of_output.and_then(|counts| counts.get(&number)).copied().unwrap_or_default().to_string();
+        let mut each: Vec<String> = (1..=self.activations.min(ACTIVATIONS_MAX)).map(count).collect();
+        each.extend((self.activations > ACTIVATIONS_MAX).then(|| "…".to_owned()));
+        let (times, each) = (self.activations, each.join(", "));
+        format!(
+            "{all} of {times} activations ({each}); each activation of the process plays those of the next one, so all are played only \
+             if the mission activates it {times} times"
+        )
+    }
+
+    fn begin(&mut self) -> Result<(), String> {
+        self.activations += 1;
+        self.add(&Step::Begin)
+    }
+
     fn add(&mut self, step: &Step) -> Result<(), String> {
         let bytes = std::mem::take(&mut self.steps);
         self.steps = append(step, bytes).map_err(|error| error.to_string())?;
@@ -191,7 +226,7 @@ mod tests {
         RecordedValue { from: "main/a/Out".to_owned(), to: to.to_owned(), at: ms(at), form: ValueForm::Json, data }
     }
 
-    fn check(entries: Vec<Entry>, values: Vec<RecordedValue>, expected: &[Step]) -> Counts {
+    fn check(entries: Vec<Entry>, values: Vec<RecordedValue>, expected: &[Step]) -> Recorded {
         let header = Header { file: "a.dca".to_owned(), text: String::new(), plan: door(), started: None };
         let run = Run { header, go: None, entries, values, damage: None };
         let stand_in = StandIn { leaf: 0, outputs: vec!["Out".to_owned()], recorded: 1 };
@@ -202,7 +237,7 @@ mod tests {
             rest = behind;
         }
         assert_eq!(found, expected);
-        recorded.counts.get("Out").copied().unwrap_or_default()
+        recorded
     }
 
     #[test]
@@ -233,8 +268,11 @@ mod tests {
             Step::Begin,
             step(3, 2),
         ];
-        let counts = check(entries, values, &expected);
-        assert_eq!(counts, Counts { played: 4, lost: 0 });
+        let recorded = check(entries, values, &expected);
+        assert_eq!(recorded.counts["Out"], Counts { played: 4, lost: 0 });
+        let text = recorded.plays("Out");
+        assert!(text.starts_with("4 values of 4 activations (2, 1, 0, 1); "), "{text}");
+        assert!(text.ends_with("only if the mission activates it 4 times"), "{text}");
     }
 
     #[test]
@@ -242,9 +280,10 @@ mod tests {
         let mut broken = value(4, "b");
         broken.data = b"{}".to_vec();
         let step = |at, byte| Step::Value { at: ms(at), port: 0, bytes: vec![byte], stamp: None };
-        let counts =
+        let recorded =
             check(Vec::new(), vec![value(3, "b"), broken, value(5, "b")], &[Step::Begin, step(3, 0), step(5, 2)]);
-        assert_eq!(counts, Counts { played: 2, lost: 1 });
+        assert_eq!(recorded.counts["Out"], Counts { played: 2, lost: 1 });
+        assert_eq!(recorded.plays("Out"), "2 values");
     }
 
     #[test]

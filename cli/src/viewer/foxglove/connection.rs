@@ -1,7 +1,7 @@
 //! One connection of a client: its handshake, then frames in both directions.
 
 use super::super::serve::{Guest, REQUEST_WITHIN, request};
-use crate::logic::foxglove::{Arrival, Ended, Endpoint, Entrance, Hub, Peer, Refusal, Socket, user};
+use crate::logic::foxglove::{Ended, Endpoint, Entrance, Hub, Peer, Refusal, Socket, user};
 use crate::logic::http::{self, Head, Status};
 use comms::io::clock;
 use comms::logic::time::Time;
@@ -231,8 +231,8 @@ fn fill(socket: &mut Socket, shared: &Shared, viewer: u64, now: Time) -> Result<
 /// Takes bytes of a client in.
 fn take(socket: &mut Socket, bytes: &[u8], shared: &Shared, viewer: u64) -> Result<(), Ended> {
     let mut hub = shared.hub();
-    let arrival = Arrival { now: clock::now(), since_1970: clock::unix_time() };
-    let taken = socket.take(bytes, |frame| hub.take(viewer, &frame, arrival));
+    let at = super::robots::moment();
+    let taken = socket.take(bytes, |frame| hub.take(viewer, &frame, at));
     drop(hub);
     shared.asked.notify_one();
     taken

@@ -7,7 +7,9 @@ use crate::db::write::CommitArgs;
 use crate::io::taps::Taps;
 use crate::io::user;
 use crate::live::Live;
-use crate::logic::foxglove::{Answer, Given, GivenValue, Order, ParameterValue, ProcedureCall, ProgramName, Ticket};
+use crate::logic::foxglove::{
+    Answer, Given, GivenValue, Order, ParameterValue, Parameters, ProcedureCall, ProgramName, Ticket,
+};
 use crate::logic::object;
 use crate::logic::process_name::DeploymentName;
 use crate::object::{Callee, sentence, signed};
@@ -15,6 +17,7 @@ use crate::{ConnectArgs, estop, orders, param, stop};
 use comms::logic::object::ObjectError;
 use node::logic::protocol::{Estop, Request};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -37,6 +40,8 @@ struct Ways {
     clients: Clients,
     connect: ConnectArgs,
     taps: Option<Arc<Taps>>,
+    /// The host of each program that should run, by deployment and path: `door:main/hit`.
+    homes: BTreeMap<String, String>,
     /// The connection to the program that is called, and its host.
     callee: Option<(Arc<Client>, String)>,
 }
@@ -51,13 +56,25 @@ pub(super) fn give(
     let robot = given.callee().and_then(|program| robot_of(model, program));
     let Given { viewer, ticket, order } = given;
     let callee = robot.and_then(|robot| Some((live.client_of(&robot)?, robot.host)));
-    let ways = Ways { clients: live.clients(), connect: live.connect(), taps, callee };
+    let ways = Ways { clients: live.clients(), connect: live.connect(), taps, homes: homes(model), callee };
     async move {
         let answer = timeout(ORDER_WITHIN, carry_out(order, ways)).await.unwrap_or_else(|_| {
             Answer::Failed(format!("no result within {} s: it may have been carried out", ORDER_WITHIN.as_secs()))
         });
         Carried { viewer, ticket, answer }
     }
+}
+
+fn homes(model: &Model) -> BTreeMap<String, String> {
+    let running = model.deployments().filter(|live| live.end.is_none());
+    let programs = running.flat_map(|live| {
+        let name = |path: &String| format!("{}:{path}", live.id.deployment.name);
+        live.processes
+            .iter()
+            .filter(|(_, one)| one.pid.is_some())
+            .map(move |(path, one)| (name(path), one.host.clone()))
+    });
+    programs.collect()
 }
 
 /// Returns the robot of a program.
@@ -69,8 +86,8 @@ fn robot_of(model: &Model, program: &ProgramName) -> Option<RobotId> {
 async fn carry_out(order: Order, ways: Ways) -> Answer {
     match order {
         Order::Parameters { names } => {
-            let (values, problems) = parameters(&ways.clients).await;
-            Answer::Values { values: named(values, &names), problems }
+            let read = parameters(&ways.clients).await;
+            Answer::Values { problems: read.unread(&ways.homes), values: named(read.values, &names) }
         }
         Order::SetParameters { values } => set_parameters(&ways, values).await,
         Order::Call(call) => called(&ways, *call).await,
@@ -86,16 +103,15 @@ fn named(mut values: Vec<ParameterValue>, names: &[String]) -> Vec<ParameterValu
     values
 }
 
-/// Reads all parameters that can be reached; returns them, and why some cannot be read.
-pub(super) async fn parameters(clients: &Clients) -> (Vec<ParameterValue>, Vec<String>) {
-    let (mut values, mut problems) = (Vec::new(), Vec::new());
+/// Reads all parameters that can be reached.
+pub(super) async fn parameters(clients: &Clients) -> Parameters {
+    let mut all = Parameters::default();
     for client in clients.iter() {
-        match param::live::read(client).await {
-            Ok(more) => values.extend(more),
-            Err(failure) => problems.push(format!("parameters cannot be read: {}", words(&failure))),
+        if let Err(failure) = param::live::read(client, &mut all).await {
+            all.problems.push(format!("parameters cannot be read: {}", words(&failure)));
         }
     }
-    (values, problems)
+    all
 }
 
 async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
@@ -112,11 +128,11 @@ async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
             Err(failure) => problems.push(format!("not everything was set: {}", words(&failure))),
         }
     }
-    problems.extend(values.iter().map(|one| format!("`{}` was not set: there is no such parameter", one.name)));
     // The client gets what is so now, whatever it has asked for.
-    let (present, unread) = parameters(&ways.clients).await;
-    problems.extend(unread);
-    Answer::Values { values: named(present, &names), problems }
+    let present = parameters(&ways.clients).await;
+    problems.extend(values.iter().map(|one| present.not_set(&one.name, &ways.homes)));
+    problems.extend(present.unread(&ways.homes));
+    Answer::Values { values: named(present.values, &names), problems }
 }
 
 async fn called(ways: &Ways, call: ProcedureCall) -> Answer {

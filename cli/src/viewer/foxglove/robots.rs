@@ -6,8 +6,10 @@
 use crate::client::{Client, Clients};
 use crate::io::observer::samples;
 use crate::io::taps::Taps;
+use crate::io::value_queue::SharedQueue;
 use crate::live::Live;
-use crate::logic::foxglove::{Hub, ParameterValue, ProgramName, Source};
+use crate::logic::foxglove::{Hub, Moment, ParameterValue, ProgramName, Source};
+use crate::logic::value_queue::Queued;
 use crate::object::exports_of;
 use crate::outputs::Outputs as Written;
 use crate::tapped::{locations, outputs_of};
@@ -36,7 +38,7 @@ const DESCRIBE_AGAIN: Duration = Duration::from_secs(3);
 const DESCRIBED_MAX: usize = 8;
 /// How often parameters are read while some client follows them.
 const PARAMETERS_EVERY: Duration = Duration::from_secs(2);
-/// How many news wait. Values are left out when it is full, and their numbers show it.
+/// How many news besides values wait; further senders wait.
 const NEWS_MAX: usize = 1024;
 /// How long programs have to end what they were asked when the command is left.
 const CLOSED_WITHIN: Duration = Duration::from_secs(5);
@@ -46,11 +48,23 @@ pub(super) enum News {
     Opened { fleet: Fleet, taps: Option<Arc<Taps>> },
     Located { host: String, mission: MissionId, programs: Vec<(String, Dial)> },
     Described { program: ProgramName, session: String, forms: Option<Box<Forms>> },
-    Value { source: Source, tapped: Tapped, at: Duration },
-    Signals { program: ProgramName, samples: Vec<Signals>, at: Duration },
+    Value(Queued<Source, Arrived>),
     Wrote { program: ProgramName, text: String },
     Parameters(Vec<ParameterValue>),
 }
+
+/// A value of an output, or samples of the signals of a program, and when they arrived.
+pub(super) struct Arrived {
+    content: Content,
+    at: Moment,
+}
+
+enum Content {
+    Value(Tapped),
+    Signals(Vec<Signals>),
+}
+
+type Values = Arc<SharedQueue<Source, Arrived>>;
 
 /// The outputs and exports of a program.
 pub(super) struct Forms {
@@ -99,6 +113,7 @@ pub(super) struct Robots {
     tasks: JoinSet<()>,
     sink: Sender<News>,
     news: Receiver<News>,
+    values: Values,
 }
 
 impl Robots {
@@ -114,6 +129,7 @@ impl Robots {
             tasks: JoinSet::new(),
             sink,
             news,
+            values: Arc::default(),
         }
     }
 
@@ -122,10 +138,10 @@ impl Robots {
     /// # Cancellation
     /// Safe.
     pub(super) async fn next(&mut self) -> News {
-        match self.news.recv().await {
-            Some(news) => news,
+        tokio::select! {
             // The robots themselves hold a sender.
-            None => std::future::pending().await,
+            Some(news) = self.news.recv() => news,
+            value = self.values.next() => News::Value(value),
         }
     }
 
@@ -154,10 +170,12 @@ impl Robots {
                     hub.described(&program, &forms.outputs, forms.exports);
                 }
             }
-            News::Value { source, tapped, at } => hub.value(&source, tapped, at),
-            News::Signals { program, samples, at } => {
-                samples.into_iter().for_each(|sample| hub.signals(&program, sample, at));
-            }
+            News::Value(Queued { source, value: Arrived { content, at }, lost }) => match (content, source) {
+                // The numbers of the values count what was left out.
+                (Content::Value(tapped), source) => hub.value(&source, tapped, at),
+                (Content::Signals(samples), Source::Signals(program)) => hub.signals(&program, samples, lost, at),
+                (Content::Signals(_), Source::Events | Source::Log | Source::State(_) | Source::Output { .. }) => {}
+            },
             News::Wrote { program, text } => hub.wrote(&program, text, clock::unix_time()),
             News::Parameters(values) => hub.parameters(values),
         }
@@ -303,7 +321,7 @@ impl Robots {
 
     fn begin(&mut self, line: Line, live: &Live) {
         let (end, ended) = oneshot::channel();
-        let sink = self.sink.clone();
+        let (sink, values) = (self.sink.clone(), Arc::clone(&self.values));
         let task = match &line {
             Line::Log { host, mission } => {
                 let robot = mission.robot(host);
@@ -313,7 +331,7 @@ impl Robots {
             Line::Source(source) => {
                 let fleet = source.program().map(|program| program.mission.fleet);
                 let Some(taps) = fleet.and_then(|fleet| self.taps(fleet)) else { return };
-                self.tasks.spawn(hear_source(taps, source.clone(), sink, ended))
+                self.tasks.spawn(hear_source(taps, source.clone(), values, ended))
             }
         };
         self.hearing.insert(line, Hearing { task, _end: end });
@@ -356,31 +374,34 @@ async fn forms(taps: &Taps, name: &ProgramName, dial: Dial) -> Option<Forms> {
 }
 
 /// Hears the values of an output or the signals of a program.
-async fn hear_source(taps: Arc<Taps>, source: Source, sink: Sender<News>, ended: oneshot::Receiver<()>) {
+async fn hear_source(taps: Arc<Taps>, source: Source, values: Values, ended: oneshot::Receiver<()>) {
     match source {
         Source::Output { ref program, ref output } => {
             let key = key::tap(&program.mission.deployment.name, &program.path, output);
             let take = move |bytes: Cow<'_, [u8]>| {
                 if let Ok(tapped) = codec::decode(&bytes) {
-                    let news = News::Value { source: source.clone(), tapped, at: clock::unix_time() };
-                    // A full queue means that this program is slow. The robot must not feel it, and the numbers show it.
-                    sink.try_send(news).unwrap_or_default();
+                    values.push(&source, bytes.len(), Arrived { content: Content::Value(tapped), at: moment() });
                 }
             };
             hold(&taps, key, take, ended).await;
         }
-        Source::Signals(program) => {
+        Source::Signals(ref program) => {
             let key = key::signals(&program.mission.deployment.name, &program.path);
+            let path = program.path.clone();
             let take = move |bytes: Cow<'_, [u8]>| {
-                let samples = samples(&program.path, &bytes, clock::now()).into_iter().map(|sample| sample.signals);
-                let samples: Vec<Signals> = samples.collect();
-                let news = News::Signals { program: program.clone(), samples, at: clock::unix_time() };
-                sink.try_send(news).unwrap_or_default();
+                let samples = samples(&path, &bytes, clock::now()).into_iter().map(|sample| sample.signals);
+                let content = Content::Signals(samples.collect());
+                values.push(&source, bytes.len(), Arrived { content, at: moment() });
             };
             hold(&taps, key, take, ended).await;
         }
         Source::Events | Source::Log | Source::State(_) | Source::Recorded(_) => {}
     }
+}
+
+/// Returns the present moment.
+pub(super) fn moment() -> Moment {
+    Moment { time: clock::now(), since_1970: clock::unix_time() }
 }
 
 /// Hears a key until the other end of `ended` is dropped.
@@ -424,6 +445,6 @@ async fn hear_log(
 }
 
 async fn read_parameters(clients: Clients, sink: Sender<News>) {
-    let (values, _) = super::orders::parameters(&clients).await;
-    sink.send(News::Parameters(values)).await.unwrap_or_default();
+    let read = super::orders::parameters(&clients).await;
+    sink.send(News::Parameters(read.values)).await.unwrap_or_default();
 }

@@ -14,7 +14,7 @@ use crate::sdk::export::Activity;
 use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
-use comms::logic::signals::{Peaks, Signal, Signals};
+use comms::logic::signals::{LOST_VALUES, OVERRUNS, Peaks, REFUSED_VALUES, Signal, Signals};
 use comms::logic::switch::HOLD_WITHIN;
 use comms::logic::time::Time;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -443,16 +443,17 @@ impl Cycle {
         }
         self.signals_due = time + every;
         let missed = self.peaks.sampled(&values, time);
+        // The names are the same from the first sample on, so that a record has one schema. Losses that wait count: a calculation that
+        // takes long may be the last one.
         let counts = [
-            ("overruns", Some(self.overruns)),
-            ("lost values", Some(self.lost).filter(|lost| *lost > 0)),
-            ("refused values", Some(self.refused).filter(|refused| *refused > 0)),
+            (OVERRUNS, self.overruns),
+            (LOST_VALUES, self.lost + self.inbox.waiting_losses()),
+            (REFUSED_VALUES, self.refused),
         ];
         for (name, count) in counts {
             #[expect(clippy::cast_precision_loss, reason = "a count for people")]
-            let value = count.map(|count| count as f64);
-            let signal = |value| Signal { name: name.to_owned(), unit: String::new(), value, headline: false };
-            values.extend(value.map(signal));
+            let value = count as f64;
+            values.push(Signal { name: name.to_owned(), unit: String::new(), value, headline: false });
         }
         self.links.show(&Signals { stamp: time, values });
         if !missed.is_empty() {

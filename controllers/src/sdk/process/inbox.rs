@@ -415,6 +415,12 @@ impl Inbox {
         std::mem::take(&mut waiting.items)
     }
 
+    /// Returns how many values were lost that [`Inbox::take_items`] will tell of.
+    pub(super) fn waiting_losses(&self) -> u64 {
+        let count = |item: &Item| if let Item::Lost(_, count) = item { *count } else { 0 };
+        self.lock().items.iter().map(count).sum()
+    }
+
     /// Says that the cycle runs no more.
     pub(super) fn leave(&self) {
         self.lock().left = true;
@@ -482,6 +488,7 @@ mod tests {
             inbox.sample("Other", vec![number], Hold::default());
         }
         let (mut taken, mut lost) = (Vec::new(), Vec::new());
+        assert_eq!(inbox.waiting_losses(), 2);
         for item in inbox.take_items() {
             match item {
                 Item::Sample(sample) => taken.push(sample),

@@ -13,14 +13,15 @@ use node::logic::protocol::{
 use serde_json::json;
 use view::{Fleet, Input};
 
-const NOW: Duration = Duration::from_secs(1_800_000_000);
+const SINCE_1970: Duration = Duration::from_secs(1_800_000_000);
+const NOW: Moment = Moment { time: Time::ZERO, since_1970: SINCE_1970 };
 
 fn at(millis: u64) -> Time {
     Time::ZERO + Duration::from_secs(1000) + Duration::from_millis(millis)
 }
 
-fn arrival() -> Arrival {
-    Arrival { now: at(0), since_1970: NOW }
+fn arrival() -> Moment {
+    Moment { time: at(0), since_1970: SINCE_1970 }
 }
 
 fn deployment(name: &str, epoch: u64) -> Deployment {
@@ -127,7 +128,7 @@ impl Bench {
 
     fn look(&mut self, parts: &[(Deployment, &[(&str, &str)])]) {
         self.model.apply(at(self.millis), status(parts));
-        self.hub.look(&self.model, at(self.millis), NOW);
+        self.hub.look(&self.model, at(self.millis), SINCE_1970);
     }
 
     fn give(&mut self, request: &Value) {
@@ -343,12 +344,12 @@ fn a_client_that_comes_late_gets_the_state_and_the_last_events() {
         host: "r1".into(),
         ago: Duration::ZERO,
         report,
-        time: NOW,
+        time: SINCE_1970,
     };
     bench.hub.event(&event(0, report(Change::Activated)));
     bench.hub.event(&event(1, report(Change::Ended(Ending::Stopped))));
     bench.hub.event(&event(2, Report::Programs { at: Vec::new() }));
-    bench.hub.wrote(&program("main/a"), "hello\nworld".to_owned(), NOW);
+    bench.hub.wrote(&program("main/a"), "hello\nworld".to_owned(), SINCE_1970);
     bench.received();
     bench.subscribe(1, "/mission");
     bench.subscribe(2, "/events");
@@ -391,19 +392,19 @@ fn the_signals_of_a_program_have_one_topic_until_it_names_others() {
     let a = program("main/a");
     bench.hub.described(&a, &Outputs::default(), Exports::default());
     assert!(bench.hub.lacks_signals(&a));
-    bench.hub.signals(&a, sample("force"), NOW);
+    bench.hub.signals(&a, vec![sample("force")], 0, NOW);
     assert!(!bench.hub.lacks_signals(&a));
     bench.subscribe(1, "/signals/main/a");
     bench.received();
-    bench.hub.signals(&a, sample("force"), NOW);
+    bench.hub.signals(&a, vec![sample("force")], 0, NOW);
     assert_eq!(bench.received().1, [(1, br#"{"force":1.5,"stamp":0.0}"#.to_vec())]);
     for number in 0..1000 {
-        bench.hub.signals(&a, sample(&format!("s{number}")), NOW);
+        bench.hub.signals(&a, vec![sample(&format!("s{number}"))], 0, NOW);
     }
     let topics = bench.channels().into_keys().filter(|topic| topic.starts_with("/signals/"));
     assert_eq!(topics.count(), 16, "a program that names its signals differently all the time");
     bench.look(&[(door(), &[])]);
-    bench.hub.signals(&a, sample("force"), NOW);
+    bench.hub.signals(&a, vec![sample("force")], 0, NOW);
     assert!(!bench.channels().keys().any(|topic| topic.starts_with("/signals/")), "the sample is late");
 }
 
@@ -502,4 +503,50 @@ fn parameters_are_told_to_those_who_follow_them() {
     assert_eq!(words[0]["parameters"], json!([{ "name": "a", "value": 2.0, "type": "float64" }]));
     bench.give(&json!({ "op": "unsubscribeParameterUpdates", "parameterNames": [] }));
     assert!(!bench.hub.follows_parameters());
+}
+
+#[test]
+fn a_new_subscription_begins_with_new_values_and_without_old_losses() {
+    let mut bench = Bench::with_mission(&[("main/a", "running")]);
+    bench.hub.described(&program("main/a"), &outputs(&[("Out", "Odd", "")]), exports(&[]));
+    let source = output("main/a", "Out");
+    let (first, topic) = (bench.client, "/ports/main/a/Out");
+    let moment = |millis| Moment { time: at(millis), since_1970: SINCE_1970 };
+    let channel = bench.channels()[topic];
+    let subscribe = |bench: &mut Bench, millis| {
+        let request = json!({ "op": "subscribe", "subscriptions": [{ "id": 1, "channelId": channel }] });
+        bench.hub.take(bench.client, &Frame::Text(request.to_string()), moment(millis));
+    };
+    subscribe(&mut bench, 0);
+    bench.hub.value(&source, tapped(1, vec![1]), moment(10));
+    bench.client = bench.hub.enter().unwrap();
+    let second = bench.client;
+    subscribe(&mut bench, 100);
+    // These arrived before the second client has subscribed, and waited.
+    bench.hub.value(&source, tapped(2, vec![2]), moment(20));
+    bench.hub.value(&source, tapped(9, vec![3]), moment(99));
+    bench.hub.value(&source, tapped(12, vec![4]), moment(101));
+    bench.hub.value(&source, tapped(14, vec![5]), moment(102));
+    let mut received = |client| {
+        bench.client = client;
+        let (words, values) = bench.received();
+        let told = words.iter().filter(|word| word["op"] == "status").map(|word| word["message"].to_string());
+        (told.collect::<String>(), values.len())
+    };
+    let (told, count) = received(first);
+    assert!(told.contains("9 values did not get here") && count == 5, "{told} {count}");
+    let (told, count) = received(second);
+    assert!(told.contains("1 value did not get here") && count == 2, "{told} {count}");
+}
+
+#[test]
+fn a_value_that_no_client_wants_is_not_encoded() {
+    let mut bench = Bench::with_mission(&[("main/a", "running")]);
+    bench.hub.described(&program("main/a"), &outputs(&[("Out", "Wrench", "force: Force")]), exports(&[]));
+    // A value that cannot be read has a topic of its own once it was encoded.
+    bench.hub.value(&output("main/a", "Out"), tapped(1, vec![1]), NOW);
+    assert!(!bench.channels().contains_key("/ports/main/a/Out_2"));
+    bench.subscribe(1, "/ports/main/a/Out");
+    bench.hub.value(&output("main/a", "Out"), tapped(2, vec![1]), NOW);
+    assert!(bench.channels().contains_key("/ports/main/a/Out_2"));
 }
