@@ -6,7 +6,8 @@
 //! that did not see each other are kept side by side until they are resolved. Nothing is ever refused for its date, and
 //! nothing is ever forgotten because time has passed.
 //!
-//! [`logic`] is all of it, as state machines without I/O; its page says which module proves what. [`io`] is the disk.
+//! [`logic`] has everything except the disk, as state machines without I/O; its page shows which module proves what. [`io`]
+//! has the disk.
 //!
 //! ```
 //! use dbmanager::logic::version_vector::ReplicaId;

@@ -86,7 +86,7 @@ impl Options {
 pub struct Compiled {
     /// The plan; absent exactly when there is an error.
     pub plan: Option<plan::Plan>,
-    /// The diagnostics in the order of the text, at most 10,000; if there are more, errors come first.
+    /// The diagnostics in the order of the text, at most 10,000. If there are more, warnings are left out before errors.
     pub diagnostics: Vec<Diagnostic>,
     /// The number of diagnostics that were left out.
     pub omitted: usize,

@@ -59,7 +59,7 @@ pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
     parsed_by(T::command())
 }
 
-/// The same, by a command line that is not quite that of its type.
+/// Reads the arguments by a command line that differs from that of its type.
 ///
 /// # Errors
 /// As [`parsed`].
@@ -118,7 +118,7 @@ fn unwritten(error: &io::Error) -> Failure {
     Failure::Refused(anyhow!("the result could not be written to standard output: {error}"))
 }
 
-/// Says why something was not done; returns the exit code for it.
+/// Reports why something was not done; returns the exit code for it.
 pub fn finish(result: Result<(), Failure>) -> ExitCode {
     let (error, code) = match result {
         Ok(()) => match failed() {
@@ -169,7 +169,7 @@ fn put(text: &str) {
     UNWRITTEN.notify_one();
 }
 
-/// Waits until a result could not be written: an endless command need not go on then.
+/// Returns once a result could not be written, so that an endless command can stop.
 ///
 /// # Cancellation
 /// Safe.
@@ -207,8 +207,8 @@ pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
     }
 }
 
-/// Returns a text for a person in which what this process was given stands as a terminal may show it: a line break in a name is none of
-/// the text.
+/// Returns a text for a person that is safe for a terminal. A line break in a name that this process was given does not break a line
+/// of the text.
 pub fn written_out(text: &str) -> String {
     given::written_out(text)
 }
@@ -239,7 +239,7 @@ fn complaint(text: &str) -> String {
     printable(&written_out(text)).lines().map(clipped).collect::<Vec<_>>().join("\n")
 }
 
-/// Waits for the first of some tasks to end, and returns how it did.
+/// Waits for the first of some tasks to end, and returns its result.
 ///
 /// # Errors
 /// The result of the ended task; a task that panicked has failed.
@@ -257,7 +257,7 @@ pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
     stack::on_own_stack(program).unwrap_or_else(no_thread)
 }
 
-/// Runs what talks to nodes.
+/// Runs work that communicates with nodes.
 ///
 /// # Errors
 /// As `work`, or when the threads cannot be started.

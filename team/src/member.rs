@@ -179,7 +179,7 @@ impl Member {
         self.folder.join(FOUNDS).is_file()
     }
 
-    /// Writes down that the database has begun.
+    /// Removes the mark that asks this member to create the team's database.
     ///
     /// # Errors
     /// The disk refuses.

@@ -27,9 +27,9 @@ pub fn minutes_ahead(millis: u64) -> i64 {
     zone::minutes_ahead(millis)
 }
 
-/// How often both clocks are read, to have them at one moment.
+/// How often both clocks are read at most, until both reads count as one moment.
 const READS_MAX: usize = 4;
-/// How long it takes at the most to read both of them, if nothing comes between.
+/// The longest time for reading both clocks. A longer time shows that something has interrupted the reads.
 const READ_WITHIN: Duration = Duration::from_micros(20);
 
 /// Returns the time of the calendar clock at the origin of [`now`], since 1970. It changes only when the calendar clock
@@ -65,7 +65,7 @@ pub enum ClockQuality {
 const PLAUSIBLE: [Duration; 2] = [Duration::from_secs(1_704_067_200), Duration::from_secs(4_102_444_800)];
 
 /// Returns how far this host's calendar clock is to be believed. The kernel knows whether chrony, ntpd, PTP or systemd keeps
-/// it, and says so to everybody; where it may not be asked, as in some containers, systemd's own mark counts.
+/// the clock, and tells every program. Some containers forbid this question: there, systemd's own mark counts.
 pub fn belief() -> ClockQuality {
     let kept = kernel::is_kept().unwrap_or_else(|| Path::new("/run/systemd/timesync/synchronized").exists());
     believe(kept, unix_time())

@@ -24,7 +24,7 @@ use tokio::net::UnixListener;
 use tokio::sync::Notify;
 use zeroize::Zeroizing;
 
-/// Orders that the program has not taken yet, or notices that the node has not.
+/// The most orders that the program has not taken yet, or notices that the node has not taken yet.
 const FRAMES_MAX: usize = 256;
 /// How much is read at once.
 const READ_SIZE: usize = 16 << 10;
@@ -103,7 +103,7 @@ pub struct ControlSender {
 pub struct ControlReceiver {
     channel: Arc<Channel>,
     decoder: Decoder,
-    /// The same socket, while it takes no more.
+    /// The channel's socket once more, while it takes no more bytes.
     full: Option<AsyncFd<UnixStream>>,
 }
 
@@ -140,7 +140,7 @@ impl Listener {
         Ok(Self { listener, user: None })
     }
 
-    /// The same for programs that run as another user: that user can connect as well.
+    /// Listens like [`Self::bind`], for programs that run as another user: that user can connect as well.
     ///
     /// # Errors
     /// If the system refuses.
@@ -179,11 +179,11 @@ impl ControlSender {
     /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
     /// says so.
     pub fn send(&self, order: &Order) -> Result<(), ControlError> {
-        // One may hold a secret, of which nothing is to be left in memory.
+        // An order may hold a secret, and no copy of the secret may stay in memory.
         let body = Zeroizing::new(codec::encode_in(order, Vec::with_capacity(room_for(order)))?);
         let frame = Zeroizing::new(frame::encode(&body, Order::SIZE_MAX)?);
         let is_written = Outbox::send(&self.channel.outbox, frame, self.channel.stream.get_ref())?;
-        // The receiver goes on where this has stopped, and says why if the channel is broken.
+        // The receiver writes the rest, and reports the reason if the channel is broken.
         if !is_written {
             self.channel.filled.notify_one();
         }
@@ -280,7 +280,7 @@ impl Outbox {
     fn write(&mut self, mut stream: &UnixStream) -> io::Result<bool> {
         loop {
             if self.writing.1 == self.writing.0.len() {
-                // The frame before is wiped.
+                // This wipes the previous frame.
                 self.writing = (Zeroizing::default(), 0);
                 let Some(next) = self.frames.pop() else { return Ok(true) };
                 self.writing = (next, 0);
@@ -289,7 +289,7 @@ impl Outbox {
             match not_yet(stream.write(&frame[*done..])) {
                 Ok(Some(written)) => *done += written,
                 Ok(None) => return Ok(false),
-                // A program that is going reads no more, but may have said something before: read that to the end.
+                // A program that ends reads no more, but may have sent notices before: the node still reads these.
                 Err(cause) if is_gone(&cause) => *done = frame.len(),
                 Err(cause) => return Err(cause),
             }
@@ -318,7 +318,7 @@ fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder
         Err(cause) if is_gone(&cause) => Some(0),
         read => read?,
     };
-    // Less than there is room for: that was all.
+    // Less than the buffer has room for: the socket has no more.
     if read.is_none_or(|read| read < READ_SIZE) {
         ready.clear_ready();
     }
@@ -326,7 +326,7 @@ fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder
     Ok(read)
 }
 
-/// Returns how many bytes are enough for a secret, so that its encoding never grows: that would leave copies behind.
+/// Returns how much room an order with a secret needs: a buffer that grows would leave copies of the secret behind.
 fn room_for(order: &Order) -> usize {
     const ROOM: usize = 64;
     if let Order::Secret { parameter, value } = order {
@@ -340,7 +340,7 @@ fn check_user(uid: u32) -> Result<(), ControlError> {
     if uid == rustix::process::geteuid().as_raw() { Ok(()) } else { Err(ControlError::Stranger { uid }) }
 }
 
-/// The other side has closed; a side that goes without having read everything resets the connection.
+/// Returns whether the other side has closed. A side that closes without having read everything resets the connection.
 fn is_gone(cause: &io::Error) -> bool {
     matches!(cause.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
 }

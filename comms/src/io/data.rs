@@ -296,10 +296,10 @@ impl DataSession {
             .map_err(|cause| session_error(key, &cause))
     }
 
-    /// Fetches the present value of the producer of `key`; none if it has none, or cannot be reached.
+    /// Fetches the present value of the producer of `key`; none if the producer has no value, or cannot be reached.
     ///
     /// # Errors
-    /// If it is there, but does not answer in time.
+    /// If the producer is there, but does not answer in time.
     pub fn fetch(&self, key: &str, within: Duration) -> Result<Option<Vec<u8>>, DataError> {
         self.ask(key, within)?.answer(now() + within)
     }
@@ -391,7 +391,7 @@ impl Publisher {
         SourceInfo::new(self.publisher.id(), number)
     }
 
-    /// Sends a word between values, with the number of the value before it.
+    /// Sends a boundary between values, with the number of the previous value.
     ///
     /// # Errors
     /// If the session is closed.

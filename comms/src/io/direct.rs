@@ -45,7 +45,7 @@ use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How many consumers wait to be taken.
+/// How many connections of consumers wait to be accepted.
 const BACKLOG: i32 = 256;
 
 /// The direct paths of one program. Dropping it ends them all.
@@ -53,7 +53,7 @@ const BACKLOG: i32 = 256;
 pub struct DirectPath {
     shared: Arc<Shared>,
     inlets: Arc<Inlets>,
-    /// Of the bell, for producers.
+    /// The bell that producers ring.
     bell: OwnedFd,
     thread: Option<JoinHandle<()>>,
 }
@@ -90,7 +90,7 @@ impl DirectPath {
         self.shared.place.locator()
     }
 
-    /// Takes note that the guard knows others at the other ends of wires now.
+    /// Takes note that the programs which the guard knows at the other ends of wires have changed.
     pub fn keys_changed(&self) {
         self.shared.keys_changed();
     }
@@ -100,8 +100,8 @@ impl DirectPath {
         &self.inlets
     }
 
-    /// Returns the producer's end of a wire with this key, in the memory of its output. Consumers that come are told by
-    /// the publisher, too ([`Publisher::is_heard`]).
+    /// Returns the producer's end of a wire with this key, in the memory of its output. The publisher also
+    /// reports these consumers ([`Publisher::is_heard`]).
     pub fn outlet(&self, key: &str, memory: &Memory, publisher: &Publisher) -> Outlet {
         let life = self.shared.lives.fetch_add(1, Ordering::Relaxed);
         let end = Arc::new(End::new(life, memory.clone(), publisher.listeners(), Arc::clone(&self.shared)));

@@ -50,7 +50,7 @@ pub fn opened(path: &Path) -> io::Result<File> {
     regular(path, OFlags::RDONLY, Privacy::Usual, "read")
 }
 
-/// Returns what [`bytes`] does, of the file itself as [`opened_itself`] has it.
+/// Returns the bytes as [`bytes`] does, but follows no link, like [`opened_itself`].
 ///
 /// # Errors
 /// As [`opened_itself`], or it is longer (`FileTooLarge`).
@@ -133,7 +133,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     created(path, Privacy::Usual)?.write_all(bytes)
 }
 
-/// Returns everything that can be read, if it is at most so much.
+/// Returns everything that can be read, if it has at most `bytes_max` bytes.
 ///
 /// # Errors
 /// It cannot be read, or is longer (`FileTooLarge`).
@@ -147,7 +147,7 @@ pub fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns whether a regular file has this name; not if nothing has it.
+/// Returns whether a regular file has this name; false if nothing has this name.
 fn is_there(path: &Path, use_of_it: &str) -> io::Result<bool> {
     match stat(path) {
         Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), use_of_it).map(|()| true),

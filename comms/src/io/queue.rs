@@ -40,7 +40,7 @@ impl<T> Shared<T> {
 }
 
 impl<T> Sender<T> {
-    /// Puts a value in, under the policy; it is turned away when the receiver is gone.
+    /// Adds a value under the policy. The value is turned away when the receiver is gone.
     pub fn push(&self, value: T) -> Pushed<T> {
         let mut state = self.0.lock();
         if state.receiver_gone {

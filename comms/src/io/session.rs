@@ -48,17 +48,17 @@ use tokio::sync::watch;
 
 /// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
-/// How long nothing comes from a session whose link is cut: on the slowest radio a part of an answer comes each 0.3 s.
+/// How long a session has to be silent before its link is cut. On the slowest radio a part of an answer comes each 0.3 s.
 const CUT_AFTER: Duration = Duration::from_secs(2);
 /// How long a command line without a node waits for the first nodes to answer, and how often it looks.
 const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
-/// Zenoh's thread pools in a process that only sends and receives: one for almost all, since a hand-over between pools costs
-/// more than the wire. Only what sends has its own: a task that receives and passes on waits inside zenoh, without yielding,
-/// for the one that sends, and tokio keeps a task that was just woken for the thread that woke it. With a single worker, a
-/// call that blocks inside zenoh would hold up everything.
+/// Zenoh's thread pools in a process that only sends and receives. One pool serves almost everything, since a hand-over
+/// between pools costs more than the wire. Only sending has a pool of its own: a task that receives and passes on waits inside
+/// zenoh, without yielding, for the task that sends, and tokio keeps a task that was just woken for the thread that woke it.
+/// With a single worker, a call that blocks inside zenoh would hold up everything.
 const RUNTIME_END: &str = "(rx: (handover: app), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
-/// The same in a process that passes on what others send each other: a link that takes nothing holds up what comes over
-/// another link, and there may be several of both.
+/// Zenoh's thread pools in a process that relays messages between others. A link that takes nothing holds up messages
+/// that come over another link, and there may be several links of both kinds.
 const RUNTIME_RELAY: &str = "(rx: (worker_threads: 4), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
 
 /// The role of a process on its links.
@@ -77,7 +77,7 @@ pub enum Reach {
     Host,
     /// Also the local network, unauthenticated.
     Lan,
-    /// Also those on the network who are trusted.
+    /// Also trusted programs on the network.
     Team(Arc<dyn Identity>),
 }
 
@@ -101,7 +101,7 @@ pub struct NodeOptions {
 pub struct Session {
     opened: Opened,
     calls: Calls,
-    /// In a team: signs what is said, and checks what is heard.
+    /// In a team: signs outgoing messages, and checks incoming messages.
     authenticator: Option<Arc<dyn Authenticator>>,
     /// Each stream of answers that still has a reader holds a receiver of it.
     answering: watch::Sender<()>,
@@ -133,12 +133,12 @@ pub enum OpenError {
     Port {
         /// The TCP port that is taken.
         port: u16,
-        /// Of which address.
+        /// The address of the port.
         address: String,
         /// The system's words.
         cause: String,
     },
-    /// Nobody can come from other hosts.
+    /// No other host of the team can connect.
     #[error("no way for others of the team: {cause}")]
     Tunnels {
         /// The reason.
@@ -175,7 +175,7 @@ fn set_variable(name: &str, value: &str) {
     unsafe { std::env::set_var(name, value) };
 }
 
-/// Asks the system for the port first: it says why not, zenoh only that. Returns one that is free for 0.
+/// Takes the port from the system first: the system gives the reason of a failure, zenoh does not. 0 gives a free port.
 fn take_port(address: IpAddr, port: u16) -> Result<u16, OpenError> {
     let taken = TcpListener::bind(SocketAddr::new(address, port)).and_then(|listener| listener.local_addr());
     let failed =
@@ -216,7 +216,7 @@ impl Session {
             }
         };
         let is_here = |peer: &String| tunnels.is_none() || peer.starts_with("unixsock-stream/");
-        // Robots may all have one list, with each of them on it.
+        // All robots may share one list, which then also contains this robot.
         let is_own = |peer: &String| matches!(&search, Search::Found(_, port) if reach::is_own(peer, *port));
         let peers: Vec<String> = options.peers.into_iter().filter(|peer| !is_own(peer)).collect();
         let dialled: Vec<String> = peers.iter().filter(|peer| is_here(peer)).cloned().collect();
@@ -233,15 +233,15 @@ impl Session {
         self.opened.addresses()
     }
 
-    /// Returns who is dialled and not linked: a name or a place, and why, for a person.
+    /// Returns the peers that are dialled and not linked: a name or a place, and the reason, for a person.
     pub fn unlinked(&self) -> Vec<(String, String)> {
         self.opened.unlinked()
     }
 
-    /// Says how long it takes to the other end of a link and back, as the time of an answer: when it carries nothing for much
-    /// longer, it is given up.
+    /// Notes the round trip of a link, measured by the time of an answer. A link that carries nothing for much longer is
+    /// given up.
     pub fn note_round_trip(&self, session: &str, took: Duration) {
-        // In few steps, so that it is seldom changed.
+        // Rounded to few steps, so that the limit of the link seldom changes.
         let millis = patience::of(took).as_millis().max(1);
         let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
         self.opened.set_patience(session, Duration::from_millis(millis));
@@ -262,7 +262,7 @@ impl Session {
     /// The session is opened and closed again in the background.
     pub async fn open_client(socket: &Path) -> Result<Self, OpenError> {
         let locator = unix_locator(socket)?;
-        // Asks the socket first: the system says why, zenoh only that.
+        // Connects to the socket first: the system gives the reason of a failure, zenoh does not.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
         Self::open(Settings::client(&locator), Redial::Listed, Search::Off, None).await
@@ -300,14 +300,14 @@ impl Session {
         Ok(Self { opened, calls: Calls::default(), authenticator: None, answering: watch::Sender::new(()) })
     }
 
-    /// Signs from now on what is said, and checks what is heard. Before anything is said.
+    /// Signs outgoing messages from now on, and checks incoming messages. To be called before any message is sent.
     #[must_use]
     pub fn authenticated_by(mut self, authenticator: Arc<dyn Authenticator>) -> Self {
         self.authenticator = Some(authenticator);
         self
     }
 
-    /// Has everybody judged again who has come from another host of the team, after what makes them trusted has changed.
+    /// Judges again all peers from other hosts of the team, after the facts by which they are trusted have changed.
     pub fn judge_again(&self) {
         self.opened.judge_again();
     }
@@ -338,7 +338,7 @@ impl Session {
 async fn on_thread<T: Send + 'static>(name: &str, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done_tx, done) = tokio::sync::oneshot::channel();
     let thread = std::thread::Builder::new().name(name.to_owned());
-    // The thread ends with its work; whoever is not waiting any more does not want the result.
+    // The thread ends with its work. A caller that no longer waits does not want the result.
     thread.spawn(move || drop(done_tx.send(work()))).ok()?;
     done.await.ok()
 }

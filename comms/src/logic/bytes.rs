@@ -94,7 +94,7 @@ impl<'de> Visitor<'de> for BytesVisitor {
         Ok(bytes)
     }
 
-    /// As text formats have them.
+    /// Takes bytes from a text format, which has them as a list.
     fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Vec<u8>, A::Error> {
         let mut all = Vec::with_capacity(bytes.size_hint().unwrap_or(0).min(ROOM_MAX));
         while let Some(byte) = bytes.next_element()? {

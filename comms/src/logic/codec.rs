@@ -87,9 +87,9 @@ pub enum Kind {
     /// [`Challenge`](crate::logic::direct::Challenge): in a team, the consumer is to show that it is the other end of
     /// the wire.
     DirectChallenge = 30,
-    /// [`Claim`](crate::logic::direct::Claim): it shows that.
+    /// [`Claim`](crate::logic::direct::Claim): the consumer's proof of that.
     DirectClaim = 31,
-    /// [`Confirmation`](crate::logic::direct::Confirmation): so does the producer.
+    /// [`Confirmation`](crate::logic::direct::Confirmation): the producer's proof that it is the other end.
     DirectConfirmation = 32,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
@@ -109,7 +109,7 @@ pub enum Kind {
     Refusal = 107,
     /// The position of a node's audit log, signed.
     AuditHead = 108,
-    /// The certificate of a node that is to be renewed, or was.
+    /// The certificate of a node that is to be renewed, or has been renewed.
     Renewing = 109,
 }
 

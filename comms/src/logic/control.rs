@@ -8,8 +8,8 @@
 //! is idle until [`Order::Activate`].
 //!
 //! A channel that breaks is not the end of the program. The program dials again and sends [`Notice::Resume`]. The node,
-//! which may be another one in the place of the first, answers [`Order::Resumed`], and both go on where the other one
-//! has stopped. For that both count orders and notices from the program's start, over all its channels, except those
+//! which may be a successor of the first node, answers [`Order::Resumed`]. Each side then sends what the other side has
+//! not received. For this, both count orders and notices from the program's start, over all its channels, except those
 //! that only concern a channel ([`Order::is_counted`], [`Notice::is_counted`]).
 
 use crate::logic::bytes::SecretBytes;
@@ -118,7 +118,7 @@ pub struct CallRoute {
     pub call: String,
     /// The program that is called.
     pub server: Dial,
-    /// The instance path of that.
+    /// The instance path of that program.
     pub path: String,
     /// The procedure or state there.
     pub name: String,
@@ -135,7 +135,7 @@ pub struct KeyPort {
     pub port: String,
     /// A key, or a prefix that ends in `/`.
     pub keys: String,
-    /// Whether the program writes them; else it hears of them.
+    /// Whether the program writes the keys; otherwise it watches them.
     pub is_write: bool,
 }
 
@@ -200,7 +200,7 @@ pub enum Order {
     Activate {
         /// Echoed in the outcome.
         activation: u32,
-        /// For `Init`.
+        /// The argument of `Init`.
         value: Vec<u8>,
     },
     /// `Stop()`, then report [`Notice::Stopped`], or the outcome already reached.
@@ -208,10 +208,10 @@ pub enum Order {
         /// The activation meant; an older one is ignored.
         activation: u32,
     },
-    /// Leave: stop if running, close the session, exit with code 0.
+    /// End: stop if running, close the session, exit with code 0.
     Exit,
-    /// Values from the database have precedence over the arguments of the spec; those of the previous such order no
-    /// longer count.
+    /// Parameter values from the database, which have precedence over the arguments of the spec. The values of the
+    /// previous `Configure` no longer count.
     Configure {
         /// Parameter names, and values as a spec spells them.
         parameters: Vec<(String, String)>,
@@ -226,9 +226,9 @@ pub enum Order {
     Rejoin,
     /// A program that this one dials was started again and is elsewhere now.
     Relink {
-        /// The session it had.
+        /// The session that the program had.
         lost: String,
-        /// Where it is.
+        /// Where the program is now.
         found: Dial,
     },
     /// The answer to [`Notice::Resume`], and the first order after it: the program is known. It sends the notices after
@@ -323,7 +323,7 @@ pub struct PortMessage {
     pub port: String,
     /// The value, encoded.
     pub value: Vec<u8>,
-    /// A greater one goes first.
+    /// A message with a greater priority goes first.
     pub priority: u8,
     /// Whether its sender waits for a receipt.
     pub has_receipt: bool,
@@ -362,8 +362,8 @@ impl Order {
 /// From the program to the node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notice {
-    /// First frame on the first channel of a program. The first in every version, with these two fields at its
-    /// beginning.
+    /// First frame on the first channel of a program. It is the first variant in every version, and begins with
+    /// these two fields.
     Hello {
         /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
@@ -414,8 +414,8 @@ pub enum Notice {
         /// As ordered.
         activation: u32,
     },
-    /// First frame on each later channel: the program had lost its node. In every version with these two fields at its
-    /// beginning. A node that does not know the program closes the channel.
+    /// First frame on each later channel: the program had lost its node. In every version it begins with these two
+    /// fields. A node that does not know the program closes the channel.
     Resume {
         /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
@@ -451,10 +451,10 @@ pub enum Notice {
     },
     /// How many values of wires have not come, and how many values inputs have refused, since the program began.
     Losses {
-        /// The wires that have lost some, each with all that it has lost.
+        /// The wires that have lost values, each with the number of all values that it has lost.
         wires: Vec<(u32, u64)>,
-        /// The inputs that have refused some, because a number in them was not finite, each with all that it has
-        /// refused.
+        /// The inputs that have refused values, because a number in them was not finite, each with the number of all values
+        /// that it has refused.
         refused: Vec<(String, u64)>,
     },
     /// Messages over wires that were dropped, because the other end has not sealed them.
@@ -485,7 +485,7 @@ pub enum Notice {
     },
 }
 
-/// A call of a user, as the program has it that is called.
+/// A call of a user, as the called program has it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UserCall {
     /// The procedure.

@@ -3,8 +3,8 @@
 //! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers
 //! until it is cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then
 //! each committed change; and the same once more from `Begin` on, if the program was too slow, or the disk has failed.
-//! The node sends [`WINDOW`] parts of a watch at most that the program has not taken, so that a slow one neither fills
-//! its channel nor holds up its orders.
+//! At most [`WINDOW`] parts of a watch are sent that the program has not taken, so that a slow program neither fills its
+//! channel nor holds up its orders.
 //!
 //! Nothing here is repeated when a channel breaks. The result of an unanswered request is unknown: a transaction may
 //! have been committed.
@@ -152,7 +152,7 @@ pub enum DatabaseAnswer {
     Committed(TxnId),
     /// Nothing was done.
     Refused(DatabaseRefusal),
-    /// To `Watch`: the present values come next. Everything known of them before is void.
+    /// To `Watch`: the present values come next. All earlier values of this watch no longer count.
     Begin,
     /// To `Watch`: some of the present values.
     Present(Vec<Entry>),
@@ -207,7 +207,7 @@ pub enum DatabaseRefusal {
         /// The limit.
         size_max: u64,
     },
-    /// Too much of this program has no answer yet.
+    /// Too many requests of this program have no answer yet.
     #[error("{waiting} requests of this program have no answer yet, which is the most; try again later")]
     Busy {
         /// How many.

@@ -442,7 +442,7 @@ mod tests {
             let at = at.index(bytes.len());
             same::<Everything>(&bytes[..at]);
             bytes[at] = byte;
-            // A real that has become none is not equal to itself.
+            // A float that has become NaN is not equal to itself.
             let [ours, theirs] = [decode_from::<Everything>(&mut &*bytes), postcard::from_bytes(&bytes)];
             prop_assert_eq!(format!("{ours:?}"), format!("{theirs:?}"));
         }

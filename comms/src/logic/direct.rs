@@ -28,7 +28,7 @@ use super::codec::{Enveloped, Kind};
 use super::object::TypeForm;
 use serde::{Deserialize, Serialize};
 
-/// How the locator of a direct path begins. Zenoh has no such.
+/// How the locator of a direct path begins. No locator of zenoh begins so.
 const SCHEME: &str = "dca-direct/";
 /// The bytes before those of a value or a boundary.
 pub const HEADER_SIZE: usize = 17;
@@ -146,7 +146,7 @@ impl Enveloped for Confirmation {
 pub struct Header {
     /// The life of the producer's end.
     pub life: u32,
-    /// How many values it has sent in it, including one that follows.
+    /// How many values the end has sent in this life, including a value in this frame.
     pub number: u32,
     /// Grows with each frame of the producer, over all its wires.
     pub order: u64,
@@ -200,7 +200,7 @@ impl Header {
 }
 
 impl<'a> Frame<'a> {
-    /// Returns its place among all that its producer has sent; none if it has none.
+    /// Returns the order of the message among all messages of its producer; none if it has no order.
     pub fn order(&self) -> Option<u64> {
         match self {
             Self::Value(header, _) | Self::Word(header, _) | Self::Shared(header, _) => Some(header.order),
@@ -208,7 +208,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Reads a frame; none if it is no such.
+    /// Reads a frame; none if the packet is not a frame.
     pub fn parse(packet: &'a [u8]) -> Option<Self> {
         let (tag, rest) = packet.split_first()?;
         if *tag == RETIRED {

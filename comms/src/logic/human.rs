@@ -100,7 +100,7 @@ pub mod millis {
     /// Reads a date.
     ///
     /// # Errors
-    /// It is none, or before 1970.
+    /// It is not a date, or before 1970.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         if !from.is_human_readable() {
             return u64::deserialize(from);

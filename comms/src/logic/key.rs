@@ -39,7 +39,7 @@ use thiserror::Error;
 
 /// The longest host name. Source: RFC 1123, the length of one label.
 pub const HOST_NAME_SIZE_MAX: usize = 63;
-/// Stands between a key and a session that serves it; no name can hold it.
+/// Stands between a key and a session that serves it; no name can contain it.
 const SESSION: &str = "/s!/";
 /// First words that a robot's name must not take.
 const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
@@ -168,7 +168,7 @@ pub fn renew(host: &str) -> String {
     format!("dca/n/{}/renew", escape(host))
 }
 
-/// Returns the expression of all keys on which nodes ask for that.
+/// Returns the expression of all keys on which nodes ask for a renewal.
 pub fn renew_any() -> String {
     "dca/n/*/renew".to_owned()
 }
@@ -203,7 +203,7 @@ pub fn pong(host: &str) -> String {
     format!("dca/n/{}/pong", escape(host))
 }
 
-/// Returns the key on which others let a node hear of them, all the time.
+/// Returns the key on which others send their beats to a node.
 pub fn beat(host: &str) -> String {
     format!("dca/n/{}/beat", escape(host))
 }

@@ -12,7 +12,7 @@
 //! - [`port`]: a [`PortInbox`](port::PortInbox) keeps the messages for an activity until its node has taken them.
 //! - [`wire`]: the messages between programs about all of these.
 //!
-//! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing
+//! Each is a state machine without a clock: its caller tells it the time. Source: Loukianov, Kimura and Sugisaka, "Implementing
 //! distributed control system for intelligent mobile robot", Artificial Life and Robotics 8 (2004), section 3.
 
 pub mod fencing;

@@ -57,7 +57,7 @@ enum Value {
 pub(crate) enum Secret {
     /// In the file of this path, as the program was started with it.
     File(String),
-    /// Here: it has changed since.
+    /// In memory: the value has changed since the start.
     Renewed(Arc<SecretBytes>),
 }
 
@@ -278,7 +278,7 @@ impl Arguments {
         Ok(Self { values, instance: String::new(), deployment: String::new() })
     }
 
-    /// Returns the same for the process of this deployment and path.
+    /// Returns these arguments for the process of this deployment and path.
     #[must_use]
     pub fn of(self, deployment: &str, instance: &str) -> Self {
         Self { instance: instance.to_owned(), deployment: deployment.to_owned(), ..self }
@@ -301,15 +301,15 @@ impl Arguments {
         &self.instance
     }
 
-    /// Puts values from elsewhere over these: parameter names, and values spelt as in a spec. A value that is not of its
-    /// parameter's kind changes nothing; why is returned.
+    /// Replaces values by others: parameter names, and values spelt as in a spec. A value that is not of its parameter's kind
+    /// changes nothing, and the reason is returned.
     pub fn overlay<S: AsRef<str>>(&mut self, parameters: &[Parameter], over: &[(S, S)]) -> Vec<ArgumentError> {
         let names = || parameters.iter().map(|parameter| parameter.name).collect();
         let mut wrong = Vec::new();
         for (name, text) in over.iter().map(|(name, text)| (name.as_ref(), text.as_ref())) {
             let parameter = parameters.iter().find(|parameter| parameter.name == name);
             if let Some(parameter) = parameter.filter(|parameter| parameter.kind == Kind::Secret) {
-                // Nobody but the node says which file a secret is in.
+                // Only the node may name the file of a secret.
                 let (value, expected) = (text.to_owned(), parameter.expected());
                 wrong.push(ArgumentError::Wrong { name: parameter.name, value, expected });
                 continue;

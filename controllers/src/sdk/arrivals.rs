@@ -7,17 +7,17 @@ use std::time::Duration;
 /// clock, and so is one that comes from the future. It is as old as its arrival.
 const FOREIGN: Duration = Duration::from_secs(10);
 
-/// A sample that has come again so often is told when its reader fails.
+/// If a sample has come again so often, this is reported when its reader fails.
 const REPEATED_MIN: u64 = 3;
 
 /// The samples of an input in one activation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrivals {
-    /// Of the newest sample.
+    /// The stamp of the newest sample.
     stamp: Option<Time>,
     arrived: Time,
     received: u64,
-    /// How many of those were not the previous sample once more, and how many of them a calculation has seen.
+    /// How many samples did not repeat the previous one, and how many of these a calculation has seen.
     new: u64,
     seen: u64,
     /// How often the newest sample has come again.
@@ -37,7 +37,7 @@ impl Arrivals {
         self.refusals.accept();
     }
 
-    /// Takes note of a sample with a number that is not finite, which the input does not take.
+    /// Takes note of a refused sample: a number in it is not finite.
     pub fn refuse(&mut self) {
         self.refusals.refuse();
     }
@@ -69,7 +69,7 @@ impl Arrivals {
         self.age(now).is_some_and(|age| age <= age_max)
     }
 
-    /// Returns whether a sample has arrived since the last calculation that is not the previous one once more.
+    /// Returns whether a sample that does not repeat the previous one has arrived since the last calculation.
     pub fn is_fresh(&self) -> bool {
         self.new > self.seen
     }

@@ -8,7 +8,7 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-/// How many calls of one kind may be on their way at a time.
+/// How many calls of one kind may be in transit at a time.
 const PENDING_MAX: usize = 64;
 
 /// Calls of one procedure of another process, which the spec connects. A field of a struct of outputs, with `#[calls("Grip")]`.
@@ -40,14 +40,14 @@ pub enum CallOrder {
     Make {
         /// Its number.
         number: u64,
-        /// The path of the process to call, where the spec connects several; else the first of them.
+        /// The path of the process to call, if the spec connects several processes; none means the first of them.
         to: Option<String>,
         /// The encoded argument.
         argument: Vec<u8>,
         /// How long it may take.
         within: Duration,
     },
-    /// Nobody waits for it any more.
+    /// Cancel it: the controller no longer waits for it.
     Cancel {
         /// Its number.
         number: u64,
@@ -105,7 +105,7 @@ impl RawCalls {
         self.is_connected = true;
     }
 
-    /// Takes what is to be done, in order.
+    /// Takes the waiting orders, in order.
     pub fn take(&mut self) -> Vec<CallOrder> {
         std::mem::take(&mut self.orders)
     }
@@ -168,7 +168,7 @@ impl<A: Message, R: Message> Calls<A, R> {
 pub trait AnyCalls {
     /// Takes note that the spec connects it.
     fn connect(&mut self);
-    /// Takes what is to be done, in order.
+    /// Takes the waiting orders, in order.
     fn take(&mut self) -> Vec<CallOrder>;
     /// Takes the answer to a call; an answer that is no longer expected is dropped.
     fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     proptest! {
-        /// With answers in any order, and repeated: each call that was not cancelled has one.
+        /// The answers come in any order, and repeated: each call that was not cancelled gets one answer.
         #[test]
         fn each_call_has_one_answer_or_is_cancelled(steps in prop::collection::vec((0_u8..4, 1_u64..80), 0..400)) {
             let (mut calls, mut open, mut told) = (Calls::<(), ()>::default(), BTreeSet::new(), 0_u64);

@@ -58,7 +58,7 @@ pub trait Controller: Sized + Send + 'static {
     /// Reads the inputs, calculates, sends to the outputs.
     fn main_calc(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Progress;
 
-    /// Lets go of everything; called once per period until it is [`Stopping::Finished`], at most for
+    /// Stops and releases everything; called once per period until it is [`Stopping::Finished`], at most for
     /// [`About::stop_within`].
     fn stop(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Stopping {
         let _ = (tick, inputs, outputs);
@@ -83,7 +83,7 @@ pub trait Controller: Sized + Send + 'static {
     }
 }
 
-/// When a controller goes on with other parameters.
+/// When other parameters take effect in a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Configured {
     /// From its next calculation on.
@@ -160,7 +160,7 @@ pub enum Stopping {
 pub struct About {
     /// One sentence.
     pub doc: &'static str,
-    /// Whether it never ends normally (a sensor, a motion controller), or ends by itself (a detector, a step).
+    /// True if it never ends normally (a sensor, a motion controller); false if it ends by itself (a detector, a step).
     pub service: bool,
     /// Whether it keeps state from one calculation to the next that it does not find again by itself.
     pub remembers: bool,

@@ -75,12 +75,12 @@ pub enum DatabaseError {
     /// Nothing was done.
     #[error("{0}")]
     Refused(#[from] DatabaseRefusal),
-    /// Nobody knows; a transaction may have been committed. Read the keys to find out.
+    /// The result is unknown: a transaction may have been committed. Read the keys to find out.
     #[error("{0}; the write may be committed")]
     Unknown(Unknown),
 }
 
-/// Why it is not known what has become of a request.
+/// Why the result of a request is unknown.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum Unknown {
     /// The time is over.
@@ -104,7 +104,7 @@ pub enum Unknown {
 /// changes may have been missed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WatchEvent {
-    /// The present values come next. Everything known of the keys before is void.
+    /// The present values come next. All earlier values of these keys no longer count.
     Begin,
     /// Some of the present values.
     Present(Vec<Entry>),
@@ -145,7 +145,7 @@ impl Transaction {
         Self { transaction, problem: None }
     }
 
-    /// Adds what a key has to be. Otherwise nothing is done, and the answer is [`DatabaseRefusal::Unmet`].
+    /// Adds a condition for a key. If the condition does not hold, nothing is done, and the answer is [`DatabaseRefusal::Unmet`].
     #[must_use]
     pub fn require(mut self, key: impl Into<String>, expected: Expected) -> Self {
         self.transaction.requires.push(Requirement { key: key.into(), expected });
@@ -296,7 +296,7 @@ impl Database {
         }
     }
 
-    /// Begins a calculation: what has waited for too long is not known.
+    /// Begins a calculation: the result of a request that has waited for too long is unknown.
     pub fn begin(&mut self, now: Time) {
         self.now = now;
         let late: Vec<(u64, Pending)> =
@@ -461,7 +461,7 @@ mod tests {
     }
 
     proptest! {
-        /// Each request has one answer, whatever comes, and when.
+        /// Each request has exactly one answer, whatever messages come, and whenever they come.
         #[test]
         fn each_request_has_one_answer(steps in prop::collection::vec((0..4_u8, 0..40_u64), 0..200)) {
             let (mut database, mut now, mut made, mut told) = (Database::default(), Time::ZERO, 0, Vec::new());

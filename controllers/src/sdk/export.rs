@@ -58,11 +58,11 @@ pub struct CallInterface {
 /// Whether the loop of a controller runs an activation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
-    /// It does.
+    /// The loop runs an activation.
     Running,
-    /// It waits for one.
+    /// The loop waits for an activation.
     Idle,
-    /// It ends one.
+    /// The loop ends an activation.
     Stopping,
 }
 

@@ -1,18 +1,18 @@
 //! Group commit: commits that arrive while the disk is busy go to the disk together.
 //!
-//! A device syncs a few hundred times a second, so what a database commits in a second is that times the size of a group.
-//! Taking whatever waits is not enough: callers that were answered together come back one after another, and the first of
-//! them would go alone, with a sync of its own, while all others wait for it. So a group waits until it is as large as
-//! the last one was, though never longer than an eighth of a sync. A single caller never waits for anybody.
+//! A device syncs a few hundred times a second. The database commits this number times the size of a group in a second.
+//! Taking whatever waits is not enough: callers that were answered together come back one after another. The commit of the
+//! first caller would go alone, with a sync of its own, while all others wait for it. So a group waits until it is as large as
+//! the last one was, though never longer than an eighth of a sync. A single caller never waits for others.
 
 use comms::io::clock;
 use comms::logic::time::Time;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::Duration;
 
-/// The part of a sync that is spent on waiting for the last ones, at the most.
+/// The greatest share of the length of a sync that a group may wait for its last commits: one eighth.
 const PATIENCE: u32 = 8;
-/// The part of the mean length of a sync that the newest one makes up.
+/// The weight of the newest sync in the mean length of a sync: one quarter.
 const NEWEST: u32 = 4;
 
 /// A queue from which groups are taken.

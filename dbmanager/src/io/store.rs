@@ -57,7 +57,7 @@ pub trait Store {
     }
 }
 
-/// Why a store does not do what it should.
+/// Why an operation of a store has failed.
 #[derive(Debug, Error)]
 pub enum StoreError {
     /// A file or directory cannot be used.
@@ -76,13 +76,13 @@ pub enum StoreError {
         /// The kind of the entry.
         cause: io::Error,
     },
-    /// Somebody has it open.
+    /// Another program has the store open.
     #[error("the store `{path}` is open already; end the other program that uses it, or choose another folder")]
     Busy {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// There are files, but not ours, or of another layout.
+    /// There are files, but they belong to another program, or have another layout.
     #[error("`{path}` is not a store of this program; choose another folder")]
     Foreign {
         /// The directory of the store.
@@ -124,13 +124,13 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Returns whether the remedy is to put the store aside, and to start again with the data of the others.
+    /// Returns whether the remedy is to put the store aside, and to start again with the data of the other replicas.
     pub fn is_damage(&self) -> bool {
         matches!(self, Self::Damaged { .. })
     }
 }
 
-/// Runs what calls the engine. A panic in there is about files that are not as it left them.
+/// Runs work that calls the engine. A panic of the engine shows that its files are not as it left them.
 fn shielded<T>(path: &Path, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let what = panic.downcast_ref::<String>().map(String::as_str);
@@ -152,7 +152,7 @@ fn check_file(path: &Path) -> Result<(), StoreError> {
     file::check(path).map_err(|cause| StoreError::NoFile { path: path.to_owned(), cause })
 }
 
-/// The same for all that is in a folder, and below it.
+/// Checks the same for everything in a folder, and below it.
 fn check_files(folder: &Path) -> Result<(), StoreError> {
     let file_error = |cause| file_error(folder, cause);
     for entry in std::fs::read_dir(folder).map_err(file_error)? {

@@ -29,10 +29,10 @@ pub const DATE_MAX_MS: u64 = 7_258_118_400_000;
 /// Bits of the counter within a millisecond.
 const COUNTER_BITS: u32 = 16;
 
-/// How much a wall clock is to be believed.
+/// How far a wall clock is to be believed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Quality {
-    /// Nobody has set it.
+    /// The clock was not set.
     #[default]
     Unset,
     /// The clock shows a date that may be right, as after a start from a battery-backed clock, and nothing keeps it.
@@ -130,7 +130,7 @@ impl Clock {
         }
     }
 
-    /// Goes on under another origin.
+    /// Continues under another origin.
     pub fn move_to(&mut self, origin: ReplicaId) {
         self.origin = origin;
     }

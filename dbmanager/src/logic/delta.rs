@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 /// Transactions that follow each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeltaPush {
-    /// The number of the one before them.
+    /// The number of the transaction before them.
     after: u64,
     short: Vec<EncodedTxn>,
 }

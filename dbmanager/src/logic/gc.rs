@@ -14,8 +14,8 @@
 //! new origin takes away every deletion in its context: everything that was dropped anywhere before the newcomer was
 //! known was dropped with the sponsor's consent, hence is in the state that the newcomer begins with.
 //!
-//! Counting what members *say* is not enough: one may say that it has `T`, and a concurrent write of it may still be on
-//! its way. Then one replica drops `T` and shows the write, and another orders the two. A member that is away holds the
+//! Counting what members *say* is not enough. A member may report that it has `T` while one of its concurrent writes is
+//! still in transit. Then one replica drops `T` and shows the write, and another replica orders the two. A member that is away holds the
 //! stable version vector where it is; that costs some bytes, and [`Stable::pinned_by`] says who it is.
 
 use crate::logic::member::Members;
@@ -46,7 +46,7 @@ impl Acks {
         self.acked.entry(origin).or_default().join(vector);
     }
 
-    /// Counts what the own version vector dominates by now.
+    /// Counts the reported version vectors that the own version vector dominates by now.
     pub fn settle(&mut self, own: &VersionVector) {
         for (origin, vector) in &self.acked {
             if own.dominates(vector) {
@@ -69,7 +69,7 @@ impl Acks {
         self.dropped = VersionVector::default();
     }
 
-    /// Returns what `origin` has said to have.
+    /// Returns the version vector that `origin` has reported.
     pub fn acked(&self, origin: ReplicaId) -> Option<&VersionVector> {
         self.acked.get(&origin)
     }

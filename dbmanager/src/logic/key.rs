@@ -60,7 +60,7 @@ pub enum KeyError {
 /// The namespace of a key, by its first segment: who may write it, and how far it travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Namespace<'a> {
-    /// `team/…`: everybody's. So is everything that is in no other namespace.
+    /// `team/…`: every robot may write. Everything that is in no other namespace also belongs here.
     Team,
     /// `robot/<name>/…`: only that robot writes, everybody reads.
     Robot(&'a str),
@@ -71,10 +71,10 @@ pub enum Namespace<'a> {
 }
 
 impl Key {
-    /// Returns the key that `text` is.
+    /// Returns `text` as a key.
     ///
     /// # Errors
-    /// If it is none.
+    /// If the text is not a key.
     pub fn new(text: impl Into<String>) -> Result<Self, KeyError> {
         let key = Self::stored(text.into())?;
         if let Some(character) = key.0.chars().find(|character| is_unseen(*character)) {
@@ -89,7 +89,7 @@ impl Key {
         }
     }
 
-    /// Returns the key that `text` is, which an earlier version may have written: it took `.`, `..` and letters that look alike.
+    /// Returns a text from the store as a key. Earlier versions also accepted `.`, `..` and letters that look alike.
     fn stored(key: String) -> Result<Self, KeyError> {
         if key.len() > KEY_SIZE_MAX {
             return Err(KeyError::Long { size: key.len() });

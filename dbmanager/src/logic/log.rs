@@ -54,7 +54,7 @@ pub enum Verdict {
     Known,
     /// Something before it is missing.
     Early,
-    /// Its origin has used a number twice, or an order of timestamps that cannot be.
+    /// Its origin has used a number twice, or its timestamps are in an impossible order.
     Fork,
     /// The transaction has seen another one by a number that has a different transaction here.
     Apart,
@@ -86,7 +86,7 @@ impl Log {
         Self { heads, vector, ..Self::default() }
     }
 
-    /// Returns what is here.
+    /// Returns the version vector of the transactions that are here.
     pub fn vector(&self) -> &VersionVector {
         &self.vector
     }
@@ -148,7 +148,7 @@ impl Log {
         self.vector.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
     }
 
-    /// Returns what follows `vector`, each chain without a gap, in the order of application.
+    /// Returns the transactions after `vector`, each chain without a gap, in the order of application.
     pub(crate) fn after(&self, vector: &VersionVector) -> impl Iterator<Item = (Dot, &EncodedTxn)> {
         let next = |origin, after: u64| {
             let dot = Dot { origin, seq: after.saturating_add(1) };
@@ -209,7 +209,7 @@ impl Log {
         }
     }
 
-    /// Returns by which hash a transaction is known; `None` if it is not, or too little is kept to tell.
+    /// Returns the hash by which a transaction is known; `None` if it is unknown, or too little is kept to tell.
     pub fn hash(&self, dot: Dot) -> Option<ChainHash> {
         let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.hash);
         // If the transaction is gone, the next one still has its hash.

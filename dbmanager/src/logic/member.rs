@@ -1,7 +1,7 @@
 //! The members of the team. The replicated state itself says who they are.
 //!
 //! *State.* `sys/members/<origin>`: the origin is a member; `sys/retired/<origin>`: it is not any more. Both only appear:
-//! nothing deletes them, so whoever has more transactions knows more, and a retirement beats a membership in any order.
+//! nothing deletes them, so a replica with more transactions knows more, and a retirement beats a membership in any order.
 //!
 //! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to any other replica,
 //! and begins with the sponsor's state. So a replica that counts a transaction of the sponsor after the admission knows
@@ -49,7 +49,7 @@ pub struct Rebased {
     pub last: Dot,
     /// Its timestamp.
     pub stamp: Timestamp,
-    /// The transaction with which all that is left of them is there.
+    /// The transaction that contains everything that is left of them.
     pub by: Dot,
 }
 

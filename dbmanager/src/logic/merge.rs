@@ -1,6 +1,6 @@
 //! Merges two states when a replica comes back under a new id.
 //!
-//! It comes with an *old* side (its earlier state) and takes over a *new* one (its sponsor's state). Its log may be
+//! The replica comes with an *old* side (its earlier state) and takes over a *new* side (its sponsor's state). Its log may be
 //! cut, so its transactions may be there only as versions. The changes to be rebased follow from the two states and
 //! from the transactions that each side has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
 //!

@@ -25,11 +25,11 @@ pub enum Message {
     Push(Vec<EncodedTxn>),
     /// To all, from time to time: who is here, and in which state.
     Hello(Hello),
-    /// To one: what I lack, please.
+    /// To one peer: a request for the transactions that the sender lacks.
     Pull(Pull),
     /// The answer.
     Chunk(Chunk),
-    /// To one: one chunk of a snapshot, please.
+    /// To one peer: a request for one chunk of a snapshot.
     ChunkRequest(ChunkHash),
     /// The answer; without bytes if there is no such chunk any more.
     SnapshotChunk {
@@ -38,7 +38,7 @@ pub enum Message {
         /// Its bytes; nothing if the sender does not have them.
         bytes: Option<Vec<u8>>,
     },
-    /// To one who waits for it: what I have, durably.
+    /// To a peer that waits for it: the transactions that the sender has durably.
     Ack(VersionVector),
     /// To all: new transactions of mine, for receivers that have the previous ones.
     DeltaPush(DeltaPush),
@@ -62,12 +62,12 @@ pub enum Pattern {
     },
     /// The message answers a request of the peer.
     Response,
-    /// Nobody answers it.
+    /// The message has no answer.
     OneWay,
 }
 
 impl Message {
-    /// Returns which part of an exchange it is, so that whoever carries it need not know its variants.
+    /// Returns the message's part in an exchange, so that the code that carries messages need not know the variants.
     pub fn pattern(&self) -> Pattern {
         match self {
             Self::Pull(_) => Pattern::Request { within: PULL_WITHIN },

@@ -9,7 +9,7 @@
 //! at a time, so dates cannot be used up. A transaction that breaks the rule is refused by every replica alike, except
 //! for revocations that some have not heard of; these ask again.
 //!
-//! *Not covered.* Who takes over a whole state, as a newcomer does, believes its sponsor.
+//! *Not covered.* A replica that takes over a whole state, as a newcomer does, believes its sponsor.
 
 use crate::logic::key::Key;
 use crate::logic::member;
@@ -30,13 +30,13 @@ pub trait Notary: fmt::Debug + Send + Sync {
     /// Signs a digest.
     fn sign(&self, digest: &[u8; 32]) -> Vec<u8>;
 
-    /// Returns what shows whose key that is.
+    /// Returns the credential that shows the owner of this key.
     fn credential(&self) -> Vec<u8>;
 
-    /// Reads whose key a credential shows; however old it is, and whether or not that was revoked since.
+    /// Returns the owner of the key in a credential, even if the credential is old or the key was revoked since.
     ///
     /// # Errors
-    /// It is none of the team; for a person.
+    /// The credential is not from the team; the reason for a person.
     fn holder(&self, credential: &[u8]) -> Result<Holder, String>;
 
     /// Returns whether a key has signed a digest.
@@ -67,20 +67,20 @@ pub struct Claim {
 /// Why a transaction of another is not taken over.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Doubt {
-    /// It is not known whose its origin is.
+    /// The owner of its origin is not known.
     Unknown,
     /// It breaks a rule; for a person.
     Forged(String),
 }
 
 impl Claim {
-    /// Claims an origin, as one that has given up others.
+    /// Claims an origin for this robot, and names the origins that this robot has given up.
     pub fn make(notary: &dyn Notary, origin: ReplicaId, replaces: &[ReplicaId]) -> Self {
         let signature = notary.sign(&claimed(origin, replaces));
         Self { credential: notary.credential(), replaces: replaces.to_vec(), signature }
     }
 
-    /// Returns whose an origin is by this claim.
+    /// Returns the owner of an origin by this claim.
     ///
     /// # Errors
     /// The claim is forged, or for another origin.
@@ -130,7 +130,7 @@ pub fn record(origin: ReplicaId, claim: &[u8]) -> Option<Write> {
     Some(Write { key: Key::new(format!("{KEYS}{origin}")).ok()?, value: Some(value) })
 }
 
-/// Returns whose an origin is, by the state: the robot of the membership has claimed it.
+/// Returns the owner of an origin by the state: the robot of the membership has claimed the origin.
 pub fn holder(notary: &dyn Notary, origin: ReplicaId, state: &State) -> Option<Holder> {
     let key = Key::new(format!("{KEYS}{origin}")).ok()?;
     let robots = member::robots(state, origin);

@@ -31,7 +31,7 @@ pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
 /// The identity of a store.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct IdentityRecord {
-    /// Whose number its transactions have now.
+    /// The origin under which its transactions are numbered now.
     pub(crate) origin: ReplicaId,
     /// Name of the robot.
     pub(crate) robot: String,
@@ -41,7 +41,7 @@ pub(crate) struct IdentityRecord {
     pub(crate) asked: Option<ReplicaId>,
     /// Origins it has given up.
     pub(crate) past: Vec<Past>,
-    /// Up to where others surely have its own transactions.
+    /// The number up to which others surely have its own transactions.
     pub(crate) known_by_peers: u64,
 }
 
@@ -49,11 +49,11 @@ pub(crate) struct IdentityRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Past {
     pub(crate) origin: ReplicaId,
-    /// Up to where others surely have its transactions.
+    /// The number up to which others surely have its transactions.
     pub(crate) known_by_peers: u64,
     /// Whether it is known to have used numbers twice.
     pub(crate) twice: bool,
-    /// Set for one that it wanted to be admitted as: who was asked, and is asked for the same again.
+    /// Set for an origin under which it wanted to be admitted: the replica that was asked, and is asked for the same again.
     pub(crate) asked: Option<ReplicaId>,
 }
 

@@ -58,7 +58,7 @@ use tickets::{Tickets, Waiting};
 
 /// How many pulls may wait for an answer.
 const PULLS_MAX: usize = 2;
-/// How many states of one peer in a row may turn out to be of no use.
+/// How many states of one peer in a row may turn out to be unusable.
 const DROPPED_MAX: u32 = 2;
 
 /// The machine.
@@ -138,13 +138,13 @@ impl Replica {
         self.ledger.persist(after, effects);
     }
 
-    /// Returns when it wants to be told the time.
+    /// Returns when the replica has to be called next, even without a message.
     pub fn deadline(&self) -> Option<Time> {
         let peers = Some(self.peers.deadline(self.pulls_max()));
         [peers, self.tickets.deadline(), self.downloads.deadline()].into_iter().flatten().min()
     }
 
-    /// Returns what can be read.
+    /// Returns the readable state.
     pub fn state(&self) -> &State {
         self.ledger.contents().state()
     }
@@ -164,7 +164,7 @@ impl Replica {
         self.ledger.contents().members()
     }
 
-    /// Returns who owns which prefixes.
+    /// Returns the owners of prefixes.
     pub fn owners(&self) -> &Owners {
         self.ledger.contents().owners()
     }
@@ -185,7 +185,7 @@ impl Replica {
         self.ledger.is_member()
     }
 
-    /// Returns what a member has said to have.
+    /// Returns the version vector that a member has reported.
     pub fn acked(&self, origin: ReplicaId) -> Option<&VersionVector> {
         self.ledger.acks.acked(origin)
     }
@@ -314,7 +314,7 @@ impl Replica {
         self.go_on(now, effects);
     }
 
-    /// Does what the rules say about a message of a peer.
+    /// Carries out the actions that the rules return for a message of a peer.
     fn act(&mut self, now: Time, from: ReplicaId, actions: Vec<Action>, effects: &mut Vec<Effect>) {
         for action in actions {
             match action {
@@ -353,7 +353,7 @@ impl Replica {
                 if self.members().is_active(from) {
                     self.ledger.acks.note(from, &vector);
                 }
-                // Of two that were on their way the first may be lost.
+                // If two answers were in transit, the first may be lost.
                 if (more || !self.ledger.have().dominates(&vector)) && (answered.follows || !missing) {
                     self.peers.ahead(from, now);
                 }

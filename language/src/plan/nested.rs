@@ -1,7 +1,7 @@
 //! Encodes and decodes expressions and formulas.
 //!
-//! Reading an expression recurses with its nesting, and the stack is limited: bytes that are nested more deeply than an
-//! expression may be are refused during the read, not afterwards. So a peer's bytes cannot crash a node.
+//! The reader of an expression calls itself for each level of nesting, and the stack is limited. So bytes that are nested
+//! more deeply than an expression may be are refused during the read, not afterwards: a peer's bytes cannot crash a node.
 
 use super::{DEPTH_MAX, Expression};
 use crate::automaton::Formula;

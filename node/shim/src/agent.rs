@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// How long an agent that has connected may take to send its request: others wait behind it.
 const REQUEST_WITHIN: Duration = Duration::from_secs(1);
-/// How long an agent may keep the program's supervisor waiting for room for a report.
+/// How long an agent without room for a report may keep this shim waiting.
 const WRITE_WITHIN: Duration = Duration::from_secs(1);
 /// Until the next try when the kernel has no descriptor for a connection.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(100);
@@ -78,7 +78,7 @@ impl Agent {
             Some(stream) => {
                 let is_written = stream.write_all(line.as_bytes()).is_ok();
                 if !is_written {
-                    // Half a line may be there, and nothing may follow it.
+                    // The agent may have half a line, and nothing may follow that.
                     stream.shutdown(Shutdown::Both).unwrap_or_default();
                 }
                 is_written
@@ -145,8 +145,8 @@ impl Reader {
             complain(&format!("dca-shim: an agent that has {had} reports means another shim"));
             return Ok(());
         }
-        // Before the reply: an agent that has the reply may rely on the program not being ended by a deadline. Without
-        // the lock, for which the thread that takes events may wait.
+        // Before the reply: an agent that has the reply may rely on the program not being ended by a deadline. The
+        // lock is not held here, because the thread that takes events may wait for it.
         self.events.send(Event::Attached)?;
         if self.attach(stream, had).is_ok() {
             return self.hear(&mut lines);
@@ -154,7 +154,7 @@ impl Reader {
         self.events.send(Event::AgentGone)
     }
 
-    /// Answers, and lets every later report go there.
+    /// Answers the agent, and sends every later report to it.
     fn attach(&self, stream: &UnixStream, had: usize) -> io::Result<()> {
         let copy = stream.try_clone()?;
         stream.set_read_timeout(None)?;

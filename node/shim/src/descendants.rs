@@ -18,7 +18,7 @@ pub(crate) fn kill_descendants() {
     if is_childless() {
         return;
     }
-    // Stopped first, so that none forks while others are being killed.
+    // All are stopped first, so that none forks while others are being killed.
     let mut stopped = BTreeSet::new();
     for _ in 0..ROUNDS_MAX {
         let found = processes::below(getpid().as_raw_nonzero().get());

@@ -120,7 +120,7 @@ impl Group {
         Ok(Place { folder, ..place })
     }
 
-    /// Returns the limit that a program has met that ended so, if it has.
+    /// Returns the limit that a program with this end has met, if it has met one.
     pub(crate) fn reason(&self, end: ProgramEnd) -> Option<EndReason> {
         let count = |place: &Place, file: &str, name: &str| {
             let text = std::fs::read_to_string(place.folder.join(file)).unwrap_or_default();
@@ -135,7 +135,7 @@ impl Group {
                 return Some(EndReason::OutOfMemory(*bytes));
             }
         }
-        // A killed program has not ended for lack of a process.
+        // A killed program has not ended because it could not start a process.
         let (place, most) = self.pids.as_ref().filter(|_| end != ProgramEnd::Signal(9))?;
         (count(place, "pids.events", "max ") > 0).then_some(EndReason::Limit(LimitKind::Pids, *most))
     }
@@ -172,7 +172,7 @@ fn remove_abandoned(place: &Path) {
     }
 }
 
-/// Returns where a group for the controller can be made, or why nowhere.
+/// Returns where a group for the controller can be made, or why there is no such place.
 fn place(controller: Controller) -> Result<Place, String> {
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
     let nowhere = || "this host has none".to_owned();
@@ -199,7 +199,7 @@ fn place(controller: Controller) -> Result<Place, String> {
 }
 
 /// Returns the folder of the group that this process is in for a controller, from the texts of `/proc/self/mountinfo`
-/// and `/proc/self/cgroup`. The first version comes first: a controller that it has, the second has not. Sources:
+/// and `/proc/self/cgroup`. The first version is looked at first: a controller of the first version is not in the second. Sources:
 /// proc_pid_mountinfo(5), cgroups(7).
 fn find(controller: Controller, mounts: &str, groups: &str) -> Option<Place> {
     let path = |is_own: &dyn Fn(&str) -> bool| {

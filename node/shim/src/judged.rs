@@ -16,7 +16,7 @@ const SCRIPT: &[u8; 2] = b"#!";
 #[derive(Debug)]
 pub(crate) struct Opened {
     path: PathBuf,
-    /// Open until something else is executed.
+    /// The file stays open until this process executes another program.
     _file: File,
 }
 

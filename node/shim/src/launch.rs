@@ -1,7 +1,7 @@
 //! The last step before a program with limits or a sandbox: a separate process takes the limits, gives up its rights
 //! and becomes the program.
 //!
-//! So the program never runs without them, not even for an instant, and the shim itself has none. A refusal of the
+//! So the program never runs without its limits, not even for an instant, and the shim itself has none of them. A refusal of the
 //! kernel is left in the instance directory as one sentence, which the shim reports.
 
 use crate::judged;
@@ -21,7 +21,7 @@ const REFUSED: u8 = 126;
 /// Executes a command with a scheduling class. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
-/// Returns whether a program is started with nothing taken from it.
+/// Returns whether a program is started without limits and with all rights.
 fn is_plain(start: &ShimStart) -> bool {
     start.limits == Limits::default() && start.groups.is_empty() && start.sandbox == Sandbox::default()
 }
@@ -54,7 +54,7 @@ const REASON_MAX: usize = 64 << 10;
 
 /// Becomes the program; returns only if that is refused.
 pub(crate) fn launch(start: &ShimStart) -> ExitCode {
-    // The sandbox may forbid making it later. An empty file is not a reason.
+    // The file for the reason is made now, because the sandbox may forbid that later. An empty file is not a reason.
     let early =
         (start.sandbox != Sandbox::default()).then(|| file::created(&start.dir.join(REFUSED_FILE), Privacy::Usual));
     let reason = limit(start).map_or_else(|reason| reason, |next| execute(&next, start));
@@ -103,9 +103,9 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
 /// The command that a launch executes.
 struct ToExecute<'a> {
     words: Vec<OsString>,
-    /// The file that alone may run for its first word.
+    /// The only file that may run for the first word of the command.
     judged: Option<&'a Judged>,
-    /// Whether that is another launch, of the same program.
+    /// Whether the command is another launch, of the same program.
     is_launch: bool,
 }
 
@@ -193,7 +193,7 @@ fn execute(ToExecute { words, judged, is_launch }: &ToExecute<'_>, start: &ShimS
     let mut next = opened.as_ref().map_or_else(|| Command::new(name), |opened| Command::new(opened.path()));
     next.arg0(name).args(arguments);
     if !is_launch {
-        // From here on its variables may take effect.
+        // From here on the variables of the program may take effect.
         next.env_clear().envs(start.environment.iter().map(|(name, value)| (name, value)));
     }
     let error = next.exec();

@@ -126,11 +126,11 @@ fn main() -> ExitCode {
     };
     start.take_variables(std::env::vars_os());
     if is_launch {
-        // It has the secrets of the program.
+        // This process has the secrets of the program.
         return launch::launch(&start);
     }
     descriptors::close_inherited();
-    // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. Fails for a leader of one.
+    // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. This fails if the shim already leads a session.
     rustix::process::setsid().map(drop).unwrap_or_default();
     let secrets = match secrets::take(&mut start) {
         Ok(secrets) => secrets,
@@ -159,7 +159,7 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     signal_hook::flag::register(SIGXFSZ, Arc::default())?;
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
     let agent = Agent::new(&start.dir);
-    // Here the files of the instance may be another shim's already.
+    // If the agent is lost, the files of the instance may already belong to another shim.
     if agent::is_lost() {
         agent.report(&ShimReport::Gone);
         return Ok(());
@@ -184,7 +184,7 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     let output = match Output::open(&start.dir) {
         Ok(output) => output,
         Err(error) => {
-            // It was as it should be before the gate.
+            // The output file was in order before the gate.
             let reason = format!("cannot open `{}`: {}", start.dir.join(OUTPUT_FILE).display(), cause(&error));
             conclude(&start.dir, &agent, ShimReport::ExecFailed { reason });
             record.remove();
@@ -347,7 +347,7 @@ impl Supervision<'_> {
                     self.kill();
                 }
                 Ok(Event::Order(ShimOrder::Go) | Event::Ended(..) | Event::Attached) => {}
-                // The reaper ends with the first.
+                // The reaper ends with `NoneLeft`.
                 Ok(Event::NoneLeft) | Err(RecvTimeoutError::Disconnected) => return unknown,
             }
         }

@@ -38,14 +38,14 @@ struct State {
     chunks: VecDeque<Vec<u8>>,
     size: usize,
     dropped: u64,
-    /// Bytes are between the pipe and the queue, or between the queue and the file.
+    /// Whether bytes are between the pipe and the queue, or between the queue and the file.
     reading: bool,
     writing: bool,
     ended: bool,
 }
 
 impl Output {
-    /// Checks that nothing but a file is where the output goes, and makes none.
+    /// Checks that the name of the output file belongs to a regular file or to nothing. It makes no file.
     pub(crate) fn check(dir: &Path) -> io::Result<()> {
         file::check_itself(&dir.join(OUTPUT_FILE))
     }
@@ -190,7 +190,7 @@ impl LogFile {
             self.file = Some(fresh);
             return;
         }
-        // Without a place for the old part there is none for more of it.
+        // If the old part cannot be put aside, the file is emptied to make room.
         let in_place = self.file.take().filter(|file| file::is_in_place(file, path));
         self.file = in_place.filter(|file| file.set_len(0).is_ok());
     }

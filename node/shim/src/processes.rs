@@ -15,7 +15,7 @@ pub struct Stat {
     pub parent: i32,
     /// Number of the process that made its session.
     pub session: i32,
-    /// Whether it has ended, and only its parent has not looked yet.
+    /// Whether it has ended, and its parent has not collected it yet.
     pub is_zombie: bool,
     /// Whether it is suspended, by a signal or by a debugger, and waits to be resumed.
     pub is_stopped: bool,
@@ -81,7 +81,7 @@ pub fn below(root: i32) -> BTreeSet<Process> {
     found
 }
 
-/// Returns the children of this process that have ended, and at which it has not looked.
+/// Returns the children of this process that have ended and have not been collected.
 pub fn ended_children() -> BTreeSet<Process> {
     let this = getpid().as_raw_nonzero().get();
     let children = if has_child_lists(this) { stats_of_children(this) } else { all() };
@@ -203,7 +203,7 @@ mod tests {
         let pid = program.id().cast_signed();
         assert!(has_open_files(getpid().as_raw_nonzero().get()) && has_open_files(pid));
         program.kill().expect("it is ours");
-        // It stays until its parent looks.
+        // The process stays until its parent collects it.
         while !stat(pid).expect("nobody has looked").is_zombie {
             std::thread::yield_now();
         }

@@ -89,7 +89,7 @@ pub enum ShimReport {
         /// Its process id.
         pid: u32,
     },
-    /// The program has left by itself or when asked to; its children may still run.
+    /// The program has exited by itself or on request; its children may still run.
     Exited {
         /// Its exit code.
         code: i32,

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// Until a disk that has not taken the record of an end is asked again.
+/// The pause before a disk that has not taken the record of an end is tried again.
 const WRITE_AGAIN: Duration = Duration::from_millis(500);
 
 /// The record of the program that runs here, for a node that starts after this shim and its node were killed.
@@ -40,7 +40,7 @@ impl Record {
         let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
         let line = ProcessRecord::program_line(stat.process);
         let file = file::appended_itself(&self.path, Privacy::Usual);
-        // Without it the marks in its environment are left.
+        // Without the record, the marks in the environment of the program still identify it.
         if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
             complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));
         }

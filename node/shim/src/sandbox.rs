@@ -57,7 +57,7 @@ fn empty_bounding_set() -> Result<(), Errno> {
     for number in 0..u64::BITS {
         match remove_capability_from_bounding_set(CapabilitySet::from_bits_retain(1 << number)) {
             Ok(()) => {}
-            // The kernel knows none of this number, nor of a higher one.
+            // The kernel knows no capability of this number or of a higher one.
             Err(Errno::INVAL) => return Ok(()),
             Err(Errno::PERM) if !rustix::process::geteuid().is_root() => return Ok(()),
             Err(error) => return Err(error),

@@ -12,7 +12,7 @@ use std::time::Duration;
 const LOOKS: u32 = 4;
 /// The shortest time between two looks.
 const LOOK_MIN: Duration = Duration::from_millis(1);
-/// After this many late looks in a row, late ones count.
+/// After this many late looks in a row, late looks count as well.
 const LATE_MAX: u32 = 8;
 
 /// The watcher of one program.
@@ -108,7 +108,7 @@ impl Watchdog {
         }
     }
 
-    /// Counts the time since the last look, unless this one is late by chance.
+    /// Counts the time since the last look, unless this look is late by chance.
     fn pass(&mut self, now: Time) {
         let elapsed = now - self.looked_at;
         self.looked_at = now;
@@ -148,7 +148,7 @@ mod tests {
             Time::from_nanos(self.now * 1_000_000)
         }
 
-        /// Passes time without a word; returns after how many milliseconds the program is ended, and why.
+        /// Passes time without a sign of life; returns after how many milliseconds the program is ended, and why.
         fn pass(&mut self, millis: u64) -> Option<(u64, EndReason)> {
             let (began, until) = (self.now, self.now + millis);
             while self.now < until {

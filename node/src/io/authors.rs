@@ -55,8 +55,8 @@ impl Authors {
         }
     }
 
-    /// Removes a relayed message for this node from a frame, unless its author has signed it. The frame itself counts:
-    /// its sender would otherwise repeat it for ever.
+    /// Removes a relayed message for this node from a frame, unless its author has signed it. The frame itself is still
+    /// accepted: its sender would otherwise repeat it for ever.
     pub(crate) fn check_relay(&self, frame: &mut Frame) {
         let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
         if relay.to != self.host {

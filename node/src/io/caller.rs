@@ -32,7 +32,7 @@ pub struct Caller {
     witness: Mutex<Option<Witness>>,
 }
 
-/// Hears the outcome of a request once; none if no answer had it.
+/// Gets the outcome of a request once; none if no answer had the outcome.
 struct Witness(Box<dyn FnOnce(Option<Outcome>) + Send>);
 
 impl fmt::Debug for Witness {
@@ -116,7 +116,7 @@ impl Caller {
         self.settle(Ok(()));
     }
 
-    /// Says that there is more, which cannot be had, and why, for a person.
+    /// Marks the answers as incomplete, with the reason for a person.
     pub fn fail(self, why: String) {
         self.tell(Some(Err(why.clone())));
         self.settle(Err(why.into()));
@@ -143,10 +143,10 @@ impl Answers {
         self.answers.recv().await
     }
 
-    /// Says, after the last answer, whether that was everything.
+    /// Returns, after the last answer, whether the answers are complete.
     ///
     /// # Errors
-    /// It was not; for a person.
+    /// The answers are incomplete; the reason for a person.
     pub fn end(self) -> Result<(), Cow<'static, str>> {
         self.end.get().cloned().unwrap_or(Err(LEFT.into()))
     }

@@ -75,7 +75,7 @@ pub fn containment() -> Containment {
 pub fn leave() {
     let Some(group) = OWN.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
     let parent = group.parent().unwrap_or(Path::new("/"));
-    // Without the right to go back the group stays until the machine stops, or the next run removes it.
+    // Without the right to return to the parent, the group stays until the machine stops or the next run removes it.
     if std::fs::write(parent.join("cgroup.procs"), std::process::id().to_string()).is_ok() {
         remove(&group);
     }
@@ -100,7 +100,7 @@ pub fn members(group: &Path) -> Vec<i32> {
 
 /// Kills every process of a group at once.
 pub fn kill(group: &Path) {
-    // Older kernels do not know it; the caller kills one by one as well.
+    // Older kernels do not have this file; the caller also kills the processes one by one.
     std::fs::write(group.join("cgroup.kill"), "1").unwrap_or_default();
 }
 

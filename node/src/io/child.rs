@@ -4,7 +4,7 @@
 //! A shim started by this node has its lines in two pipes. A shim started by an earlier run of the node is attached to
 //! at its socket. `shim::protocol` defines the count of lines that makes sure nothing is lost or done twice.
 //!
-//! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a living node orders them.
+//! Nothing here kills on drop: a shim whose node has died follows its own rule, and a living node gives its shims orders.
 
 mod executable;
 pub mod leftovers;
@@ -80,11 +80,11 @@ enum ReportChannel {
 pub struct Attached {
     /// Takes the orders that follow the ones already taken.
     pub orders: ShimOrders,
-    /// Where the reports come that the node did not have.
+    /// The reports that the node did not have yet.
     pub reports: ShimReports,
     /// How many orders the shim has taken, of all nodes.
     pub taken: u64,
-    /// How many of the reports it had made already.
+    /// How many of these reports the shim had already made.
     pub missed: usize,
 }
 
@@ -97,7 +97,7 @@ pub struct Attached {
 /// Outside a tokio runtime.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimReports)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
-    // If this node has just died and been restarted here: until the shim is there, these files would belong to an
+    // This node may have just died and been restarted. Until the new shim is there, these files would be those of an
     // earlier program.
     for stale in [EXIT_FILE, SOCKET_FILE] {
         remove_stale(&start.dir.join(stale))?;
@@ -148,7 +148,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     stream.write_all(format!("{}\n", AttachRequest { reports: known_reports }).as_bytes()).map_err(silent)?;
     let reply = read_reply(&mut stream).map_err(silent)?;
     stream.set_nonblocking(true)?;
-    // They were written together with the reply.
+    // These reports were written together with the reply.
     let ahead = read_ready(&mut stream)?;
     let missed = ahead.split_inclusive(|byte| *byte == b'\n').filter(|line| is_report(line)).count();
     let (reports, orders) = tokio::net::UnixStream::from_std(stream)?.into_split();
@@ -336,7 +336,7 @@ impl ShimReports {
             };
             gone |= report == ShimReport::Gone;
             if gone {
-                // Before its node takes note of it: a record that is there later is of the program that is started next.
+                // The record is removed before the node takes note of the end: any later record belongs to the next program.
                 forget_end(&dir).await;
             }
             if sink.send((report, output)).await.is_err() {
@@ -347,7 +347,7 @@ impl ShimReports {
             // A shim that was attached to is the child of another process.
             child.as_mut().map_or(Ok(()), |child| child.wait().map(drop))
         });
-        // It may be traced, even by its own program: then the tracer has to collect its end first.
+        // The shim may be traced, even by its own program: then the tracer has to collect its end first.
         if !gone {
             end_left(dir).await;
             // Only a node that is leaving has no receiver.

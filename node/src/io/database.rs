@@ -42,11 +42,11 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use wire::Outgoing;
 
-/// How much waits for the thread.
+/// How many events wait for the thread.
 const ARRIVALS_MAX: usize = 4096;
-/// How much is taken in one turn.
+/// How many events are taken in one turn.
 const TURN_MAX: usize = 1024;
-/// How long until a store that could not be opened is tried again.
+/// The pause before a store that could not be opened is tried again.
 const REOPEN_AFTER: Duration = Duration::from_secs(5);
 /// How often the files of the store are looked for while nothing is written.
 const CHECK_EVERY: Duration = Duration::from_secs(1);
@@ -166,7 +166,7 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Databa
 }
 
 impl DatabaseThread {
-    /// Returns the way to it.
+    /// Returns the handle for requests to the database.
     pub fn handle(&self) -> &Handle {
         &self.handle
     }
@@ -179,18 +179,18 @@ impl DatabaseThread {
     /// Stops the database. Acknowledged changes are on the disk already.
     ///
     /// # Cancellation
-    /// It ends in any case.
+    /// The database is closed in any case.
     pub async fn close(self) {
         let Self { handle, thread, mut wire, .. } = self;
         let joined = tokio::task::spawn_blocking(move || {
-            // A full queue is being worked off, so there is room soon; a thread that is gone needs no telling.
+            // The thread is emptying a full queue, so there is room soon. A thread that is gone needs no message.
             drop(handle.arrivals.send(Arrival::Leave));
             thread.join().is_err()
         });
         if joined.await.unwrap_or(true) {
             tracing::error!("the database has ended with a panic");
         }
-        // It ends with the thread.
+        // The task ends with the thread.
         while wire.join_next().await.is_some() {}
     }
 }
@@ -355,7 +355,7 @@ impl Worker {
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
 
-    /// Notices a store that is gone although nothing is written.
+    /// Checks, even while nothing is written, whether the store is still there.
     fn check_if_due(&mut self) {
         let now = clock::now();
         if self.machine.closed().is_some() || now < self.check_at {

@@ -348,7 +348,7 @@ impl Driver {
                 let (orders, notices) = counts;
                 self.running.returning.is_back(&process, notices);
                 let why = self.resume(&process, &sender, version, orders).err();
-                // After the first order that it waits for.
+                // The program first waits for an order, so the parameters come after that.
                 self.tell_parameters(&sender, &process);
                 self.running.programs.insert(process.clone(), (number, sender));
                 why.map(|why| Input::Undelivered { process, why })
@@ -459,7 +459,7 @@ impl Driver {
     fn peer(&self, change: &Change) {
         match change {
             Change::Appeared { .. } => self.database.handle().appeared(),
-            // It may be suspended: its system still takes messages.
+            // The node may be suspended while its system still takes messages.
             Change::Lost { host } => self.peers.cut(host),
             Change::Missing { .. }
             | Change::Detour { .. }

@@ -1,4 +1,4 @@
-//! The absent: hosts that do not answer, and deployments that have ended without the word of every host.
+//! Hosts that do not answer, and deployments that have ended although some hosts have not confirmed the end.
 //!
 //! A lost host may still run its programs. So a deployment that is over at its home stays here as an *open end* until
 //! each host that has not reported its end has confirmed that nothing of the deployment is left. The home asks such a
@@ -6,14 +6,14 @@
 //! restarted keeps asking.
 //!
 //! While the home itself cannot be reached, each participant of a deployment keeps its end open instead. That end is
-//! closed when the home returns, since the home then answers for itself. A host that could not end every program says
-//! so each time it is asked, until the last program has ended. A restart of the host's node also closes the end,
+//! closed when the home returns, since the home then answers for itself. A host that could not end every program
+//! reports this each time it is asked, until the last program has ended. A restart of the host's node also closes the end,
 //! because the new node ends what its predecessor has left.
 //!
-//! A node that ends as it was told to says so to the others, which do not list its host, and never say that something may run there.
+//! A node that ends on request announces this to the others. They do not list its host, and never say that something may run there.
 //!
-//! Hosts are kept for [`HOSTS_KEPT`], open ends until they are confirmed or a person says that they are to be forgotten; of
-//! both there is a limit, and the oldest goes first.
+//! Hosts are kept for [`HOSTS_KEPT`], open ends until they are confirmed or a user has them forgotten. The number of both
+//! is limited, and the oldest goes first.
 
 use super::effect::{Effect, Out};
 use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToParticipant, Why};
@@ -38,11 +38,11 @@ struct LostHost {
     lost: bool,
 }
 
-/// A deployment that is over, but for some hosts.
+/// A deployment that is over, except on some hosts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct End {
     home: String,
-    /// Why each has not confirmed.
+    /// The hosts that have not confirmed the end, and why.
     hosts: BTreeMap<String, Why>,
     since: Time,
 }
@@ -52,7 +52,7 @@ struct End {
 pub struct Absence {
     host: String,
     gone: BTreeMap<String, LostHost>,
-    /// Hosts whose nodes said that they end, and that nothing is left.
+    /// Hosts whose nodes announced that they end, and that nothing is left there.
     left: BTreeSet<String>,
     ends: BTreeMap<Deployment, End>,
     ask_at: Time,
@@ -108,20 +108,20 @@ impl Absence {
         self.ask_at = self.ask_at.min(now);
     }
 
-    /// Keeps the end of a deployment that these hosts have not confirmed. Without any, and at its home, it is over for good.
+    /// Keeps the end of a deployment that these hosts have not confirmed. At its home, an end without such hosts is final.
     pub fn open(&mut self, now: Time, deployment: Deployment, home: &str, hosts: BTreeMap<String, Why>) {
         self.ends.insert(deployment, End { home: home.to_owned(), hosts, since: now });
         self.ask_at = now;
     }
 
-    /// Takes the word of a host that nothing of a deployment is left there.
+    /// Takes the report of a host that nothing of a deployment is left there.
     pub fn confirmed(&mut self, deployment: &Deployment, host: &str) {
         if let Some(end) = self.ends.get_mut(deployment) {
             end.hosts.remove(host);
         }
     }
 
-    /// Takes the word of a host that something of a deployment may be left there.
+    /// Takes the report of a host that something of a deployment may be left there.
     pub fn unable(&mut self, deployment: &Deployment, host: &str) {
         let why = self.ends.get_mut(deployment).and_then(|end| end.hosts.get_mut(host));
         why.into_iter().for_each(|why| *why = Why::Unable);
@@ -137,12 +137,12 @@ impl Absence {
         self.ends.get(deployment).into_iter().flat_map(|end| end.hosts.keys()).collect()
     }
 
-    /// Forgets an open end, as a person wants; says whether there was one.
+    /// Forgets an open end at the request of a user; returns whether there was one.
     pub fn forget(&mut self, deployment: &Deployment) -> bool {
         self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()
     }
 
-    /// Asks hosts that are there when it is time, and drops the ends that are closed.
+    /// Asks reachable hosts when it is time, and drops the ends that are closed.
     pub fn tick(&mut self, reaches: impl Fn(&str) -> bool, out: &mut Out<'_>) {
         self.gone.retain(|_, gone| gone.heard + HOSTS_KEPT > out.now);
         while self.ends.len() > ENDS_MAX {

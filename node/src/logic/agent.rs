@@ -75,7 +75,7 @@ pub struct Identity {
     pub epoch: u64,
     /// The deployments with their home here that were not over when an earlier run ended, with their hosts.
     pub open: Vec<(Deployment, Vec<String>)>,
-    /// Whether it is in a team: then what others order is judged before it starts anything.
+    /// Whether it is in a team: then the orders of other nodes are judged before they start anything.
     pub is_guarded: bool,
     /// The user who stopped everything, if the previous run ended in that state.
     pub estop: Option<Estop>,
@@ -105,10 +105,10 @@ struct Run {
     started: Time,
     /// The calendar clock at [`Time::ZERO`], as time since 1970.
     calendar: Duration,
-    /// When it was made again from its inputs, the last few times.
+    /// The last few times at which this agent was made again from its inputs.
     adoptions: VecDeque<Time>,
     leaving: bool,
-    /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
+    /// The time until which a node without any work left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
 }
 
@@ -117,11 +117,11 @@ struct Run {
 struct Peers {
     names: NameServer,
     absence: Absence,
-    /// Of each name, the links to its last boots; the one to the holder of the name is the last.
+    /// For each name, the links to its last boots; the link to the holder of the name comes last.
     links: BTreeMap<String, Vec<Link>>,
     /// The holder of each name, as it was reported last.
     holders: BTreeMap<String, u64>,
-    /// The hosts that hear of this node all the time, as it was ordered last.
+    /// The hosts that get the beats of this node, as they were ordered last.
     beaten: BTreeSet<String>,
     rivalry: Rivalry,
 }
@@ -143,20 +143,20 @@ struct Pending {
 struct Past {
     /// Their reports, for callers that were cut off when it happened; the latest first.
     over: VecDeque<History>,
-    /// Until when the end of the last of them is taken over by a successor.
+    /// The time until which a successor takes over the end of the last deployment.
     over_until: Option<Time>,
-    /// The programs that they had here, by leaf and path; the latest first.
+    /// The programs of these deployments on this host, by leaf and path; the latest first.
     programs: VecDeque<(Deployment, Vec<(u32, String)>)>,
-    /// Their programs that may still run.
+    /// The programs of these deployments that may still run.
     unended: BTreeMap<Deployment, UnendedPrograms>,
 }
 
-/// The calls and hosts that wait for word.
+/// The calls and hosts that wait for an answer.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Callers {
-    /// The calls that listen to all that happens.
+    /// The calls that listen to every event.
     listeners: Vec<u64>,
-    /// The calls that want all that has happened.
+    /// The calls that ask for every event so far.
     inquiries: Inquiries,
     check_ins: CheckIns,
     promises: Promises,
@@ -231,7 +231,7 @@ impl Agent {
         let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
         let mut out = Out { now, since_1970, effects, messages: &mut more };
         self.check_in(&mut out);
-        // A caller whose question is the first input hears of it.
+        // This comes first, so that a caller whose question is the first input hears of these deployments.
         self.look_back(&mut out);
         self.take(input, &mut out);
         self.tick(&mut out);
@@ -282,22 +282,22 @@ impl Agent {
         self.run.calendar + now.since(Time::ZERO)
     }
 
-    /// Returns since when it is there.
+    /// Returns the time at which this node began.
     pub fn started(&self) -> Time {
         self.run.started
     }
 
-    /// Returns which boot of each name it deals with.
+    /// Returns the boot that holds each name.
     pub fn holders(&self) -> &BTreeMap<String, u64> {
         &self.peers.holders
     }
 
-    /// Returns who hears of it all the time.
+    /// Returns the hosts that get the beats of this node.
     pub fn beaten(&self) -> &BTreeSet<String> {
         &self.peers.beaten
     }
 
-    /// Goes on in another process, with the programs that this one offers, in a team or not.
+    /// Continues in another process, with the programs that the new process offers, in a team or not.
     pub fn move_to(&mut self, pid: u32, programs: Programs, is_guarded: bool) {
         (self.identity.pid, self.programs, self.identity.is_guarded) = (pid, programs, is_guarded);
     }
@@ -427,7 +427,7 @@ impl Agent {
         }
     }
 
-    /// Returns why a deployment cannot hold something on this host: others do.
+    /// Returns why a deployment cannot hold some devices on this host: other deployments hold them.
     fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
         let others = self.participants.iter().filter(|(other, _)| *other != deployment);
         let running = others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims()));

@@ -13,31 +13,32 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// How many orders to one program are kept that no notice shows as taken. A program that has missed more cannot go on.
+/// How many orders to one program are kept until a notice shows that they were taken. A program that has missed more
+/// cannot go on.
 const KEPT_MAX: usize = 1024;
 
-/// A program, from the order to start it until nothing of it is left and no caller asks for it.
+/// A program, from its start until nothing of it is left and no caller asks for it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Attachment {
     /// How it was started.
     pub order: SpawnOrder,
     /// How many reports of its shim were taken.
     pub reports: u64,
-    /// Whether one of them reported how it ended.
+    /// Whether one of these reports told how the program ended.
     pub has_ended: bool,
-    /// Whether the last of them said that nothing of it is left.
+    /// Whether the last report said that nothing of the program is left.
     pub is_gone: bool,
     /// How many notices of it were taken.
     pub notices: u64,
     /// The public keys that it has made at its start, in a team.
     pub keys: Vec<u8>,
-    /// Whether its deployment is over, while something of it may run.
+    /// Whether its deployment is over, although something of the program may still run.
     is_buried: bool,
     /// Every order that its shim was given, as the line that the shim reads.
     shim_orders: Vec<String>,
-    /// How many orders it was given.
+    /// How many orders the program was given.
     orders: u64,
-    /// The last of them.
+    /// The last orders that the program was given.
     kept: VecDeque<Order>,
 }
 
@@ -162,7 +163,7 @@ impl Attachments {
         });
     }
 
-    /// Returns the program that introduces itself by this word: [`SpawnOrder::word`].
+    /// Returns the program that introduces itself with this name: [`SpawnOrder::word`].
     pub fn find(&self, deployment: &Deployment, word: &str) -> Option<&ProcessId> {
         let (path, number) = word.rsplit_once('#').map_or((word, None), |(path, number)| (path, Some(number)));
         let leaf: Option<u32> = number.and_then(|number| number.parse().ok());

@@ -69,7 +69,7 @@ impl Claims {
         })
     }
 
-    /// Returns why these cannot be held at the same time as those of `holder`, one sentence for each device.
+    /// Returns why these devices cannot be held at the same time as those of `holder`, one sentence for each device.
     pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         self.both(theirs).map(|(device, path)| held(device, holder, path)).collect()
     }
@@ -102,7 +102,7 @@ impl Claims {
     }
 }
 
-/// Says of programs of a deployment, after their name, that they could not be ended.
+/// Returns the words that programs of a deployment could not be ended, to follow their names.
 pub fn unended(deployment: &Deployment) -> String {
     format!("could not be ended and may still run; once you know better, `dca stop {} --forget`", deployment.name)
 }

@@ -45,13 +45,13 @@ use stop::{Stop, StopBy};
 use switching::Switches;
 use telling::Orders;
 
-/// How long all hosts have to start their programs, if none may take longer than usual to be ready.
+/// How long all hosts have to start their programs, if no program may take longer than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
 pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(48);
 /// How long all hosts have to remove everything, beyond the time that their programs may take to stop.
 pub(super) const RELEASE_WITHIN: Duration = Duration::from_secs(25);
-/// How long the other hosts have to add their reasons once one has refused.
+/// How long the other hosts have to add their reasons once one host has refused.
 pub(super) const REASONS_WITHIN: Duration = Duration::from_secs(2);
 
 /// A deployment at its home.
@@ -160,7 +160,7 @@ impl Coordinator {
         self.release_confirmed(from, out);
     }
 
-    /// A host that the end waits for is waited for no longer.
+    /// The end no longer waits for this host.
     fn release_confirmed(&mut self, host: &str, out: &mut Out<'_>) {
         if let Phase::Ending(end) = &mut self.phase
             && end.awaited.remove(host)
@@ -194,7 +194,7 @@ impl Coordinator {
         }
     }
 
-    /// Does not begin, for this reason.
+    /// Refuses to begin, for this reason.
     fn refuse(&mut self, reason: String, out: &mut Out<'_>) {
         match &mut self.phase {
             Phase::Starting(start) => {
@@ -206,13 +206,13 @@ impl Coordinator {
         }
     }
 
-    /// Goes on reporting to a caller that has the first `seen` reports.
+    /// Continues the reports to a caller that has the first `seen` of them.
     pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
         self.mission.history.tell_missed(call, seen, out);
         self.mission.audience.watchers.push(call);
     }
 
-    /// Tells all reports so far, and those to come if the caller stays.
+    /// Sends all reports so far, and also the future ones if the caller stays.
     pub fn listen(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
         self.mission.history.tell(call, out);
         self.mission.audience.listeners.extend(stays.then_some(call));
@@ -307,7 +307,7 @@ impl Coordinator {
         }
     }
 
-    /// Takes note that its node was gone and could not hear any answer: all answers get that much more time.
+    /// Takes note that the node was gone and could not hear any answer: the hosts get that much more time to answer.
     pub fn adopted(&mut self, away: Duration) {
         match &mut self.phase {
             Phase::Starting(start) => start.adopted(away),
@@ -412,7 +412,7 @@ impl Coordinator {
         self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
     }
 
-    /// Takes the answer of the disk, which has forgotten it or refuses to.
+    /// Takes the answer of the disk, which has forgotten the deployment or has failed to.
     pub fn unkept(&mut self, out: &mut Out<'_>) {
         self.mission.stop.unkeeping = self.mission.stop.unkeeping.saturating_sub(1);
         if matches!(&self.phase, Phase::Ending(end) if end.awaited.is_empty()) {

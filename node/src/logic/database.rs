@@ -42,7 +42,7 @@ use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
-/// The team of robots that have not been told of any.
+/// The name of the team of robots that were not given one.
 pub const TEAM: &str = "dca";
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
@@ -52,13 +52,13 @@ const REPLY_SIZE_MAX: usize = 256 << 10;
 /// An input of the database.
 #[derive(Debug)]
 pub enum Input {
-    /// A question; the answers bear this number. Number 0 is the node itself, which wants none.
+    /// A question; the answers carry this number. Number 0 is the node itself, which wants no answers.
     Call(u64, Question),
     /// A question from another machine: it gets no keys that are local to this one.
     Elsewhere(u64, Question),
-    /// Another replica has told something.
+    /// A message of another replica, which needs no answer.
     Envelope(Envelope),
-    /// Another replica has asked something, under this number; [`Effect::ReplyToPeer`] ends it.
+    /// A question of another replica, under this number; [`Effect::ReplyToPeer`] ends it.
     Asked(u64, Envelope),
     /// A node has arrived, or returned: its replica and this one compare their transactions.
     Appeared,
@@ -102,12 +102,12 @@ pub enum Effect {
 #[derive(Debug)]
 pub struct Database {
     replica: Replica,
-    /// Under which name others know it, as its driver was last told.
+    /// The name under which other replicas know this one, as the driver was last told.
     announced: ReplicaId,
     place: Place,
     disk: Disk,
     calls: Calls,
-    /// When each replica was last heard.
+    /// The other replicas that were heard lately, and when.
     heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
     alarms: VecDeque<String>,
@@ -153,9 +153,9 @@ struct Calls {
 struct Derived {
     /// The number of races, as it was last counted.
     races: RaceCount,
-    /// The schemas, since they were last read from the state.
+    /// The schemas, as they were last read from the state.
     schemas: Option<Schemas>,
-    /// States from which earlier moments are worked out.
+    /// States from which the states at earlier moments are computed.
     checkpoints: Checkpoints,
 }
 
@@ -248,7 +248,7 @@ impl Database {
         }
     }
 
-    /// Returns when it wants to be called although nothing has come.
+    /// Returns when [`Database::handle`] is to be called even without an input.
     pub fn deadline(&self) -> Option<Time> {
         match &self.disk.closed {
             None if self.calls.more => Some(Time::ZERO),
@@ -396,7 +396,7 @@ impl Database {
         }
     }
 
-    /// Says so if the replica has another name than before.
+    /// Announces the name of the replica if it has changed.
     fn announce(&mut self, effects: &mut Vec<Effect>) {
         let address = self.replica.address();
         if std::mem::replace(&mut self.announced, address) != address {

@@ -91,7 +91,7 @@ pub enum Effect {
     Greet(Box<Namesake>),
     /// Tell the nodes that ask from now on which boot has their name.
     Holders(BTreeMap<String, u64>),
-    /// Let only these hosts hear of this node all the time from now on: they notice a cut by missing heartbeats.
+    /// From now on, send the beats of this node to these hosts only: they notice a cut by missing beats.
     Beat(BTreeSet<String>),
     /// Tell users and other listeners about a change of another node.
     Peer(Change),
@@ -137,8 +137,8 @@ pub enum Effect {
         /// The hosts that take part.
         hosts: Vec<String>,
     },
-    /// See whether a user has signed what another node orders, and give [`Input::Judged`]. That it was accepted is on the disk
-    /// then.
+    /// Check whether a user has signed the order of another node, and give [`Input::Judged`]. By then, the disk has the record
+    /// that the order was accepted.
     ///
     /// [`Input::Judged`]: crate::logic::agent::Input::Judged
     Judge {
@@ -193,12 +193,12 @@ pub enum Effect {
     },
     /// Write down the data that a node needs about a deployment that begins after a reboot. No input waits for it.
     Keep(Box<Kept>),
-    /// Remove that from the disk: the deployment is to end. Answered by [`Input::Unkept`](crate::logic::agent::Input::Unkept).
+    /// Remove this data from the disk: the deployment is to end. Answered by [`Input::Unkept`](crate::logic::agent::Input::Unkept).
     Unkeep {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Have all of this on the disk, and nothing else of the kind.
+    /// Have all these records on the disk, and no others of their kind.
     KeepAll(Vec<Kept>),
     /// Have these tombstones on the disk, and no others.
     KeepTombstones(Vec<Tombstone>),

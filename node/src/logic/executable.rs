@@ -11,8 +11,8 @@ const SCRIPT: &[u8] = b"#!";
 const EXECUTABLE: [u16; 2] = [2, 3];
 /// The type of a program header that names the loader: `PT_INTERP`.
 const LOADER: u64 = 3;
-/// Processors that execute the programs of another one, if the kernel is built for that: x86-64 those of i386, and
-/// AArch64 those of ARM.
+/// Processors that execute the programs of another processor, if the kernel is built for that: x86-64 executes programs
+/// for i386, and AArch64 executes programs for ARM.
 const COMPATIBLE: [(u16, u16); 2] = [(62, 3), (183, 40)];
 
 /// The format of a file.
@@ -111,7 +111,7 @@ impl Elf {
         EXECUTABLE.contains(&self.kind) && self.headers.count > 0
     }
 
-    /// Returns whether it is for the processor that another program, which runs, is for.
+    /// Returns whether it is for the same processor as another program, which runs.
     pub fn is_for_processor_of(&self, running: &Self) -> bool {
         let is_same = self.machine == running.machine && self.is_little == running.is_little;
         is_same || COMPATIBLE.contains(&(running.machine, self.machine))
@@ -189,7 +189,7 @@ mod tests {
         assert!(!elf(&big).is_for_processor_of(&native), "its bytes have another order");
     }
 
-    /// No bytes are too strange.
+    /// The reader accepts any bytes without a panic.
     #[test]
     fn a_file_may_end_anywhere() {
         let bytes = program(62);

@@ -114,7 +114,7 @@ impl From<request::Refusal> for Refusal {
     }
 }
 
-/// Returns which command mends it, if one does.
+/// Returns the command that solves the problem, if there is one.
 fn hint(why: &request::Refusal) -> &'static str {
     match why {
         request::Refusal::Trust(TrustError::Role { .. }) => "; an admin gives roles with `dca team user add`",
@@ -336,7 +336,7 @@ impl Gate {
         }
         let (head, _) = request::Request::peek(&signed.head).map_err(request::Refusal::Form)?;
         let deployed = plan.name.parse().ok();
-        // It was accepted in its time, and that may be over.
+        // The request was accepted while it was valid, and may have expired since.
         let judge = Judge { now: head.not_before, ..*judge };
         let context = Context { judge, node: self.node, name: &self.name, deployment: deployed.as_ref(), epoch_min: 0 };
         request::check_again(&signed.head, &signed.body, &context)?;

@@ -63,7 +63,7 @@ impl History {
         Self { deployment, hosts, entries: VecDeque::new(), count: 0 }
     }
 
-    /// Returns whose it is.
+    /// Returns the deployment of this history.
     pub fn deployment(&self) -> &Deployment {
         &self.deployment
     }
@@ -92,7 +92,7 @@ impl History {
         self.entries.push_back(entry);
     }
 
-    /// Leaves out all plans but for the latest, to make room for one more: plans are long.
+    /// Leaves out all plans except the latest, to make room for one more: plans are long.
     fn drop_plans(&mut self) {
         let plans = self.entries.iter_mut().rev().filter(|entry| matches!(entry.report, Report::Replanned { .. }));
         plans.skip(PLANS_MAX - 1).for_each(|entry| entry.report = Report::Omitted { count: 1 });
@@ -165,7 +165,7 @@ impl History {
     }
 }
 
-/// Tells some events; none at all would mean that these were all up to now.
+/// Sends some events. An empty list is not sent, because it would mean that the events so far are complete.
 fn tell(call: u64, events: Vec<Event>, out: &mut Out<'_>) {
     if !events.is_empty() {
         out.answer(call, Answer::Events(events));

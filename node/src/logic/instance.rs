@@ -80,11 +80,11 @@ enum Stage {
     Removing {
         until: Time,
     },
-    /// Another one takes its place once it is gone.
+    /// Another program takes its place once this program is gone.
     Replacing {
         until: Time,
         forced: bool,
-        /// Whether its activation was to stop.
+        /// Whether its activation was being stopped.
         is_stopping: bool,
     },
 }
@@ -116,7 +116,7 @@ pub struct Instance {
 #[derive(Debug, Serialize, Deserialize)]
 struct Current {
     number: u32,
-    /// For its `Init`, in case another program takes its place.
+    /// The argument of `Init`, in case another program takes the place of this one.
     value: Vec<u8>,
     /// The host whose loss stops it.
     lost: Option<String>,
@@ -128,11 +128,11 @@ struct Current {
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Program {
     pid: Option<u32>,
-    /// Whether its shim was killed, since that did not end the program in time.
+    /// Whether its shim was killed, because the shim did not end the program in time.
     shim_was_killed: bool,
     /// By when nothing may be left any more of a program that has ended by itself.
     clearing: Option<Time>,
-    /// Whether it has died by itself, and whether an activation has failed of that.
+    /// Whether the program has died by itself, and whether an activation has failed because of that.
     death: Option<DeathTold>,
     cause: Option<FailureCause>,
     /// The last lines that it has written, once it has ended.
@@ -142,7 +142,7 @@ struct Program {
 /// The reasons for which nothing begins.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Obstacles {
-    /// Whether its home has to answer first: its node was away.
+    /// Whether the home has to answer first, because this node was away.
     checks_in: bool,
     /// The failed hosts that it waits for.
     hosts: BTreeSet<String>,
@@ -201,7 +201,7 @@ impl Instance {
             Stage::Replacing { .. } => "being replaced",
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",
-            // Its shim has the word to let it run, and has not said that it runs.
+            // The shim has the order to let the program run, and has not reported that it runs.
             Stage::Running if self.program.pid.is_none() => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
@@ -222,7 +222,7 @@ impl Instance {
             }
             Stage::Dead => {
                 return match (&self.failed, &self.program.cause) {
-                    // Why it was stopped says more than how its program left then.
+                    // The reason for the stop says more than how the program ended then.
                     (Some(failed @ FailureCause::HostLost(_)), _) => format!("ended, aborted: {failed}"),
                     (_, Some(cause)) => format!("dead: {cause}"),
                     (_, None) => "ended".to_owned(),
@@ -323,8 +323,8 @@ impl Instance {
         }
     }
 
-    /// Goes on where the program that died was: `open` opens the wires that were open. They are not waited for, since a
-    /// program takes its orders one after the other.
+    /// Continues where the previous program died: `open` opens the wires that were open. Nothing waits for these wires, since
+    /// a program takes its orders one after the other.
     pub fn resume(&mut self, open: Option<Order>, context: &mut InstanceContext<'_>) {
         if self.stage != Stage::Idle {
             return;
@@ -340,14 +340,14 @@ impl Instance {
             self.run(value, context);
             context.notes.push(Note::Changed(Change::Resumed));
             if self.is_controller() {
-                // Its `Init` is still to succeed; it says so.
+                // Its `Init` has not succeeded yet. The program reports when it has.
                 return;
             }
         }
         self.is_up(context);
     }
 
-    /// Takes note that an order did not reach the program: it is of no more use.
+    /// Takes note that an order did not reach the program: the program is of no more use.
     pub fn undelivered(&mut self, why: String, context: &mut InstanceContext<'_>) {
         let is_there = !matches!(
             self.stage,
@@ -405,7 +405,7 @@ impl Instance {
             Stage::Idle if self.obstacles.checks_in => {}
             Stage::Idle => self.run(value, context),
             Stage::Waiting { until: None } => self.start(context),
-            // It has died: who activates it again means another program of its kind.
+            // The program has died: a new activation is meant for another program of its kind.
             Stage::Dead => {
                 self.forget_program();
                 self.start(context);
@@ -477,14 +477,14 @@ impl Instance {
                     self.tell_shim(ShimOrder::Stop { grace: self.start.stop_within }, context);
                 }
             }
-            // The program died and has not been activated since, or waits for its home: nothing moves.
+            // The program died and has not been activated since, or it waits for its home: nothing runs that could be stopped.
             Stage::Idle
             | Stage::Waiting { .. }
             | Stage::Removing { .. }
             | Stage::Starting { .. }
             | Stage::Prepared
             | Stage::Connecting { .. } => self.finish(Ending::Stopped, context),
-            // It is on its way out: what moves ends with it.
+            // The program is about to leave: its activation ends with it.
             Stage::Replacing { until, forced, .. } => {
                 self.stage = Stage::Replacing { until, forced, is_stopping: true };
             }

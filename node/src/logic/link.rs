@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How long an unacknowledged message waits at least before it is sent again; on a slow line twice its round trip.
+/// How long an unacknowledged message waits at least before it is sent again; on a slow line, twice the round trip.
 pub(super) const RESEND_AFTER: Duration = Duration::from_millis(200);
 /// How long it waits at most, however often it was sent in vain.
 pub(super) const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
@@ -57,7 +57,7 @@ pub struct Received {
     pub message: Option<Message>,
     /// The acknowledgement to send.
     pub answer: Option<Frame>,
-    /// Whether the peer had forgotten the link: it counts this node as lost.
+    /// Whether the peer had forgotten the link: the peer counts this node as lost.
     pub is_anew: bool,
 }
 
@@ -75,9 +75,9 @@ pub struct Link {
     sent: u64,
     received: u64,
     backlog: VecDeque<Unacknowledged>,
-    /// How long the line takes there and back, if it is known.
+    /// The round trip of the line, if it is known.
     round_trip: Option<Duration>,
-    /// How long the next answer is waited for.
+    /// How long this node waits for the next answer.
     patience: Duration,
     resend_at: Option<Time>,
     /// The last message that was sent when a resend was needed, and the last one that was sent again.
@@ -305,7 +305,7 @@ mod tests {
         }
     }
 
-    /// The first of a minute are quick, since the line may only have lost one frame; then they become rare.
+    /// The first resends of a minute are quick, since the line may only have lost one frame; then they become rare.
     #[test]
     fn a_peer_that_does_not_answer_is_not_flooded() {
         for (lost, most) in [(false, 20 * WINDOW), (true, 20)] {
@@ -393,7 +393,7 @@ mod tests {
                     // Earlier deliveries do not count.
                     got.clear();
                 }
-                // The last comes when both have found each other again.
+                // The last message comes when both ends have found each other again.
                 if draw(3) == 0 && step < 300 || step == 400 {
                     sent += 1;
                     lines[1].extend(a.send(now, numbered(sent)));

@@ -30,29 +30,31 @@ use std::time::Duration;
 
 /// How long a node may be missing before its part of a deployment counts as lost.
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
-/// How often those are asked that matter now.
+/// How often the nodes that matter now are asked.
 pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
-/// How often at the most, whatever happens.
+/// The shortest time between two rounds, whatever happens.
 pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
-/// How many names are asked in a round; of more, all are asked.
+/// How many names are asked in a round. If there are more names, all nodes are asked.
 const ASKED_MAX: usize = 64;
 /// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
 const ROUNDS_MAX: usize = 64;
-/// How long a node whose token has vanished has to answer, besides its usual time.
+/// How long a node whose token has vanished has to answer, in addition to its usual time.
 pub(super) const DOUBT: Duration = Duration::from_millis(300);
-/// How long a node has to answer when another one has taken its name: it may be a busy one.
+/// How long a node has to answer when another node has taken its name: the first node may be busy.
 const DOUBT_RIVAL: Duration = Duration::from_secs(2);
-/// How long nothing may be heard of a node that is asked each second, besides its usual time.
+/// The time after which a silent node counts as missing, from its last answer. The node is asked each second, and its
+/// usual time to answer is added.
 pub(super) const SILENCE_MAX: Duration = Duration::from_millis(2500);
-/// From the last answer of a silent node to when it is missing.
+/// The time from the last answer of a silent node to the start of its absence. A node that counts as missing has been
+/// absent since then, and [`LOST_AFTER`] counts from then.
 pub(super) const SILENCE_MISSING: Duration = Duration::from_secs(1);
-/// How long nodes that are lost are remembered: no answer to a round from before the loss is accepted any more then.
+/// How long lost nodes are remembered. After that, no answer to a round from before the loss is accepted any more.
 pub(super) const REMEMBERED: Duration = Duration::from_secs(120);
 /// How many names are kept.
 const NAMES_MAX: usize = 1024;
 /// How many nodes of one name are kept.
 const LIVES_MAX: usize = 8;
-/// How long a node that has come second to its name stays, so that the first one and others can hear of it and say so.
+/// How long the second node of a name stays, so that the first node and others can notice and report it.
 pub(super) const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// One boot of a node.
@@ -62,7 +64,7 @@ struct Boot {
     /// [`Pong::origin`].
     origin: u32,
     last: Answer,
-    /// From when its silence counts; none while nothing is expected of it.
+    /// The time from which its silence counts; none while no answer is expected.
     owes: Option<Time>,
     /// Since when it is there.
     there_since: Time,
@@ -74,7 +76,7 @@ struct Boot {
     doubted: Option<(Time, Time)>,
     reach: Reach,
     standing: Standing,
-    /// How it is reached while it does not answer itself.
+    /// How this boot is reached while it does not answer directly.
     detour: Option<Detour>,
 }
 
@@ -82,9 +84,9 @@ struct Boot {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Answer {
     heard: Time,
-    /// How long this node was away since then, which does not count.
+    /// How long this node was away after the answer; this time does not count as silence.
     slept: Duration,
-    /// How long it took from the question.
+    /// How long the answer took from the question.
     took: Duration,
 }
 
@@ -100,7 +102,7 @@ enum Reach {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Standing {
     Alone,
-    /// It and the holder of its name were there at the same time.
+    /// This boot and the holder of its name were there at the same time.
     Rival,
     /// It has this node's own name, and was there first.
     Elder,
@@ -123,7 +125,7 @@ pub struct NameServer {
     asked: Asked,
     /// The hosts that something here depends on.
     close: BTreeSet<String>,
-    /// Until when a person looks.
+    /// The time until which all nodes are asked each second, because a user looks.
     watched_until: Time,
     /// When it was last inspected, and when the next inspection is due.
     seen: Time,
@@ -137,12 +139,12 @@ struct Asked {
     /// The last rounds, and when each was.
     rounds: VecDeque<(u64, Time)>,
     round: u64,
-    /// When all others are asked, and how often they were.
+    /// When all other nodes are asked next, and how often they were asked.
     all_at: Time,
     all_count: u64,
-    /// When those are asked that matter now.
+    /// When the nodes that matter now are asked next.
     close_at: Time,
-    /// When some more are asked, and their names.
+    /// When some further nodes are asked, and their names.
     some_at: Time,
     some: BTreeSet<String>,
 }
@@ -256,7 +258,7 @@ impl NameServer {
         oldest.is_some_and(|oldest| peer.lives.remove(&oldest).is_some())
     }
 
-    /// Works out who holds a name.
+    /// Determines the holder of a name.
     fn settle(&mut self, now: Time, host: &str) {
         let next = self.asked.round + 1;
         let Some(peer) = self.peers.get_mut(host).filter(|_| *host != *self.host) else { return };
@@ -282,7 +284,7 @@ impl NameServer {
             return;
         }
         if holder.proof > first {
-            // It has answered a round that began when the other was there.
+            // This boot has answered a round that began when the other boot was there.
             let first = holder.place.clone();
             peer.lives.entry(boot).and_modify(|life| life.standing = Standing::Rival);
             self.changes.push(Change::Refused { host: host.to_owned(), place, first });
@@ -303,7 +305,7 @@ impl NameServer {
         self.held(host).is_some_and(|life| !life.is_lost())
     }
 
-    /// Counts a node as lost that takes nothing any more; it is there again when it answers.
+    /// Counts a node that no longer takes messages as lost; the node is there again when it answers.
     pub fn lose(&mut self, now: Time, host: &str) {
         let proof = self.asked.round + 1;
         let holder = self.peers.get(host).and_then(|peer| peer.holder);
@@ -373,8 +375,8 @@ impl NameServer {
         self.peers.iter().flat_map(of_name).collect()
     }
 
-    /// Returns whether this node was away just now, killed or suspended, and for so long since a host has answered it that the host may
-    /// have missed it. True until [`NameServer::tick`].
+    /// Returns whether this node was away just now, killed or suspended, and whether the last answer of a host is so old that the host may
+    /// count this node as missing. True until [`NameServer::tick`].
     pub fn has_slept(&self, now: Time, host: &str) -> bool {
         let slept = self.slept(now);
         slept > ASK_EVERY && self.held(host).is_some_and(|life| life.last.slept + slept > SILENCE_MAX)

@@ -98,7 +98,7 @@ pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     why.unwrap_or(Verdict::Fits)
 }
 
-/// Returns a sentence for each parameter of a plan of which the database says something else than the spec; `keys` have
+/// Returns a sentence for each parameter of a plan for which the database has another value than the spec; `keys` have
 /// their values as a spec spells them.
 pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec<String> {
     let mut sentences = Vec::new();
@@ -134,7 +134,7 @@ fn is_same(given: &Constant, text: &str) -> bool {
     }
 }
 
-/// Says that an instance has no such parameter, and which it has.
+/// Returns the sentence that an instance has no such parameter, with the parameters that it has.
 pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus], name: &str) -> String {
     let all: Vec<&str> = parameters.iter().map(|status| status.parameter.name.as_str()).collect();
     let (path, module) = (without_main(&instance.path), &instance.module);

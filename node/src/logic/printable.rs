@@ -1,6 +1,6 @@
 //! Makes the output of programs safe for a terminal: nothing in it moves the cursor, changes colours or hides other text.
 
-/// Makes bytes printable that come in pieces, which may end inside a character.
+/// Makes the pieces of a byte stream printable. A piece may end inside a character.
 #[derive(Debug, Default)]
 pub struct Printable {
     /// The beginning of a character, or a carriage return, whose other half may come.

@@ -50,7 +50,7 @@ pub use status::{
 use std::fmt;
 use std::time::Duration;
 
-/// How long a node that has more to say may be silent: it says several times in that time that it is still there.
+/// How long a node with more answers may be silent: within this time it sends several signs that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
 
 /// How the refusal of [`Request::Logs`] begins when it means more than one process.
@@ -155,7 +155,7 @@ pub enum Request {
     Database(Question),
     /// Answered by [`Answer::Parameters`].
     Parameters,
-    /// The same, from the node's own machine.
+    /// The same as `Database`, from the node's own machine.
     Here {
         /// The secret that the node has written where only this user of this machine can read it.
         proof: String,
@@ -192,7 +192,7 @@ pub enum Request {
     /// Answered by a stream of [`Answer::Events`]: the events the node knows as the home of deployments, including the
     /// last ones that are over; then an answer without events; then new events.
     Events {
-        /// Goes on as things happen.
+        /// Whether new events follow as they happen.
         follow: bool,
     },
     /// Answered by [`Answer::Names`].
@@ -211,7 +211,7 @@ pub enum Request {
     Clock,
     /// Answered by [`Answer::Team`], at once.
     Team,
-    /// As the request that was signed is answered, if the node is in a team and its signer may ask for it.
+    /// Answered like the signed request, if the node is in a team and the signer may ask for it.
     Signed(Box<Signed>),
     /// Answered by [`Answer::Duplicates`].
     Duplicates,
@@ -223,7 +223,7 @@ pub enum Request {
     Estop(Estop),
     /// Lets programs begin again. Answered by [`Answer::Released`].
     ReleaseEstop,
-    /// Keeps a tombstone for a home that the node does not reach, until that has heard of it. Answered by [`StopReply`].
+    /// Keeps a tombstone for a home that the node does not reach, until the home has heard of it. Answered by [`StopReply`].
     StopAway(Box<Tombstone>),
     /// Answered by [`Answer::Credentials`], at once.
     Credentials,
@@ -304,7 +304,7 @@ pub enum Answer {
         /// The bytes that its program wrote.
         bytes: Vec<u8>,
     },
-    /// To `Unlinked`: who or where is dialled and not linked, and why, for a person.
+    /// To `Unlinked`: the peers that are dialled and not linked, by name or place, and the reason, for a person.
     Unlinked(Vec<(String, String)>),
     /// To `Absent`.
     Absent(Absent),
@@ -337,10 +337,10 @@ pub enum Answer {
     Released {
         /// Whether everything was stopped.
         was_stopped: bool,
-        /// Why the disk of the node does not have it; then the next start of the node may not know it.
+        /// Why the release is not on the disk of the node; then the next start of the node may not know of it.
         unwritten: Option<String>,
     },
-    /// To `Credentials`: what nodes of the team have shown last, that of the node itself first; none if it is in no team.
+    /// To `Credentials`: the last credentials of the nodes of the team, that of this node first; none if it is in no team.
     Credentials(Vec<Vec<u8>>),
     /// To `Revocations`: all sets that the node holds; none contains another.
     Revocations(Vec<Vec<u8>>),

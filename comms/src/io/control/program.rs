@@ -57,8 +57,8 @@ struct Channel {
     filled: OwnedFd,
 }
 
-/// Connects a program to its node, which has `within` to take it; a node that is suspended takes as many as its backlog
-/// holds.
+/// Connects a program to its node, which has `within` to accept the connection. For a suspended node, the system
+/// accepts as many connections as the backlog holds.
 ///
 /// # Errors
 /// If no process listens on `path`, or it does not answer in time, or another user's process does.
@@ -81,7 +81,7 @@ pub fn connect(path: &Path, within: Duration) -> Result<(NoticeSender, OrderRece
     Ok((sender, OrderReceiver { channel, decoder: Decoder::new(Order::SIZE_MAX), stuck_at: None }))
 }
 
-/// Returns a notice as it travels.
+/// Returns the frame of a notice, ready to be sent.
 ///
 /// # Errors
 /// If it is too long.

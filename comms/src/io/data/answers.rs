@@ -1,8 +1,8 @@
 //! The thread that answers fetches.
 //!
-//! An answering thread waits for room on the link. Zenoh's threads must not wait: the system also tells them that there
-//! is room, and two that wait for each other's link keep all links of a process silent until zenoh gives one up, after
-//! 5 s.
+//! An answering thread waits for room on the link. Zenoh's threads must not wait, because the same threads
+//! learn from the system that a link has room again. Two threads that wait for each other's link keep all links of a
+//! process silent until zenoh gives one up, after 5 s.
 
 use super::{DataError, DataSession, Responder, session_error};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};

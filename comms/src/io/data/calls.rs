@@ -57,7 +57,7 @@ pub enum CallWay {
         /// Opens the answers.
         answer: Arc<Opener>,
     },
-    /// Signed, for a visitor: only the server gets to see it.
+    /// Signed, for a visitor: only the server gets the call.
     Signed(Visitor),
 }
 
@@ -68,7 +68,7 @@ pub struct Visitor(pub Arc<Signs>);
 /// Signs a digest; returns nothing if it cannot.
 pub type Signs = dyn Fn(&Digest) -> Option<Proof> + Send + Sync;
 
-/// Returns the digest that a user signs for a call on a key. It covers all of the call but the warrant.
+/// Returns the digest that a user signs for a call on a key. It covers the whole call except the warrant.
 ///
 /// # Errors
 /// The call is too long.
@@ -130,7 +130,7 @@ impl CallGate {
         Self { callers: Mutex::default(), visits: Box::new(visits), refused: Box::new(refused) }
     }
 
-    /// Lets these programs call, in the place of those before.
+    /// Sets the programs that may call; they replace the previous programs.
     pub fn set(&self, callers: impl IntoIterator<Item = (u32, Caller)>) {
         *self.callers.lock().unwrap_or_else(PoisonError::into_inner) = callers.into_iter().collect();
     }

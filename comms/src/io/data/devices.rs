@@ -21,7 +21,7 @@ pub struct DeviceGate {
 }
 
 impl Voucher {
-    /// Vouches to these, in the place of those before.
+    /// Sets the programs to which samples are vouched for; they replace the previous programs.
     pub fn set(&self, to: Vec<Arc<Sealer>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = to;
     }
@@ -40,7 +40,7 @@ impl DeviceGate {
         Self { senders: Mutex::default(), refused: Box::new(refused) }
     }
 
-    /// Lets these in, in the place of those before.
+    /// Sets the programs whose samples are let in; they replace the previous programs.
     pub fn set(&self, senders: Vec<Arc<Opener>>) {
         *self.senders.lock().unwrap_or_else(PoisonError::into_inner) = senders;
     }

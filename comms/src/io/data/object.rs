@@ -1,8 +1,8 @@
 //! Calls from program to program, over the links of a data session. [`crate::logic::object`] defines their meaning.
 //!
-//! Nothing here waits for an answer: it is passed to a callback on one of zenoh's threads. Sending may wait for a
-//! congested link, so control loops neither call nor answer themselves: answers are sent on separate threads, and a
-//! calling program has a thread for it.
+//! Only [`DataSession::call_and_wait`] waits for an answer; otherwise zenoh passes the answer to a callback on one of
+//! its threads. Sending may wait for a congested link, so control loops neither call nor answer themselves: answers
+//! are sent on separate threads, and a calling program has a thread for its calls.
 
 use super::calls::{CallGate, CallWay, Outgoing as Prepared, Sender};
 use super::seal::Sealed;
@@ -27,7 +27,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable, Reply};
 use zenoh::sample::Sample;
 
-/// Answers that have not been sent yet. One more is lost, which its caller hears.
+/// The most answers that wait to be sent. A further answer is lost, and its caller is told.
 const ANSWERS_MAX: usize = 256;
 /// How many answers are sent at the same time. A caller that takes nothing blocks one of them, until its link is given
 /// up.
@@ -47,7 +47,7 @@ pub struct ObjectServer {
 pub enum ObjectEvent {
     /// A call has arrived.
     Called(Box<IncomingCall>),
-    /// Its caller waits no more.
+    /// The caller of this call no longer waits.
     Cancelled(CallId),
 }
 
@@ -56,7 +56,7 @@ pub enum ObjectEvent {
 pub struct IncomingCall {
     /// The call.
     pub call: ObjectCall,
-    /// When its caller waits no more, on the clock of this host.
+    /// The time after which the caller no longer waits, on the clock of this host.
     pub deadline: Time,
     /// Whether it comes from a command line, through a node of the team, and not from a program.
     pub is_visit: bool,
@@ -64,7 +64,7 @@ pub struct IncomingCall {
     pub way: AnswerWay,
 }
 
-/// The way of one answer. Neither to answer nor to drop it ever waits.
+/// The way of one answer. Neither answering nor dropping it waits, as long as the queue of answers has room.
 #[derive(Debug)]
 pub struct AnswerWay {
     /// Taken once it is answered.
@@ -222,13 +222,13 @@ impl DataSession {
     /// Calls as [`DataSession::call`] does, and waits for the result.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason why there is no result.
     pub fn call_and_wait(&self, keys: &ObjectKeys, way: &CallWay, call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
         let (result_tx, result) = sync_channel(1);
         // The receiver is gone only if the wait below has ended.
         let take = move |result| result_tx.try_send(result).unwrap_or_default();
         let _pending = self.call(keys, way, call, take)?;
-        // Zenoh keeps the time; ours is for the case that it does not.
+        // Zenoh ends the call in time. This limit is for the case that zenoh does not.
         let late = ObjectError::Deadline { within: call.within };
         result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
     }
@@ -357,7 +357,7 @@ impl Drop for PendingCall {
             return;
         }
         drop(self.sink.take());
-        // The first poll does it; it would only wait for a callback that runs at this moment.
+        // The first poll cancels the query. Further polls would only wait for a callback that runs at this moment.
         let closing = pin!(self.token.cancel().into_future());
         drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         let Ok(cancel) = codec::encode(&ObjectCancel { id: self.id.clone() }) else { return };

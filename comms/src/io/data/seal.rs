@@ -15,8 +15,8 @@ use zeroize::Zeroizing;
 pub enum Cover {
     /// Every byte: no third program can read them.
     Bytes,
-    /// Only that the sender has sent something now: for wires within a machine, whose bytes no third program can
-    /// change.
+    /// Only the fact that the sender has sent something now. This is for wires within a machine, whose bytes no
+    /// third program can change.
     Sender,
 }
 
@@ -59,11 +59,11 @@ struct Opening {
     key: Option<Arc<SealKey>>,
     /// The number of the last seal that was broken.
     last: u64,
-    /// The same of keys that were expected before, the latest first.
+    /// The id and the last number of each key that was expected before; the latest key comes first.
     earlier: VecDeque<(u32, u64)>,
 }
 
-/// How many earlier keys are remembered: each start of the program at the other end is another one.
+/// How many earlier keys are remembered: each start of the program at the other end makes another key.
 const EARLIER_MAX: usize = 64;
 
 impl SealKey {
@@ -144,7 +144,7 @@ impl fmt::Debug for Opener {
 }
 
 impl Sealer {
-    /// Returns one without a key. All that seal with one key need the same counter.
+    /// Returns a sealer without a key. All sealers with the same key need the same counter.
     pub fn new(counter: &SealCounter) -> Self {
         Self { counter: counter.clone(), key: Mutex::default() }
     }
@@ -176,8 +176,8 @@ impl Sealer {
 }
 
 impl Opener {
-    /// Returns one without a key. `refused` hears why something was dropped, and from which session that says to be; it
-    /// must only note it.
+    /// Returns an opener without a key. `refused` gets the reason of each drop, and the session that the message claims
+    /// to come from; it must only note them.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { state: Mutex::default(), refused: Box::new(refused) }
     }
@@ -301,7 +301,7 @@ mod tests {
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
             opener.set(None);
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
-            // It comes back, after another one and after none.
+            // The key comes back, after another key and after none.
             opener.set(Some(key(1, cover)));
             assert_eq!(open(&opener, 7, &second), None);
             let why = [Refusal::Repeated, Refusal::OtherKey, Refusal::OtherKey, Refusal::Repeated];

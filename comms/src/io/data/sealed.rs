@@ -90,7 +90,7 @@ impl DataSession {
         self.on_queries(key, on_query)
     }
 
-    /// Asks as [`DataSession::ask`] does, for the answer of the other end of the wire: others may answer as they like.
+    /// Asks as [`DataSession::ask`] does, but only the answer of the other end of the wire counts.
     ///
     /// # Errors
     /// If the session is closed.

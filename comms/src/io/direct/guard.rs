@@ -83,7 +83,7 @@ impl Guard {
         (self.refused)(who);
     }
 
-    /// Shows a producer that this is the consumer of its wire, and sees that it is the producer; returns its process.
+    /// Proves to a producer that this is the consumer of its wire, and checks its proof; returns the producer's process.
     pub(super) fn show(&self, stream: &OwnedFd, key: &str, hello: &[u8], bell: BorrowedFd<'_>) -> io::Result<u128> {
         let refused = |why: &str| io::Error::new(io::ErrorKind::PermissionDenied, why);
         send_waiting(stream, &[hello], None, Waits::UntilTimeout)?;
@@ -111,7 +111,7 @@ impl Transcript<'_> {
             End::Consumer => (0_u8, 0),
             End::Producer(says) => (1, says),
         };
-        // All but the last have a fixed length.
+        // All fields but the last have a fixed length.
         hasher.update(&[role]).update(&process.as_raw_nonzero().get().to_le_bytes()).update(&says.to_le_bytes());
         hasher.update(&self.challenge).update(&self.answer).update(self.hello).finalize()
     }

@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 /// How many packets of one wire are read at once, so that a fast producer does not delay the other wires. Packets
 /// beyond the room of a queue of the usual size stay in the socket until the loop has taken some.
 const PACKETS_MAX: usize = 64;
-/// How many are read when the bell has rung, since a loop is busy: more than a socket has room for.
+/// How many packets are read when the bell has rung because a loop is busy: more than a socket has room for.
 const PACKETS_OF_BELL: usize = 1024;
 /// The longest packet.
 const PACKET_SIZE: usize = HEADER_SIZE + if INLINE_MAX > Boundary::SIZE_MAX { INLINE_MAX } else { Boundary::SIZE_MAX };
@@ -59,7 +59,7 @@ struct Wire {
     process: u128,
     /// Whether its producer has no other wire to this program: then its values arrive in order.
     is_alone: bool,
-    /// Read, and not yet taken: earlier values of the producer over other wires come first.
+    /// Packets that are read and not yet taken, because earlier values of the producer over other wires come first.
     packets: VecDeque<Packet>,
     /// The order of the value that was read last.
     order: u64,
@@ -103,8 +103,8 @@ impl Inlets {
         }
     }
 
-    /// Waits until something has arrived, which it reads, or another thread calls, or until `until`; without a deadline
-    /// for ever. For one thread. Returns whether everything that had arrived is read.
+    /// Waits for an arrival, which it reads, for a call of another thread, or for the time `until`; without a deadline,
+    /// for ever. Only one thread may wait. Returns whether everything that had arrived is read.
     pub fn wait(&self, until: Option<Time>) -> bool {
         loop {
             self.is_waiting.store(true, Ordering::SeqCst);
@@ -147,7 +147,7 @@ impl Inlets {
         }
     }
 
-    /// Takes a connection, in the place of another one, of which all that it has sent comes first.
+    /// Takes a connection. If it replaces another connection, everything that was sent over that one comes first.
     pub(super) fn add(
         self: &Arc<Self>,
         stream: OwnedFd,
@@ -180,7 +180,7 @@ impl Inlets {
             Timespec { tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX), tv_nsec: left.subsec_nanos().into() }
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal, or no memory for a moment.
+            // A signal has interrupted the wait, or there was no memory for a moment.
             return Ready { is_called: false, has_arrived: false };
         }
         let mut is_ready = ready.iter().map(|one| !one.revents().is_empty());
@@ -214,7 +214,7 @@ impl Set {
 
     fn remove(&mut self, number: u64) {
         if let Some(wire) = self.wires.remove(&number) {
-            // The thread that waits may have the socket for a while yet.
+            // The waiting thread may keep the socket for a while.
             shutdown(&wire.stream, Shutdown::Both).unwrap_or_default();
         }
         self.count_processes();
@@ -337,8 +337,8 @@ impl Wire {
         (self.on_arrival)(arrival, Sequence { publisher: (self.process, life), number });
     }
 
-    /// Takes a value in shared memory, where it stays until it is read, or the next one comes. A value that cannot be
-    /// had is missing, and counted with the next one.
+    /// Takes a value in shared memory. The value stays there until it is read, or until the next value comes. A value
+    /// that cannot be reached is lost, and is counted as missing with the next value.
     fn shared(&mut self, header: Header, SharedValue { buffer, size }: SharedValue, file: Option<OwnedFd>) {
         if let Some(file) = file {
             match Mapping::of(&file) {

@@ -40,7 +40,7 @@ pub(super) struct Return {
 
 impl Drop for Return {
     fn drop(&mut self) {
-        // There is room: as many are under way as the producer lets this consumer have.
+        // The socket has room for it, because the producer limits how many buffers this consumer has.
         send(&self.stream, &[&release(self.buffer)], None);
     }
 }
@@ -72,7 +72,7 @@ impl Loan {
         (size <= mapping.size()).then(|| Self { state: Mutex::new(state) })
     }
 
-    /// Has the bytes read, from their beginning.
+    /// Lets `read` read the bytes, from their beginning.
     pub fn read<R>(&self, read: impl FnOnce(&mut dyn Source) -> R) -> R {
         match &*self.state() {
             State::There { mapping, size, .. } => read(&mut Reading::new(mapping, *size)),

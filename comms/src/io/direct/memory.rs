@@ -1,5 +1,5 @@
-//! Memory that two programs share: a file without a name, mapped by both. It is gone once the last of them has ended,
-//! however that was.
+//! Memory that two programs share: a file without a name, mapped by both. The memory is gone once both
+//! programs have ended, even if they were killed.
 //!
 //! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out.
 //! So if another program writes at the same time, this program gets bytes of some value, and never undefined behaviour.

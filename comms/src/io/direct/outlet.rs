@@ -14,10 +14,10 @@ use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// After how many values, and bytes of them, a consumer is asked to read waiting packets, if its loop does not.
+/// After how many values, and after how many bytes, the bell asks a consumer with a busy loop to read waiting packets.
 const BELL_EVERY: u32 = 64;
 const BELL_BYTES: usize = 64 << 10;
-/// How many words wait for a consumer that does not read; the oldest gives way.
+/// How many words wait for a consumer that does not read; a further word replaces the oldest.
 const WORDS_MAX: usize = 256;
 
 /// The producer's end of one wire. Dropping it ends the connection.
@@ -33,7 +33,7 @@ pub struct Memory(Arc<Mutex<Pool>>);
 /// A value on its way to the consumers of one output.
 #[derive(Debug)]
 pub struct Parcel<'a> {
-    /// Nothing, if it was encoded into the buffer.
+    /// The encoded value; empty if the value was encoded directly into the buffer.
     bytes: &'a [u8],
     size: usize,
     /// The buffer that it lies in by now.
@@ -55,10 +55,10 @@ pub(super) struct Connection {
     pub(super) stream: Arc<OwnedFd>,
     pub(super) bell: OwnedFd,
     pub(super) form: TypeForm,
-    /// Values and their bytes since the bell was rung.
+    /// How many values, and how many bytes of values, were sent since the bell was rung.
     unread: (u32, usize),
     words: VecDeque<Vec<u8>>,
-    /// Buffers that it has not released, and those whose files it has.
+    /// The buffers that the consumer has not released, and the buffers whose files it has.
     leased: BTreeSet<u32>,
     known: BTreeSet<u32>,
 }
@@ -231,7 +231,7 @@ impl Connection {
         self.told(sent, 0)
     }
 
-    /// Sends a value in shared memory. A consumer that keeps too many gets no more.
+    /// Sends a value in shared memory. A consumer that keeps too many buffers gets no more values.
     fn share(&mut self, header: Header, parcel: &mut Parcel<'_>, pool: &mut Pool) -> Sent {
         self.take_releases(pool);
         let size = parcel.size;
@@ -302,8 +302,7 @@ impl Connection {
         Sent::Whole
     }
 
-    /// Rings the bell when it is time to, so that what waits in the socket is read also while the consumer's loop is
-    /// busy.
+    /// Rings the bell when it is time, so that the consumer reads its socket even while its loop is busy.
     fn told(&mut self, sent: Sent, size: usize) -> Sent {
         let (count, bytes) = &mut self.unread;
         (*count, *bytes) = (*count + 1, *bytes + size);

@@ -13,16 +13,16 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 /// Whether a call waits for the other side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Waits {
-    /// It fails with `EAGAIN` instead.
+    /// The call does not wait: it fails with `EAGAIN` instead.
     Never,
-    /// As long as the timeout of the socket is.
+    /// The call waits for at most the timeout of the socket.
     UntilTimeout,
 }
 
 /// The result of sending a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sent {
-    /// It waits for the other side to read it.
+    /// The packet was sent, and waits for the other side to read it.
     Whole,
     /// The socket has no room for it, or the system has no memory.
     NoRoom,

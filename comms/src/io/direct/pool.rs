@@ -98,12 +98,12 @@ impl Pool {
         }
     }
 
-    /// Does not use a buffer again: a consumer that is connected no more may not have read it.
+    /// Never uses a buffer again: a consumer that is no longer connected may not have read it yet.
     pub(super) fn abandon(&mut self, number: u32) {
         self.slots.remove(&number);
     }
 
-    /// Notes that one consumer less has it.
+    /// Notes that one consumer has released the buffer.
     pub(super) fn release(&mut self, number: u32) {
         if let Some(slot) = self.slots.get_mut(&number) {
             slot.leases = slot.leases.saturating_sub(1);

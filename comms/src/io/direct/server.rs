@@ -28,7 +28,7 @@ const WAITING_MAX: usize = 10_000;
 pub(super) struct Shared {
     pub(super) place: Place,
     pub(super) process: u128,
-    /// In a team.
+    /// The guard, in a team.
     pub(super) guard: Option<Guard>,
     /// Whether the programs at the other ends of wires have changed since the thread last looked.
     has_keys: AtomicBool,
@@ -48,7 +48,7 @@ struct Table {
     waiting: BTreeMap<String, Connection>,
 }
 
-/// The thread's own.
+/// The state that only the thread uses.
 pub(super) struct Server {
     pub(super) listener: OwnedFd,
     /// Rung by producers.
@@ -70,13 +70,13 @@ impl Shared {
         self.wake();
     }
 
-    /// Has the thread look again.
+    /// Makes the thread look for changes.
     pub(super) fn wake(&self) {
         // It fails only after an endless number of writes.
         rustix::io::write(&self.control, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 
-    /// Takes the producer's end of a wire; a consumer that was there before is connected with it.
+    /// Takes the producer's end of a wire; a consumer that came earlier is connected with it.
     pub(super) fn add(&self, key: &str, end: &Arc<End>) {
         let mut table = self.lock();
         table.ends.retain(|_, end| end.strong_count() > 0);
@@ -135,7 +135,7 @@ impl Server {
             tv_nsec: left.subsec_nanos().into(),
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal, or no memory for a moment.
+            // A signal has interrupted the wait, or there was no memory for a moment.
             return;
         }
         let ready: Vec<PollFlags> = ready.iter().map(PollFd::revents).collect();

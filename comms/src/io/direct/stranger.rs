@@ -21,7 +21,7 @@ const SEND_BUFFER: usize = 1 << 20;
 #[derive(Debug)]
 pub(super) struct Stranger {
     pub(super) stream: OwnedFd,
-    /// How long it has to prove its identity.
+    /// The time until which the stranger has to prove its identity.
     pub(super) until: Time,
     said: Said,
 }

@@ -33,15 +33,15 @@ use zenoh::cancellation::CancellationToken;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 
-/// A server answers a pull when it has something, but zenoh requires a limit: one longer than every silence.
+/// A server answers a pull when it has something, but zenoh requires a limit, which is longer than every silence.
 ///
-/// Zenoh keeps half a kilobyte for each query until its limit is over, also when it is answered, so a long one is a leak.
+/// Zenoh keeps half a kilobyte for each query until its limit is over, even if it is answered, so a long limit is a leak.
 const PULL_TIMEOUT: Duration = Duration::from_secs(60);
 /// How many bytes of answers may be in transit to one session, over all its streams: as much as the buffers of a link
 /// to a suspended program hold, so that other messages over the same nodes are not blocked. Source: the 208 KiB that
 /// Linux gives a Unix socket (`net.core.wmem_default`), less a part for other messages.
 const ON_THE_WAY_MAX: usize = 128 << 10;
-/// How long zenoh remembers that a server was told that its stream has no reader.
+/// How long zenoh keeps the query that tells a server that its stream has no reader.
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(1);
 /// The least that a stream asks for, in bytes.
 const PIECE_SIZE_MIN: usize = 1 << 10;
@@ -50,7 +50,7 @@ const PIECE_SIZE_MIN: usize = 1 << 10;
 /// or closed.
 type Sink = Mutex<Option<oneshot::Sender<(Reply, Time)>>>;
 
-/// A question in zenoh, which would stay open for as long as its server does. Dropped, it is closed.
+/// A question in zenoh. Dropping this closes the question, which would otherwise stay open as long as its server runs.
 struct Open {
     token: CancellationToken,
     /// Zenoh holds this for as long as it may answer.
@@ -86,9 +86,9 @@ impl fmt::Debug for Open {
 /// The outgoing calls of a session.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
-    /// How many streams there were.
+    /// How many streams were made.
     made: AtomicU64,
-    /// How many there are.
+    /// How many streams are open.
     open: Arc<AtomicUsize>,
 }
 
@@ -97,15 +97,15 @@ pub(super) struct Calls {
 struct PendingCall {
     answer: oneshot::Receiver<(Reply, Time)>,
     at: Time,
-    /// Dropped, the question is closed.
+    /// Closes the question when it is dropped.
     _open: Open,
 }
 
-/// The answers to one call. Dropped, nothing more is asked for.
+/// The answers to one call. After it is dropped, no more answers are asked for.
 #[derive(Debug)]
 pub struct Replies {
     key: String,
-    /// Where the next piece is asked for: several may serve one key, and the one that began goes on.
+    /// The server that is asked for the next piece: several servers may serve one key, and the stream stays with the first.
     server: String,
     session: zenoh::Session,
     stream: StreamId,
@@ -116,7 +116,7 @@ pub struct Replies {
     silence: Silence,
     incoming: Incoming,
     pace: Pace,
-    /// How many bytes the piece that is asked for may have.
+    /// The most bytes of the piece that is asked for.
     size: usize,
     asked: Option<PendingCall>,
     state: Stream,
@@ -132,8 +132,8 @@ enum Stream {
 }
 
 impl Session {
-    /// Returns the key of calls to that one of those which serve `key` that this session is linked to, if it has a single link, as
-    /// the session of a command line has. Others may serve the same key: two nodes of one name do.
+    /// Returns the key of calls to the server of `key` at the other end of this session's link, if the session has a single
+    /// link, like that of a command line. Several servers may serve the same key: two nodes of one name, for example.
     pub fn at_the_other_end(&self, key: &str) -> Option<String> {
         match &self.opened.linked_to()[..] {
             [session] => Some(key::of_session(key, session)),
@@ -170,7 +170,7 @@ impl Session {
         let asked = ask(&self.opened.session, key, payload, options, within)?;
         let called = key::without_session(key);
         let timeout = || CallError::Timeout { key: called.to_owned(), within };
-        // Zenoh gives up at the same moment; ours is for the case that it does not.
+        // Zenoh gives up after `within`. This later limit is for the case that zenoh does not.
         let slack = within + Duration::from_millis(500);
         let answer = tokio::time::timeout(slack, asked.answer).await.map_err(|_elapsed| timeout())?;
         let Ok((reply, _)) = answer else { return Err(unanswered(called, expect.as_deref())) };
@@ -253,7 +253,7 @@ fn ask(
 ) -> Result<PendingCall, CallError> {
     let failed = |cause: String| CallError::Session { key: key::without_session(key).to_owned(), cause };
     let (answer_tx, answer) = oneshot::channel();
-    // The closure goes, and with it the sender, when the answer is in or the server is gone.
+    // Zenoh drops the closure, and the sender with it, when the answer is in or the server is gone.
     let sink: Arc<Sink> = Arc::new(Mutex::new(Some(answer_tx)));
     let open = Open { token: CancellationToken::default(), sink: Arc::downgrade(&sink) };
     // Another server of the same key must not be asked instead of the intended one.
@@ -264,7 +264,7 @@ fn ask(
         }
         let sink = sink.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(sink) = sink {
-            // A caller that has given up does not want it.
+            // A caller that has given up does not want the answer.
             drop(sink.send((reply, clock::now())));
         }
     };
@@ -330,7 +330,7 @@ impl Replies {
         end.map(Err)
     }
 
-    /// Takes the next piece, and asks for the one after it: while this one is looked at, that one is on its way.
+    /// Takes the next piece, and asks for the following piece, which is in transit while this one is read.
     async fn more(&mut self) -> Result<(), CallError> {
         let Some(asked) = &mut self.asked else { return Err(self.broken("nothing more was asked for")) };
         let answer = tokio::select! {
@@ -366,7 +366,7 @@ impl Replies {
         if is_last { Ok(()) } else { self.pull(None) }
     }
 
-    /// Asks for the next piece; for the first with the request itself.
+    /// Asks for the next piece. The question for the first piece carries the request itself.
     fn pull(&mut self, first: Option<Vec<u8>>) -> Result<(), CallError> {
         let share = ON_THE_WAY_MAX / self.streams.load(Ordering::Relaxed).max(1);
         self.size = self.pace.chunk().min(share.max(PIECE_SIZE_MIN));

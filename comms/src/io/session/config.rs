@@ -4,20 +4,20 @@ use super::OpenError;
 use std::path::Path;
 use zenoh::Config;
 
-/// How long a session is silent before its peer gives it up: longer than the longest round trip, which is 3 s, since a
-/// peer hears nothing in that time when a link is new. A cut is noticed earlier, see `patience`.
+/// How long a session is silent before its peer gives it up. This is longer than the longest round trip, which is 3 s:
+/// for that time a peer hears nothing over a new link. A cut is noticed earlier, see `patience`.
 const LEASE_MS: u32 = 5000;
 /// The same for nodes, which are linked each to each, and mostly idle: 175 bytes on the cable per keep-alive and link
 /// over IPv6, including TCP's answers.
 const NODE_LEASE_MS: u32 = 15_000;
-/// How often a session says a word that has nothing to say: the system sees soon that it does not arrive.
+/// How often an idle session sends a keep-alive, so that the system soon notices that nothing arrives.
 const WORD_EVERY_MS: u32 = 250;
-/// The same for nodes. To those that matter they say one more often, see [`Session::beat`](super::Session::beat).
+/// The same for nodes. To nodes that matter they send beats more often, see [`Session::beat`](super::Session::beat).
 const NODE_WORD_EVERY_MS: u32 = 7500;
 /// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
-/// How many connections may be open that have not said who they are, each for up to 7 s; zenoh's own 100 are gone in a moment.
+/// How many connections of unknown peers may be open, each for up to 7 s. Zenoh's own limit of 100 is used up in a moment.
 const ACCEPT_PENDING_MAX: &str = "28672";
 
 /// A zenoh configuration under construction.
@@ -55,7 +55,7 @@ impl Settings {
             .set("transport/link/tx/batch_size", "16384")
             // A message that can be sent is sent at once. Otherwise it shares a batch with the next ones.
             .set("transport/link/tx/queue/batching/time_limit", "0")
-            // 256 KiB of answers: all that is on the way to a few command lines, so that who passes it on does not wait.
+            // 256 KiB of answers: everything in transit to a few command lines, so that a relay does not wait.
             .set("transport/link/tx/queue/size/data_low", "16")
     }
 

@@ -91,7 +91,7 @@ impl Expect {
         true
     }
 
-    /// Returns who has answered.
+    /// Returns the author of the answers.
     pub(super) fn author(&self) -> Author {
         self.seen().author.clone().unwrap_or(Author::Anybody)
     }

@@ -1,4 +1,4 @@
-//! The table of links of a session: which stand, by zenoh's events, and where a lost one is dialled again.
+//! The table of links of a session: the links that stand, by zenoh's events, and the places where a lost link is dialled again.
 //!
 //! A place that the program was told, where a link has stood, or that has shown the key of its session, is dialled first and stays.
 //! Any other place was only said on the network, where anybody can say anything. So a sender has few places, a place that has failed is
@@ -12,19 +12,19 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::config::Locator;
 
-/// At how many places one session is dialled that were only said on the network.
+/// At how many places that were only announced on the network one session is dialled.
 const PROPOSED_MAX: usize = 16;
-/// How many of those one sender has said.
+/// How many of these places may come from one sender.
 const PROPOSED_BY_ONE_MAX: usize = 2;
 /// How many places of one session are remembered where a link has stood, or that the program was told.
 const KNOWN_MAX: usize = 8;
-/// How long a place is left alone that has failed once; twice as long after each further time.
+/// How long a place that has failed once is not dialled; the time doubles with each further failure.
 const LEFT_ALONE: Duration = Duration::from_secs(1);
-/// The longest time for which it is left alone.
+/// The longest time for which a place that has failed is not dialled.
 const LEFT_ALONE_MAX: Duration = Duration::from_secs(8);
 /// How many sessions that were found, and not linked yet, are dialled at a time.
 const FOUND_MAX: usize = 64;
-/// How many of those are on one machine.
+/// How many of these sessions may be on one machine.
 const FOUND_NEAR_MAX: usize = 16;
 
 /// Links by session id.
@@ -33,22 +33,22 @@ pub(super) struct Links {
     /// The links that stand, as zenoh's events say. Zenoh is also asked before dialling, but for a moment after a loss
     /// it still answers that there is a link.
     pub(super) standing: BTreeSet<String>,
-    /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more of the old session, even where
-    /// the other side has lost that and opened another; then neither understands the other. So no session outlives any of
-    /// its links.
+    /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more link of the old session,
+    /// even if the other side has lost that session and opened another. Then neither side understands the other. So no session
+    /// outlives any of its links.
     halved: BTreeSet<String>,
     /// The links that are dialled again when they are lost.
     pub(super) kept: BTreeMap<String, Place>,
     /// The peers that the keeper dials right now.
     pub(super) dialling: BTreeSet<String>,
-    /// The two ends of each TCP link of a session, and how long it may be silent, where that was said. Two that dial each other have
-    /// two.
+    /// The two ends of each TCP link of a session, and how long it may be silent, where that was said. Two sessions that
+    /// dial each other have two links.
     pub(super) ends: BTreeMap<String, Vec<(patience::Ends, Duration)>>,
-    /// Names of sessions that have said them.
+    /// The names of sessions, as the sessions have announced them.
     pub(super) names: BTreeMap<String, String>,
     /// Why there is no link, for a person.
     pub(super) troubles: BTreeMap<String, String>,
-    /// Sessions that were found on the network, with their machines, from the one that was found first on.
+    /// Sessions that were found on the network, with their machines, in the order in which they were found.
     found: VecDeque<(String, IpAddr)>,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Place {
     pub(super) known: Vec<Locator>,
     /// Places that were said on the network, the latest first.
     proposed: Vec<Proposed>,
-    /// For how long; none for as long as this session lives.
+    /// For how long the session is dialled again; none as long as this session lives.
     pub(super) within: Option<Duration>,
 }
 
@@ -107,7 +107,7 @@ impl Place {
         let by_one = self.proposed.iter().filter(|proposed| proposed.by == by).count();
         let of_sender = |proposed: &Proposed| by_one < PROPOSED_BY_ONE_MAX || proposed.by == by;
         if by_one >= PROPOSED_BY_ONE_MAX || self.proposed.len() >= PROPOSED_MAX {
-            // The one that has failed most often gives way, and of several the oldest.
+            // The place that has failed most often gives way; of several such places, the oldest.
             let places = self.proposed.iter().enumerate().filter(|(_, proposed)| of_sender(proposed));
             let gives_way = places.max_by_key(|(place, proposed)| (proposed.failures, *place)).map(|(place, _)| place);
             gives_way.map(|place| self.proposed.remove(place));
@@ -182,7 +182,7 @@ impl Links {
         self.ends.entry(session.to_owned()).or_default().push((both, Duration::ZERO));
     }
 
-    /// Takes note that a link of a session is lost; says whether the session has to end, since it has others.
+    /// Takes note that a link of a session is lost; returns whether the session has to end because it has other links.
     pub(super) fn lose(&mut self, session: &str, both: Option<patience::Ends>) -> bool {
         if self.standing.contains(session) {
             self.halved.insert(session.to_owned());
@@ -191,7 +191,7 @@ impl Links {
         self.ends.contains_key(session)
     }
 
-    /// Returns the TCP links that are not among those that zenoh knows, with their sessions.
+    /// Returns the TCP links that zenoh does not know, with their sessions.
     pub(super) fn unknown(&self, known: &BTreeSet<patience::Ends>) -> Vec<(String, patience::Ends)> {
         let all = self.ends.iter().flat_map(|(session, links)| links.iter().map(move |(both, _)| (session, *both)));
         all.filter(|(_, both)| !known.contains(both)).map(|(session, both)| (session.clone(), both)).collect()

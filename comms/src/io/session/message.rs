@@ -28,13 +28,13 @@ pub struct Subscription {
     _subscriber: Subscriber<()>,
 }
 
-/// Says that something is there, until it is dropped or its process ends.
+/// Announces a key until it is dropped or its process ends.
 #[derive(Debug)]
 pub struct Token {
     _token: LivelinessToken,
 }
 
-/// Receives who appears and vanishes until it is dropped.
+/// Receives the keys that appear and vanish, until it is dropped.
 #[derive(Debug)]
 pub struct Watch {
     presences: Receiver<Presence>,
@@ -66,7 +66,7 @@ impl Session {
         self.put_signed(key, bytes, false)
     }
 
-    /// As [`Session::put`]; in a team it also shows who this is, for those who have not met it.
+    /// As [`Session::put`]; in a team the message also carries the credential, for receivers that do not know this key yet.
     ///
     /// # Errors
     /// If the session is closed.
@@ -76,7 +76,7 @@ impl Session {
 
     fn put_signed(&self, key: &str, bytes: Vec<u8>, shows: bool) -> Result<(), CallError> {
         let proof = proof::beside(self.authenticator.as_ref(), || proof::put(key, &bytes), shows);
-        // Not express: on a busy machine that drops some, and a node sends again only after 200 ms.
+        // Not express: a busy machine drops some express messages, and a node repeats a message only after 200 ms.
         let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop);
         let put = if let Some(proof) = proof { put.attachment(proof).wait() } else { put.wait() };
         put.map_err(|cause| session_error(key, &cause))
@@ -92,7 +92,7 @@ impl Session {
         put.wait().map_err(|cause| session_error(key, &cause))
     }
 
-    /// Has others send their beats on `key` until the returned value is dropped; what comes is of no account.
+    /// Has others send their beats on `key` until the returned value is dropped; the content of the beats does not matter.
     ///
     /// # Errors
     /// If the session is closed.
@@ -116,7 +116,7 @@ impl Session {
         Ok(Subscription { samples, authenticator: self.authenticator.clone(), _subscriber: subscriber })
     }
 
-    /// Lets everyone who watches know that `key` is there.
+    /// Announces `key` to all watchers.
     ///
     /// # Errors
     /// If the session is closed.
@@ -125,7 +125,7 @@ impl Session {
         token.map(|token| Token { _token: token }).map_err(|cause| session_error(key, &cause))
     }
 
-    /// Watches who announces keys that match `key`, beginning with those that are there already.
+    /// Watches the announcements of keys that match `key`, beginning with the present ones.
     ///
     /// # Errors
     /// If the session is closed.

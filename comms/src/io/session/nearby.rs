@@ -27,9 +27,9 @@ const GROUP_V4: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 231);
 const GROUP_V6: Ipv6Addr = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0x0dca, 0x0231);
 /// How often interfaces are looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How often a node says that it is there: each second while something is new, else each so many seconds.
+/// How often a node announces itself: each second while something is new, otherwise once in so many seconds.
 const QUIET_EVERY: u32 = 3;
-/// For how many seconds something is new.
+/// For how many seconds a change counts as new.
 const NEW_FOR: u32 = 10;
 /// The longest datagram.
 const SIZE_MAX: usize = 1024;
@@ -58,7 +58,7 @@ struct Family {
     sender: UdpSocket,
 }
 
-/// Looks and is found, for ever.
+/// Looks for nodes and announces this one, for ever.
 pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<String>>, heard: impl Fn(NearbyNode)) {
     let families: Vec<Family> = [Family::open(GROUP_V4.into()), Family::open(GROUP_V6.into())]
         .into_iter()
@@ -131,7 +131,7 @@ pub async fn discovery() -> (Vec<String>, Result<(), String>) {
     (names.into_iter().collect(), opened.map_err(|error| cause(&error)))
 }
 
-/// Waits for a message; none ever comes where there is no such family of addresses.
+/// Waits for a message; without such a family of addresses, it waits for ever.
 async fn receive(family: Option<&Family>) -> Option<(Message, SocketAddr)> {
     let Some(family) = family else { return std::future::pending().await };
     let (mut to_group, mut to_self) = ([0; SIZE_MAX], [0; SIZE_MAX]);
@@ -142,7 +142,7 @@ async fn receive(family: Option<&Family>) -> Option<(Message, SocketAddr)> {
     match received {
         Ok((size, from)) => Some((scouting::read(bytes.get(..size)?)?, from)),
         Err(error) => {
-            // Of a socket whose interface has gone; it goes on when there is one again.
+            // The interface of the socket has gone. The socket works again once it has an interface.
             tracing::debug!(%error, "a multicast socket cannot be read");
             tokio::time::sleep(LOOK_EVERY).await;
             None
@@ -166,7 +166,7 @@ impl Family {
             socket.set_nonblocking(true)?;
             UdpSocket::from_std(socket.into())
         };
-        // The group itself where the kernel allows that: then nothing else is heard.
+        // Binds to the group itself where the kernel allows that, so that no other datagrams arrive.
         let at = if group.is_ipv4() { group } else { any };
         Ok(Self {
             group: SocketAddr::new(group, PORT),
@@ -225,7 +225,7 @@ impl Family {
             let sender = socket2::SockRef::from(&self.sender);
             let (chosen, to) = match address.ip {
                 IpAddr::V4(ip) => (sender.set_multicast_if_v4(&ip), self.group),
-                // The kernel takes the address that belongs to the cable, once.
+                // For IPv6 the kernel takes the address that belongs to the cable, so one message per interface is enough.
                 IpAddr::V6(_) if !sent_on.insert(address.index) => continue,
                 IpAddr::V6(_) => {
                     let to = SocketAddrV6::new(GROUP_V6, PORT, 0, address.index);

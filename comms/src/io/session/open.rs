@@ -27,10 +27,10 @@ use zenoh::internal::runtime::{RuntimeBuilder, ZRuntime};
 use zenoh::sample::SampleKind;
 use zenoh::session::{LinkEvent, TransportEvent};
 
-/// How long a node that was found is dialled where it was heard last. It is heard every few seconds while it can be reached; one
-/// that was started again listens elsewhere.
+/// How long a node that was found is dialled at its last known address. A node that can be reached announces itself every few
+/// seconds, and a node that was started again listens elsewhere.
 const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
-/// Links made and lost that have not been looked at yet. More can only be made or lost by a process with more peers than that.
+/// The most changes of links that wait to be processed. Only a process with more peers than that can have more.
 const CHANGES_MAX: usize = 1024;
 
 /// A session that can dial.
@@ -90,7 +90,7 @@ impl Opened {
             bound.transpose()?.map(|(tunnels, listeners)| (Arc::new(tunnels), listeners)).unzip();
         let (to_keeper, changes) = queue::channel(Policy::reject(CHANGES_MAX));
         let (to_keeper, links) = (Arc::new(to_keeper), Arc::new(Mutex::new(Links::default())));
-        // Before it starts: of links that stand already zenoh never says that they are lost.
+        // Before the session starts: zenoh never reports the loss of a link that stood before the watch.
         watch_links(&session, redial, &links, &to_keeper).map_err(failed)?;
         let started = ZRuntime::Net.block_in_place(runtime.start());
         for locator in runtime.get_locators() {
@@ -98,7 +98,7 @@ impl Opened {
                 keep_from_children(&format!("{}.lock", locator.address().as_str()));
             }
         }
-        // After it has started: only then it is known where it listens.
+        // After the session has started: only then its port is known.
         let port = if let Search::Found(_, port) = search { Some(port) } else { None };
         let dialler = Dialler { runtime, links, tunnels };
         let keeper = ZRuntime::Net.spawn(keep(dialler.clone(), port, changes));
@@ -144,7 +144,7 @@ impl Opened {
         session == self.id() || lock(&self.dialler.links).standing.contains(session)
     }
 
-    /// Returns who is dialled and not linked: who or where, and why, for a person.
+    /// Returns the peers that are dialled and not linked: a name or a place, and the reason, for a person.
     pub(crate) fn unlinked(&self) -> Vec<(String, String)> {
         let links = lock(&self.dialler.links);
         let missing = links.kept.iter().filter(|(session, _)| !links.standing.contains(*session));
@@ -157,7 +157,7 @@ impl Opened {
         told.chain(own.map(|(who, why)| (who.clone(), why.clone()))).collect()
     }
 
-    /// Lets the link to a session carry nothing for so long before it is given up, rather than for a whole lease.
+    /// Sets how long the link to a session may carry nothing before it is given up. Otherwise that is a whole lease.
     pub(crate) fn set_patience(&self, session: &str, patience: Duration) {
         if let Some(tunnels) = &self.dialler.tunnels
             && tunnels.set_patience(session, patience)
@@ -212,7 +212,7 @@ impl Opened {
         }
     }
 
-    /// Has everybody judged again who is at the other end of a tunnel.
+    /// Judges again the peers at the other ends of all tunnels.
     pub(crate) fn judge_again(&self) {
         self.dialler.tunnels.iter().for_each(|tunnels| tunnels.judge_again());
     }
@@ -279,7 +279,7 @@ impl Opened {
         }
     }
 
-    /// Dials a peer no more; a link that stands is left alone.
+    /// Stops dialling a peer; a link that stands is kept.
     pub(crate) fn forget(&self, session: &str) {
         lock(&self.dialler.links).kept.remove(session);
     }
@@ -346,7 +346,7 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
     locator.address().as_str().parse().ok().filter(|_| locator.protocol().as_str() == "tcp")
 }
 
-/// Dials whoever says that it is there, and is of the same kind: nodes of teams say no names.
+/// Dials each session that announces itself and is of the same kind: nodes of teams announce no names.
 fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
     move |NearbyNode { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };

@@ -12,14 +12,14 @@ use std::time::Duration;
 
 /// How long a link may carry nothing, besides its round trips.
 const BESIDES: Duration = Duration::from_secs(1);
-/// The least that a link gets whose round trip is measured once, when it is new: the delay may grow later. With the time to the
+/// The least time for a new link, whose round trip was measured only once: the delay may grow later. With the time to the
 /// next sign of life and to its first repetition, a cut is noticed after 1.9 s.
 const ONCE_MIN: Duration = Duration::from_millis(1250);
 
 /// The two ends of a link, this one first.
 pub(super) type Ends = (SocketAddr, SocketAddr);
 
-/// Gives a link so long; says whether it was found.
+/// Sets how long a link may carry nothing; returns whether the link was found.
 pub(super) fn set(ends: Ends, patience: Duration) -> bool {
     find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
@@ -29,7 +29,7 @@ pub(super) fn is_there(ends: Ends) -> bool {
     find(ends).is_some()
 }
 
-/// Returns how long a link may carry nothing whose round trip takes so long.
+/// Returns how long a link with this round trip may carry nothing.
 pub(super) fn of(round_trip: Duration) -> Duration {
     BESIDES + 2 * round_trip
 }
@@ -39,7 +39,7 @@ pub(super) fn of_new(round_trip: Duration) -> Duration {
     of(round_trip).max(ONCE_MIN)
 }
 
-/// Gives a new link as long as its round trip asks for, as the system has measured it with the first messages; says whether the
+/// Sets the limit of a new link by its round trip, which the system has measured with the first messages. Returns whether the
 /// link was found.
 pub(super) fn set_as_measured(ends: Ends) -> bool {
     let Some(socket) = find(ends) else { return false };
@@ -89,7 +89,7 @@ fn sockets() -> impl Iterator<Item = (TcpStream, Ends)> {
     })
 }
 
-/// An address of the older family looks different on a socket of both.
+/// Returns an address in its plain form: an IPv4 address looks different on a socket for both families.
 fn plain(address: SocketAddr) -> SocketAddr {
     SocketAddr::new(address.ip().to_canonical(), address.port())
 }

@@ -19,23 +19,23 @@ pub trait Authenticator: fmt::Debug + Send + Sync {
     /// may not know the key.
     fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof>;
 
-    /// Returns who has signed a digest.
+    /// Returns the signer of a digest.
     fn check(&self, proof: &Proof, digest: &Digest) -> Author;
 
-    /// Hears that a message was refused that says to be from `claimed`, and why.
+    /// Notes that a message that claims to be from `claimed` was refused, and the reason.
     fn forged(&self, claimed: &str, why: &str);
 }
 
 /// The author of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Author {
-    /// This session is in no team, and believes everybody.
+    /// This session is in no team, and believes every sender.
     Anybody,
     /// The member with this name in its certificate.
     Member(String),
-    /// Nobody has shown that, and why.
+    /// No member has proved to be the author; the text is the reason.
     Nobody(String),
-    /// Somebody whose key is not known here yet.
+    /// A sender whose key is not known here yet.
     Stranger,
 }
 
@@ -72,7 +72,7 @@ pub fn relayed(from: &str, to: &str, what: &[u8]) -> Digest {
     digest("dca relay 1", &[from.as_bytes(), to.as_bytes(), what])
 }
 
-/// No two lists of fields have one digest: each has its length before it.
+/// No two lists of fields have the same digest: each field has its length before it.
 fn digest(context: &'static str, fields: &[&[u8]]) -> Digest {
     let mut hasher = blake3::Hasher::new_derive_key(context);
     for field in fields {
@@ -81,7 +81,7 @@ fn digest(context: &'static str, fields: &[&[u8]]) -> Digest {
     hasher.finalize().into()
 }
 
-/// Reads the proof beside a message, and says who has signed it.
+/// Reads the proof beside a message, and returns its signer.
 pub(super) fn author(
     authenticator: Option<&Arc<dyn Authenticator>>,
     proof: Option<&ZBytes>,

@@ -12,9 +12,9 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use zenoh::config::Locator;
 
-/// How long a place has to answer: a round trip of 3 s, and a machine that is busy.
+/// How long a place has to answer: enough for a round trip of 3 s and a busy machine.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// How often the question is repeated: a lost question is repeated by the system later and later.
+/// How often the question is repeated. The system alone would repeat a lost question later and later.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 
 /// Returns the first address that answers, and how long it took, or why none does, for a person. A socket of this

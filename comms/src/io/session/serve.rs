@@ -32,9 +32,9 @@ pub(super) const REFUSED: &str = "dca/refused";
 const REQUESTS_MAX: usize = 256;
 /// The streams that one server keeps; a new one replaces one without a reader.
 const STREAMS_MAX: usize = 256;
-/// How long a stream is kept whose caller asks for nothing: it may be a person before a pager.
+/// How long a stream is kept if its caller asks for nothing: a person may be reading in a pager.
 const IDLE_MAX: Duration = Duration::from_secs(600);
-/// How long at least, however many streams there are.
+/// How long such a stream is kept at least, however many streams there are.
 const IDLE_MIN: Duration = Duration::from_secs(20);
 
 /// Receives the calls to a key until it is dropped.
@@ -47,7 +47,7 @@ pub struct Server {
     _queryables: [Queryable<()>; 2],
 }
 
-/// One call. A caller of one answer has it with the first; a stream is complete only with [`Request::finish`], and
+/// One call. A call for one answer is complete with the first answer; a stream is complete only with [`Request::finish`], and
 /// broken if the request is dropped before.
 #[derive(Debug)]
 pub struct Request {
@@ -81,16 +81,16 @@ struct Streams {
     authenticator: Option<Arc<dyn Authenticator>>,
 }
 
-/// A stream of answers between the one who gives them and the one who asks for them.
+/// A stream of answers between the program that gives them and the caller that asks for them.
 #[derive(Debug)]
 struct Stream {
     id: StreamId,
     question: Digest,
     authenticator: Option<Arc<dyn Authenticator>>,
     state: Mutex<State>,
-    /// Something has come from either side.
+    /// Notified when something has come from either side.
     changed: Notify,
-    /// There is room for answers, or no reader any more.
+    /// Notified when there is room for answers, or no reader any more.
     taken: Notify,
 }
 
@@ -101,13 +101,13 @@ struct State {
     pull: Option<(Query, u32, bool)>,
     /// When the caller was last answered.
     answered: Time,
-    /// The caller is to be told that the server is still there.
+    /// Whether the caller is to be told that the server is still there.
     is_here: bool,
-    /// Nobody gives answers any more.
+    /// Whether no more answers will be given.
     is_dropped: bool,
-    /// Nobody takes answers any more.
+    /// Whether the stream has no reader any more.
     is_left: bool,
-    /// The caller has been shown who answers.
+    /// Whether the caller has been shown the author of the answers.
     is_shown: bool,
 }
 
@@ -179,7 +179,7 @@ impl Streams {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes what a caller says. Called from zenoh.
+    /// Takes a message of a caller. Zenoh calls this.
     fn hear(&self, query: Query, to_serve: &Sender<Request>) {
         let one = |nonce: &[u8], proof| {
             let asked = self.asked(&query, nonce, proof);
@@ -215,8 +215,8 @@ impl Streams {
         self.lock().get(stream).cloned()
     }
 
-    /// Makes a stream, if there is room for one. Where there are too many, the one goes whose caller has asked for nothing
-    /// for longest.
+    /// Makes a stream, if there is room for one. If there are too many, the stream whose caller has been silent for longest
+    /// is removed.
     fn make(&self, id: StreamId, question: Digest) -> Option<Arc<Stream>> {
         let mut streams = self.lock();
         if streams.len() >= STREAMS_MAX {

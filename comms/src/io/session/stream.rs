@@ -47,7 +47,7 @@ pub(super) enum Pull {
         /// The most bytes that the piece may have.
         size: u32,
     },
-    /// Nobody asks for more.
+    /// The caller asks for no more.
     Leave {
         /// The stream.
         stream: StreamId,
@@ -62,7 +62,7 @@ pub(super) enum Pull {
 }
 
 impl StreamId {
-    /// Returns what tells it from every other one.
+    /// Returns bytes that distinguish this question from every other one.
     pub(super) fn nonce(&self) -> Vec<u8> {
         [self.session.as_bytes(), &self.number.to_le_bytes()].concat()
     }
@@ -76,11 +76,11 @@ impl Enveloped for Pull {
 /// The answer to a [`Pull`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Piece {
-    /// Whether there was something when it was asked for, so that the time it took tells of the link.
+    /// Whether answers waited when the piece was asked for: then the time until the piece came is that of the link.
     pub(super) was_ready: bool,
-    /// The next bytes; none says that the server is still there.
+    /// The next bytes. No bytes mean that the server is still there.
     pub(super) bytes: Vec<u8>,
-    /// The end of the stream, if it is behind these bytes.
+    /// The end of the stream, if it follows these bytes.
     pub(super) end: Option<End>,
 }
 
@@ -125,7 +125,7 @@ impl Outgoing {
         }
     }
 
-    /// Says that this was everything.
+    /// Marks the stream as complete.
     pub(super) fn finish(&mut self) {
         self.end(End::Whole(self.tally.mark().to_vec()));
     }
@@ -309,7 +309,7 @@ mod tests {
         };
         let each: Vec<u64> = (1..=20).map(|second| second * 1000).collect();
         assert_eq!(looked(&each), 7, "the eighth look is the last");
-        // However often it is looked at.
+        // The result does not depend on how often the silence is looked at.
         let often: Vec<u64> = (1..=2000).map(|step| step * 10).collect();
         assert_eq!(looked(&often), 799);
         // This program was suspended for a minute.

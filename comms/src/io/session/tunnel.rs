@@ -36,13 +36,13 @@ use tokio::sync::{Notify, watch};
 use tokio::task::JoinSet;
 use zeroize::Zeroizing;
 
-/// How long both ends have to say who they are: four ways of 3 s there and back, and some to spare.
+/// How long the two ends have to identify themselves: four round trips of 3 s, and a reserve.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(15);
-/// How many connections may be at that at a time; for a new one the oldest goes.
+/// How many connections may be in the handshake at a time; a new connection replaces the oldest.
 const HANDSHAKES_MAX: usize = 512;
-/// How long zenoh has to come to a tunnel that was dialled for it.
+/// How long zenoh has to connect to a tunnel that was dialled for it.
 const ENTERED_WITHIN: Duration = Duration::from_secs(10);
-/// How often it is looked whether those at the other ends are still trusted.
+/// How often the peers at the other ends of tunnels are judged again.
 const JUDGE_EVERY: Duration = Duration::from_secs(5);
 /// How many addresses of others are remembered.
 const MET_MAX: usize = 256;
@@ -57,7 +57,7 @@ pub trait Identity: fmt::Debug + Send + Sync {
     /// Returns the secret Ed25519 key by which it is known, and its public one.
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey);
 
-    /// Returns what shows others that they may trust that key, at most 4,000 bytes.
+    /// Returns the credential by which others may trust that key, at most 4,000 bytes.
     fn credential(&self) -> Vec<u8>;
 
     /// Judges a key by its credential; returns the name of its owner.
@@ -72,7 +72,7 @@ pub trait Identity: fmt::Debug + Send + Sync {
         None
     }
 
-    /// Returns whom it has heard of as revoked.
+    /// Returns the revocations that this process knows.
     fn revocations(&self) -> Vec<u8>;
 
     /// Takes revocations from a trusted peer. Returns whether any of them is new.
@@ -106,7 +106,7 @@ pub(crate) struct Tunnels {
     met: Mutex<BTreeSet<IpAddr>>,
     /// The tunnels that stand, each a task.
     tasks: Mutex<JoinSet<()>>,
-    /// Something is new that may end tunnels.
+    /// Notified when a change may end tunnels.
     changed: Notify,
 }
 
@@ -117,7 +117,7 @@ impl fmt::Debug for Tls {
 }
 
 impl Tunnels {
-    /// Binds where it is to listen. [`Tunnels::serve`] accepts.
+    /// Binds the addresses to listen on. [`Tunnels::serve`] accepts.
     pub(super) async fn bind(session: String, options: TunnelOptions) -> Result<(Self, Vec<TcpListener>), String> {
         let (secret, public) = options.identity.key();
         let tls = Tls::new(&secret, &public).map_err(|error| format!("the key cannot be used: {error}"))?;
@@ -154,7 +154,7 @@ impl Tunnels {
         stream::accept(listener, HANDSHAKES_MAX, |stream, from| Arc::clone(&self).admit(stream, from)).await;
     }
 
-    /// Ends tunnels to those who are not trusted any more, for ever.
+    /// Ends tunnels to peers that are no longer trusted; runs for ever.
     pub(super) async fn judge(self: Arc<Self>) {
         loop {
             drop(tokio::time::timeout(JUDGE_EVERY, self.changed.notified()).await);
@@ -182,7 +182,7 @@ impl Tunnels {
         self.tasks.lock().unwrap_or_else(PoisonError::into_inner).abort_all();
     }
 
-    /// Lets a tunnel carry nothing for so long before it is given up; says whether there is one.
+    /// Sets how long a tunnel may carry nothing before it is given up; returns whether there is such a tunnel.
     pub(super) fn set_patience(&self, session: &str, patience: Duration) -> bool {
         self.ends_of(session).is_some_and(|ends| patience::set(ends, patience))
     }
@@ -343,7 +343,7 @@ impl Tunnels {
         let number = self.made.fetch_add(1, Ordering::Relaxed);
         let session = self.session.get(..8).unwrap_or(&self.session);
         let path = self.entrance.parent().unwrap_or(Path::new("/")).join(format!("{session}.{number}"));
-        // The socket of a process that was killed.
+        // A process that was killed may have left its socket there.
         drop(std::fs::remove_file(&path));
         path
     }

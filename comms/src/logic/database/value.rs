@@ -108,7 +108,7 @@ impl Stored {
 
 impl From<&Value> for Stored {
     fn from(value: &Value) -> Self {
-        // Encoding to memory fails for lengths that are not known beforehand only, and these are known.
+        // Encoding to memory fails only for lengths that are not known beforehand, and these are known.
         let (tag, bytes) = match value {
             Value::Bool(yes) => (BOOL, vec![u8::from(*yes)]),
             Value::Integer(number) => (INTEGER, number.to_le_bytes().to_vec()),

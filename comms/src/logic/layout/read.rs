@@ -21,7 +21,7 @@ pub trait Build {
     fn list(&mut self, elements: Vec<Self::Value>) -> Self::Value;
 }
 
-/// Returns the value in `bytes`; none if the bytes are not laid out so, to the last one.
+/// Returns the value in `bytes`; none if the bytes, to the last one, do not have this layout.
 pub fn read<B: Build>(layout: &Layout, bytes: &[u8], build: &mut B) -> Option<B::Value> {
     let mut reader = Reader::new(bytes);
     let value = value(layout, &mut reader, build)?;
@@ -90,8 +90,8 @@ impl<'a> Reader<'a> {
         self.bytes(length)
     }
 
-    /// Takes the number of elements of a list, unless its type fixes it. There are never more than bytes: an element
-    /// has at least one.
+    /// Takes the number of elements of a list, unless its type fixes it. There are never more elements than bytes:
+    /// an element has at least one byte.
     pub fn count(&mut self, count: Option<usize>) -> Option<usize> {
         let count = count.map_or_else(|| self.length(), Some)?;
         (count <= self.rest.len()).then_some(count)

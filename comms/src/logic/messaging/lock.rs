@@ -21,7 +21,7 @@ use std::time::Duration;
 const RESERVED: u64 = 64;
 /// The client that only looks; no other has this number.
 pub const NOBODY: u64 = 0;
-/// Of how many clients it is remembered which of their requests are over.
+/// For how many clients the lock remembers which of their requests are over.
 const CLIENTS_MAX: usize = 1024;
 
 /// The declaration of a lock.
@@ -40,7 +40,7 @@ pub struct LockSettings {
 pub enum LockInput {
     /// A client asks.
     Request(LockRequest),
-    /// The numbers before this one may be granted: that is on the disk.
+    /// The numbers before this one may be granted: this reservation is on the disk.
     Persisted(u64),
     /// A time has come.
     Tick,

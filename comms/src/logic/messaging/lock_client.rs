@@ -1,8 +1,8 @@
 //! The client's side of a resource lock.
 //!
-//! It believes that it holds the lock for less time than the server does: it counts the time that is left from when it
-//! *sent* the request that was answered, the server from when it received it. It may still be wrong, because it may be
-//! suspended between a look at [`LockClient::held`] and its command. So the command carries the fencing number, and the
+//! The client believes that it holds the lock for less time than the server does: the client counts the remaining time
+//! from when it *sent* the answered request, the server from when it received the request. The client may still be
+//! wrong, because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries the fencing number, and the
 //! resource looks at that.
 
 use super::wire::{Denied, LockAnswer, LockRequest};
@@ -17,7 +17,7 @@ const PACE: Duration = Duration::from_millis(5);
 /// An input of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ClientInput {
-    /// The program wants the lock, with this priority. Wanted already, only the priority changes.
+    /// The program wants the lock, with this priority. If the lock is already wanted, only the priority changes.
     Want(u8),
     /// The program does not want the lock any more.
     Drop,

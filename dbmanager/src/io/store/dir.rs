@@ -38,7 +38,7 @@ pub(super) trait Records: fmt::Debug + Send {
     /// As [`Store::commit`]; writes down the present life too, if there is a new one.
     fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError>;
 
-    /// Closes it in order, if possible.
+    /// Closes the engine in order, if possible.
     fn close(self: Box<Self>);
 }
 
@@ -50,7 +50,7 @@ pub(super) type Opened = (Box<dyn Records>, Option<Life>);
 pub struct DirStore {
     path: PathBuf,
     engine: Engine,
-    /// Gone after an error.
+    /// The engine; none after an error.
     records: Option<Box<dyn Records>>,
     trust: Trust,
     /// The present life, until the witness knows of it.

@@ -1,13 +1,14 @@
 //! A store on redb: one file.
 //!
 //! *A commit.* The engine copies each changed page to a place that the last state does not use, and writes it. Then it
-//! writes into the first sector of the file the root of the new state, in the slot that the last state does not use,
-//! and which of the two slots is the newest. Then follows one `fdatasync`. Each page is named by its parent together
-//! with a sum of 128 bits, each root by its slot, and each slot has a sum. After a power cut any of these writes may be
-//! there and others not. If all are, that is the new state. If not, some sum does not fit, and the other slot leads to
-//! the last state, of which no page was touched. So one sync is enough; two phases (`set_two_phase_commit`) would cost
-//! a second one, and only help against an attacker who chooses both the values and the order in which the drive writes.
-//! A file grows, and is synced, before anything says that it is longer.
+//! writes into the first sector of the file. There, the root of the new state goes into the slot that the last state does
+//! not use, and a mark says which of the two slots is the newest. One `fdatasync` follows. Each parent stores a sum of
+//! 128 bits beside the number of a page, each slot does the same for its root, and each slot has a sum of its own. After
+//! a power cut, any of these writes may be there and others not. If all are there, the file has the new state. If not,
+//! some sum does not fit, and the other slot leads to the last state, of which no page was touched. So one sync is
+//! enough. Two phases (`set_two_phase_commit`) would cost a second sync, and would only help against an attacker who
+//! chooses both the values and the order in which the drive writes. A file grows, and is synced, before anything in it
+//! says that it is longer.
 //!
 //! *Additions.* The engine checks sums only when it was not closed in order, and may panic over damage: here every
 //! opening checks all of them. The engine never syncs the folder: here every opening of a store does. The engine takes
@@ -27,13 +28,13 @@ use std::path::{Path, PathBuf};
 pub(super) const DATA: &str = "records.redb";
 /// The records, by name.
 const RECORDS: TableDefinition<'static, &[u8], &[u8]> = TableDefinition::new("records");
-/// Says whose store it is, in which layout, which one, and in how many lives it was written to.
+/// The owner of the store, its layout, its number, and the number of lives in which it was written to.
 const GUARD: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("dca-dbmanager");
 const LAYOUT: (&str, &[u8]) = ("layout", b"1");
 const LIFE: &str = "life";
-/// Bytes of the file that the engine may keep in memory. The replica has all that is in it in memory anyway.
+/// Bytes of the file that the engine may keep in memory. The replica has the whole content in memory anyway.
 const CACHE_SIZE: usize = 1 << 20;
-/// Of the engine's file: what it is, the page with that and the roots, and how long a new one is at the most.
+/// Sizes in the engine's file: the mark of its kind, the page with this mark and the roots, and the longest new file.
 /// Source: redb 4.5, `header.rs` and `page_manager.rs`.
 const MAGIC_SIZE: usize = 9;
 const HEAD_SIZE: usize = 4096;
@@ -55,7 +56,7 @@ impl Records for OnRedb {
         write(&self.engine, life, batch).map_err(|cause| store_error(&self.path, cause))
     }
 
-    /// A store that is not closed in order is only opened a little more slowly.
+    /// A store that was not closed in order only opens a little more slowly.
     fn close(self: Box<Self>) {
         let Self { path, engine } = *self;
         let closed = shielded(&path, || engine.close().map_err(|cause| store_error(&path, cause.into())));
@@ -93,7 +94,7 @@ fn open_engine(path: &Path, data: &Path) -> Result<(Database, Option<Life>), Sto
     Ok((engine, Some(life)))
 }
 
-/// Opens the file, locked. One in which the engine had only begun when it was cut off is empty again.
+/// Opens the file, and locks it. If the engine was interrupted while it began the file, the file is emptied again.
 fn open_file(path: &Path, data: &Path) -> Result<File, StoreError> {
     let file_error = |cause| file_error(path, cause);
     let opened = File::options().read(true).write(true).create(true).truncate(false).open(data);
@@ -109,7 +110,7 @@ fn open_file(path: &Path, data: &Path) -> Result<File, StoreError> {
     Ok(file)
 }
 
-/// Returns whether there is nothing in a file but a head that does not say yet what it is: the engine writes that last.
+/// Returns whether a file has nothing but a head without the mark of its kind, which the engine writes last.
 fn is_false_start(mut file: &File) -> io::Result<bool> {
     if file.metadata()?.len() > NEW_SIZE_MAX {
         return Ok(false);
@@ -165,7 +166,7 @@ fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     match cause {
         Error::DatabaseAlreadyOpen | Error::LockProtocolMismatch => StoreError::Busy { path: path.to_owned() },
         Error::Corrupted(what) => damaged(path, &what),
-        // There is but one version of the format that this program ever wrote.
+        // This program has only ever written one version of the format.
         Error::UpgradeRequired(_) => damaged(path, &cause.to_string()),
         // The file is shorter than it says, or does not say what it is.
         Error::Io(cause) if matches!(cause.kind(), InvalidData | UnexpectedEof) => damaged(path, &cause.to_string()),

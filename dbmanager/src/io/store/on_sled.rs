@@ -4,8 +4,8 @@
 //! lost writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data
 //! file. It never syncs the files it makes first (`conf`), nor its directory: every opening of a store does. It never
 //! syncs blobs, which it makes of long values: records are stored in pieces of 4 KiB, and a blob is an error. It may
-//! panic over a damaged file, or wait for ever for a write that has failed (`watch`): both become errors. A snapshot
-//! that it was still writing makes it give up: that is removed.
+//! panic over a damaged file, or wait for ever for a write that has failed (`watch`): both become errors. It gives up
+//! if it finds a snapshot that was only partly written: such a snapshot is removed.
 
 use super::dir::{Opened, Records};
 use super::watch::Watch;
@@ -25,7 +25,7 @@ pub(super) const DATA: &str = "db";
 const PIECE_SIZE: usize = 4 << 10;
 /// Bytes of the store that sled may keep in memory. The replica has all of it in memory anyway.
 const CACHE_SIZE: u64 = 4 << 20;
-/// Says whose store it is, and in which layout. No record has such a name: those begin with their length.
+/// The owner of the store and its layout. No record has such a name: names of records begin with their length.
 const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"2");
 /// The name of the record of the store's identity and the number of its lives.
 const LIFE: &[u8] = b"\xff\xfflife";
@@ -39,7 +39,7 @@ const ASK_AGAIN_AFTER: Duration = Duration::from_millis(5);
 #[derive(Debug)]
 struct OnSled {
     path: PathBuf,
-    /// Before the engine, which it holds too.
+    /// Stands before the engine so that it is dropped first, because the watch also holds the engine.
     watch: Watch,
     engine: sled::Db,
     data: File,

@@ -1,8 +1,8 @@
 //! A thread that finds flushes that hang.
 //!
-//! When a write fails on one of the engine's threads, the engine does not always wake who waits for it: a commit on a full
-//! disk would wait for ever. Another flush finds the error, and wakes the first. So a thread looks every second, and
-//! begins another flush, which it does not wait for itself, while one goes on for longer than that.
+//! When a write fails on one of the engine's threads, the engine does not always wake the thread that waits for the write: a
+//! commit on a full disk would wait for ever. Another flush finds the error, and wakes the first. So a thread looks every
+//! second. If a flush takes longer than that, the thread begins another flush, and does not wait for it.
 
 use comms::io::clock::{self, Wakeup, Woken};
 use std::future::Future;
@@ -13,7 +13,7 @@ use std::task::{Context, Waker};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long a flush may take before it gets company.
+/// How long a flush may take before another flush begins.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The thread; it ends with this.
@@ -40,7 +40,7 @@ impl Watch {
             while seen.closing.wait(Some(clock::now() + PATIENCE)) == Woken::Deadline {
                 let turns = seen.turns.load(Ordering::Relaxed);
                 if turns == before && turns % 2 == 1 {
-                    // Asked once, it goes on by itself.
+                    // One poll starts the flush, which then runs by itself.
                     drop(Box::pin(flush()).as_mut().poll(&mut Context::from_waker(Waker::noop())));
                 }
                 before = turns;

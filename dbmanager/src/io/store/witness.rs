@@ -1,4 +1,4 @@
-//! The witness: a file beside the store that tells whether the store is still the one it was.
+//! The witness: a file beside the store that shows whether the store is still the same one.
 //!
 //! A store that was restored from a backup, or copied to another robot, would continue its numbers from that time, but
 //! others already know other transactions by those numbers. So each store has a number of its own and counts how often
@@ -6,8 +6,9 @@
 //! of both, and the file and the machine. A store that does not match begins a new life, under a new origin, with its
 //! first write.
 //!
-//! The count goes up in the store first, with that first batch, and here second, so a store may be one ahead of its witness
-//! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
+//! The count goes up in the store first, with that first batch, and here second. So a store may be one ahead of its witness
+//! after a crash between the two. A card that was copied bit by bit for an equal machine passes; the copy is noticed when the
+//! two robots meet.
 
 use super::{StoreError, check_file};
 use comms::io::entropy;
@@ -121,7 +122,7 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     Ok(doubt.map_or(Trust::Kept, Trust::Doubtful))
 }
 
-/// Checks that the witness of the store in `dir` can be replaced when the time comes: whatever is there, but for a folder.
+/// Checks that the witness of the store in `dir` can be replaced when the time comes: anything except a folder may be there.
 pub(super) fn check(dir: &Path) -> Result<(), StoreError> {
     let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|there| there.is_dir());
     let folder = [path(dir), unfinished(dir)].into_iter().find(is_folder);

@@ -18,11 +18,11 @@ pub(super) enum Action {
     Has(VersionVector),
     /// The peer has all own transactions, and means the same by their numbers.
     KnowsOwn,
-    /// This origin has used numbers twice, without that this replica has written under it.
+    /// This origin, under which this replica has not written, has used numbers twice.
     KnowForked(ReplicaId),
     /// Give up the origin, which may have used numbers twice.
     Rejoin {
-        /// Whether it has, as far as is known.
+        /// Whether the origin is known to have used numbers twice.
         twice: bool,
     },
     /// Commit this.

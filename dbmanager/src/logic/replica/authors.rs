@@ -1,5 +1,5 @@
-//! Whose transactions are taken over, in a team whose robots have keys: [`notary`](crate::logic::notary) has the rule. Without
-//! keys everybody is believed.
+//! Decides whose transactions are taken over, in a team whose robots have keys: [`notary`](crate::logic::notary) has the rule.
+//! Without keys, every replica is believed.
 
 use super::Replica;
 use super::contents::Contents;
@@ -24,7 +24,7 @@ const EPOCHS_MAX: u16 = 100;
 #[derive(Debug, Default)]
 pub(super) struct Authors {
     notary: Option<Arc<dyn Notary>>,
-    /// Whose origins are, as they were worked out from the state.
+    /// The owners of origins, as derived from the state.
     known: BTreeMap<ReplicaId, Holder>,
 }
 
@@ -55,7 +55,7 @@ impl Authors {
         self.known.clear();
     }
 
-    /// Returns whose an origin is.
+    /// Returns the owner of an origin.
     pub(super) fn holder(&self, origin: ReplicaId, contents: &Contents) -> Option<Holder> {
         let notary = self.notary()?;
         let known = self.known.get(&origin).cloned();
@@ -74,7 +74,7 @@ impl Authors {
         self.notary.is_none() || self.holder(origin, contents).is_some()
     }
 
-    /// Returns what shows a sponsor that these origins are this robot's.
+    /// Returns the claim that shows a sponsor that these origins belong to this robot.
     pub(super) fn claim(&self, origin: ReplicaId, replaces: &[ReplicaId]) -> Option<Vec<u8>> {
         self.notary().map(|notary| Claim::make(notary, origin, replaces).to_bytes())
     }
@@ -163,8 +163,8 @@ impl Replica {
 }
 
 impl Ledger {
-    /// Returns whether a transaction is here that no member takes over, since its origin was admitted nowhere: a disk has lost that this
-    /// robot was called so.
+    /// Returns whether a transaction is here that no member takes over, because its origin was admitted nowhere: a disk has lost the
+    /// record of this origin.
     pub(super) fn has_strays(&self) -> bool {
         let is_stray = |(dot, encoded): &(Dot, &EncodedTxn)| {
             encoded.signature().is_some() && !self.authors.is_claimed(dot.origin, self.contents())

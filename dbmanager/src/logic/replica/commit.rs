@@ -55,7 +55,7 @@ pub(super) struct CommitPipeline {
 }
 
 impl CommitPipeline {
-    /// Goes on after the largest timestamp that is here, in the log and in what never leaves the robot.
+    /// Continues after the largest timestamp that is here, in the log and among the local keys.
     pub(super) fn new(origin: ReplicaId, last: Timestamp, local: State) -> Self {
         let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
         let last = stamps.chain([last]).max().unwrap_or_default();
@@ -102,7 +102,7 @@ impl CommitPipeline {
         self.clock.heal()
     }
 
-    /// Returns what a draft of this `robot` comes to, if it may be committed.
+    /// Returns the change that a draft of this `robot` makes, if it may be committed.
     pub(super) fn plan(&self, draft: Draft, robot: &str, contents: &Contents) -> Result<Change, TxnError> {
         draft.check()?;
         draft.requires().iter().try_for_each(|require| self.check(require, contents))?;
@@ -153,7 +153,7 @@ impl CommitPipeline {
             wants_ack: change.wants_ack,
             rebase: change.rebase,
         };
-        // All of it is the last writes of others, so it is known.
+        // The context only has the last writes of others, so all its hashes are known.
         let seen = log.seen(&txn.context);
         if let Some(notary) = &self.notary {
             let encoded = EncodedTxn::seal_signed(&txn, seen.unwrap_or_default(), &**notary)?;

@@ -43,11 +43,11 @@ struct Download {
     asked: BTreeSet<ChunkHash>,
     /// How many are asked for at a time.
     window: usize,
-    /// How long one took that was asked for alone.
+    /// How long a chunk took that was asked for alone.
     alone: Duration,
     /// When the last one came, or the download began.
     since: Time,
-    /// How long the next one is waited for, and until when.
+    /// How long the download waits for the next chunk, and until when.
     wait: Duration,
     until: Time,
     tries: u32,
@@ -90,7 +90,7 @@ impl Downloads {
         self.current.is_some()
     }
 
-    /// Begins one, unless one is under way.
+    /// Begins a download, unless one is in progress.
     pub(super) fn begin(&mut self, now: Time, from: ReplicaId, manifest: Manifest, effects: &mut Vec<Effect>) {
         if self.current.is_some() || manifest.chunks.len() > CHUNKS_MAX {
             return;
@@ -160,7 +160,7 @@ impl Downloads {
         self.current = None;
     }
 
-    /// Gives a download up, but not what has come of it.
+    /// Gives a download up, and keeps the chunks that have come.
     fn break_off(&mut self) {
         self.spare = self.current.take().map(|download| download.chunks).unwrap_or_default();
     }
@@ -190,7 +190,7 @@ impl Download {
         (self.since, self.until, self.tries) = (now, now + self.wait, 0);
     }
 
-    /// No chunk has come: what was asked for is asked for once more, one at a time.
+    /// No chunk has come: the missing chunks are asked for once more, one at a time.
     fn again(&mut self, now: Time) {
         self.tries += 1;
         self.until = now + (self.wait * (1 << self.tries.min(CHUNK_TRIES_MAX))).min(CHUNK_WAIT_MAX);

@@ -14,7 +14,7 @@ use crate::logic::version_vector::ReplicaId;
 enum Greeting {
     /// The message needs no reaction.
     Ignored,
-    /// Somebody has copied the disk: two starts of one origin.
+    /// The disk was copied: there are two starts of one origin.
     Copied,
     /// The peer may have more than is here.
     Ahead,
@@ -40,7 +40,7 @@ enum Greeting {
     },
 }
 
-/// Returns what a replica says of itself.
+/// Returns the hello of a replica.
 pub(super) fn of(ledger: &Ledger) -> Hello {
     let (me, log, contents) = (ledger.identity.origin(), ledger.log(), ledger.contents());
     Hello {
@@ -58,7 +58,7 @@ pub(super) fn of(ledger: &Ledger) -> Hello {
     }
 }
 
-/// Returns what a hello of `from` comes to.
+/// Returns the consequence of a hello of `from`.
 fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     let (members, log) = (ledger.contents().members(), ledger.log());
     if from == ledger.identity.origin() {

@@ -1,4 +1,4 @@
-//! Buffers transactions that cannot be read yet: of a newer format, or after one that is.
+//! Buffers transactions that cannot be applied yet: transactions of a newer format, and transactions that come after one.
 //!
 //! *Rule.* Every format begins with the same [`Header`]. So a transaction that is next at its origin and whose causes
 //! are here, applied or buffered, is kept and passed on, although this program cannot read it; and so are its
@@ -9,11 +9,11 @@
 //! That way a robot with an older program still carries updates from one newer robot to another, and never shows half of them.
 //!
 //! *Retirement.* Retirements of a replica with buffered transactions are buffered too. A member that confirms a retirement
-//! counts as one that has applied everything of that replica that anybody has.
+//! counts as having applied everything of that replica that any member has.
 //!
 //! New formats are written only once [`Replica::team_format`](super::Replica::team_format) shows that every member
-//! reads them. So a transaction that has to be buffered means that a member has joined since, or that an operator was
-//! in a hurry.
+//! reads them. So a buffered transaction means that a member has joined since, or that an operator did not wait for
+//! all members.
 
 use crate::logic::log::Log;
 use crate::logic::record::Batch;

@@ -59,7 +59,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.pass(node, outcome)
     }
 
-    /// The outcome of an operand is the operator's own.
+    /// The operator ends with the outcome of this operand.
     pub(super) fn pass(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
         self.clear(node);
         Some(outcome)
@@ -115,7 +115,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.drain(node, outcome)
     }
 
-    /// Notes an outcome in a slot of `,`. An abort of a service is not kept but returned, for p-lost.
+    /// Notes the outcome of an operand of `,` in its slot. The abort of a service is not noted but returned, for the rule p-lost.
     pub(super) fn slot_service(&mut self, node: usize, operand: usize, outcome: Outcome) -> Option<Reason> {
         match outcome {
             Outcome::Aborted(reason) if self.program.nodes[operand].service => Some(reason),

@@ -43,7 +43,7 @@ pub struct ShimStart {
     pub command: Vec<String>,
 }
 
-/// Soft limits that a node has others of than its programs. None means that the node has not changed it.
+/// Soft limits in which a node differs from its programs. None means that the node has not changed the limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SoftLimits {
     /// How many files and sockets a program may have open before it asks for more.
@@ -52,7 +52,7 @@ pub struct SoftLimits {
     pub core: Option<u64>,
 }
 
-/// The limits of a program; without one the program has the shim's own.
+/// The limits of a program. Where a limit is missing, the program has that of the shim.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// Addressable memory, in bytes.

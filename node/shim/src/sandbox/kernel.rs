@@ -91,7 +91,7 @@ const REFUSED: [libc::c_long; 0] = [];
 /// folders.
 ///
 /// # Errors
-/// The kernel has it, and refuses.
+/// The kernel supports a level, and refuses it.
 pub(super) fn confine(own: [&Path; 2]) -> Result<(), String> {
     if has_landlock() {
         write_nowhere_but(&places(own)).map_err(|error| format!("a sandbox with Landlock is refused: {error}"))?;
@@ -141,7 +141,7 @@ fn open(folder: &Path, closed: &[PathBuf], places: &mut Vec<PathBuf>) {
         return places.push(folder.to_owned());
     }
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        // A link is the way to a place, and no place.
+        // A link leads to a place, and is not a place itself.
         if entry.file_type().is_ok_and(|kind| !kind.is_symlink()) {
             open(&entry.path(), closed, places);
         }
@@ -205,7 +205,7 @@ mod tests {
         if made < 0 { Error::last_os_error().raw_os_error() } else { None }
     }
 
-    /// In a thread: a filter holds for the thread that takes it.
+    /// This runs in a separate thread: a filter holds for the thread that takes it.
     #[test]
     fn no_namespace_is_made_and_processes_and_threads_are() {
         if !has_seccomp() {

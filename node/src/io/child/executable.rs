@@ -14,7 +14,7 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// How many interpreters may have interpreters. Source: execve(2), ELOOP.
+/// The longest chain of interpreters: a script whose interpreter is a script, and so on. Source: execve(2), ELOOP.
 const INTERPRETERS_MAX: usize = 4;
 /// The longest table of program headers and the longest path of a loader that is looked at, in bytes.
 const PIECE_MAX: u64 = 64 << 10;
@@ -29,7 +29,7 @@ pub fn check_executable(command: &[String], environment: &Environment) -> io::Re
     let name = command.first().map_or("", String::as_str);
     let path = environment.variables.get("PATH").map(OsString::from).or_else(|| std::env::var_os("PATH"));
     let path = path.unwrap_or_default();
-    // A relative path is one from the folder of the program.
+    // A relative path starts at the folder of the program.
     let directory = Path::new(environment.directory.as_deref().unwrap_or_default());
     let found = if name.contains('/') { vec![directory.join(name)] } else { on_path(name, &path) };
     let Some(file) = found.first().filter(|file| file.is_file()) else {
@@ -147,14 +147,14 @@ fn this() -> Option<Elf> {
     if let Format::Elf(elf) = format(&begin) { Some(elf) } else { None }
 }
 
-/// Reads a piece of a file; nothing if it is not there, or longer than any of its kind.
+/// Reads a piece of a file; nothing if the piece is not there, or is longer than any piece of its kind.
 fn piece(file: &File, Piece { offset, length }: Piece) -> Option<Vec<u8>> {
     let mut bytes = vec![0; usize::try_from(length).ok().filter(|_| length <= PIECE_MAX)?];
     file.read_exact_at(&mut bytes, offset).ok().map(|()| bytes)
 }
 
-/// Asks the kernel whether something takes files that begin so, such as an emulator: it executes a file with this beginning and nothing
-/// behind it. Any other failure leaves the question open, and the file itself is tried later.
+/// Asks the kernel whether something, such as an emulator, takes files that begin so: the kernel executes a file of this beginning
+/// alone. Any other failure leaves the question open, and the file itself is tried later.
 fn is_taken(begin: &[u8]) -> bool {
     let tried = || -> io::Result<()> {
         let mut file = File::from(memfd_create("dca-trial", MemfdFlags::CLOEXEC)?);
@@ -173,7 +173,7 @@ mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::PermissionsExt;
 
-    /// Each is found before anything runs, with its cause.
+    /// Each problem is found before anything runs, with its cause.
     #[test]
     fn what_the_kernel_cannot_execute_is_refused_with_the_cause() {
         let folder = std::env::temp_dir().join(format!("dca-executable-{}", std::process::id()));

@@ -72,7 +72,7 @@ pub fn end_round(dir: &Path, round: u32) -> bool {
     left.is_empty()
 }
 
-/// Says that processes could not be ended, if so.
+/// Reports processes that could not be ended, if there are any.
 pub fn tell_left(left: &[i32], whose: &Path) {
     if !left.is_empty() {
         tracing::error!(?left, ?whose, "processes without a shim cannot be ended: they may still move something");
@@ -237,7 +237,7 @@ pub fn has_shim(dir: &Path) -> bool {
 struct Shims(BTreeMap<PathBuf, Vec<Process>>);
 
 impl Shims {
-    /// Looks at every process once.
+    /// Finds all shims, with one look at every process.
     fn find() -> Self {
         let mut found: BTreeMap<PathBuf, Vec<Process>> = BTreeMap::new();
         for stat in processes::all().into_iter().filter(|stat| !stat.is_zombie && is_shim(stat.process.pid)) {
@@ -274,7 +274,7 @@ impl Search {
             let is_alone = !one.record.shim.is_some_and(processes::is_running);
             if let Some(program) = one.record.program.filter(|program| is_alone && one.may_be(program.pid)) {
                 processes::signal(program, Signal::TERM);
-                // A stopped process could not hear the first without the second.
+                // A stopped process does not react to the first signal without the second.
                 processes::signal(program, Signal::CONT);
             }
         }

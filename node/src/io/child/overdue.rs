@@ -1,4 +1,4 @@
-//! Whether the end of a program is overdue: the kernel says when the program has ended, and its shim, which is to say how, may be suspended.
+//! Whether the end of a program is overdue: the kernel shows when it has ended, but the shim that has to report how may be suspended.
 
 use super::leftovers::{press_shim, program_of};
 use comms::io::clock;
@@ -61,13 +61,13 @@ impl Overdue {
     pub(super) async fn wait(&self) {
         match self {
             Self::No => std::future::pending().await,
-            // An error is looked at as an end: then nothing is done to a shim that runs.
+            // An error counts as an end. The shim is then examined, and a shim that runs is left alone.
             Self::Running(descriptor) => drop(descriptor.readable().await),
             Self::Ended { look_at, .. } => clock::sleep_until(*look_at).await,
         }
     }
 
-    /// Does it: a suspended shim is resumed, and then killed.
+    /// Takes the next step: a suspended shim is resumed, and then killed.
     pub(super) async fn act(&mut self, dir: &Path) {
         let Self::Ended { looks, .. } = *self else {
             *self = Self::ended();
@@ -89,7 +89,7 @@ mod tests {
     use shim::process_record::{ProcessRecord, RECORD_FILE};
     use std::process::Command;
 
-    /// The shim is suspended between the end of its program and its word about that.
+    /// The shim is suspended between the end of its program and its report of that end.
     #[test]
     fn a_program_that_was_reaped_before_its_node_looks_has_ended() {
         let dir = std::env::temp_dir().join(format!("dca-overdue-{}", std::process::id()));

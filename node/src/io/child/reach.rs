@@ -8,7 +8,7 @@ use shim::protocol::ShimReport;
 use std::path::Path;
 use std::time::Duration;
 
-/// Until a shim that does not answer is tried again: it is suspended, or begins just now.
+/// The pause before a shim that does not answer is tried again: it is suspended, or has only just begun.
 const AGAIN: Duration = Duration::from_millis(100);
 
 /// The fate of a program while there was no node.

@@ -16,7 +16,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// How many bytes of transactions are kept although everybody has them, so that they can be looked at.
+/// How many bytes of transactions are kept for the history, although every member has them.
 const LOG_SIZE: usize = 64 << 20;
 
 /// A store, and the options to open it again.
@@ -77,7 +77,7 @@ impl Place {
         )
     }
 
-    /// Opens the store again, after letting go of it.
+    /// Closes the store, and opens it again.
     pub(super) fn reopen(&mut self) -> anyhow::Result<Replica> {
         self.store = None;
         if self.presence.as_ref().is_some_and(|presence| !presence.is_replaced()) {

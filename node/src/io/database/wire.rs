@@ -1,5 +1,5 @@
-//! Messages of replicas over the node's session: news and words to one are puts that may be lost, questions go to exactly
-//! one and have a deadline of their own. The replica asks again for whatever does not arrive.
+//! Messages of replicas over the node's session. News to all and messages to one replica are puts that may be lost. A
+//! question goes to exactly one replica and has its own deadline. The replica asks again for whatever does not arrive.
 
 use super::{Arrival, Handle};
 use crate::logic::database::question::Envelope;
@@ -28,7 +28,7 @@ pub(super) enum Outgoing {
     Ask(ReplicaId, Vec<u8>, Duration),
     /// The answer to a question.
     Reply(Box<Request>, Vec<u8>),
-    /// From now on this replica bears this name.
+    /// This replica has this name from now on.
     Address(ReplicaId),
 }
 

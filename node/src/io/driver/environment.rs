@@ -19,7 +19,7 @@ const OF_ONE_PROCESS: [&str; 4] = ["DCA_", "NOTIFY_SOCKET", "WATCHDOG_", "LISTEN
 pub enum Inherited {
     /// All: the node belongs to one command.
     All,
-    /// The usual ones, and these: names, or how names begin.
+    /// The usual variables, and these: names, or beginnings of names.
     Listed(Vec<String>),
 }
 

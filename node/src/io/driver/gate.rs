@@ -12,11 +12,11 @@ use comms::io::control::ControlSender;
 use comms::logic::control::{Order, UserCall};
 use comms::logic::object::Warrant;
 
-/// How many orders were accepted and are not answered yet; of more, the latest.
+/// How many accepted orders without an answer are remembered; if there are more, the latest ones.
 const ACCEPTED_MAX: usize = 256;
 
 impl Driver {
-    /// Takes a call: at once if it needs no signature, or this node is in no team; else when it is written down that it was accepted.
+    /// Takes a call. A call that needs no signature is taken at once; in a team, any other call once its acceptance is on the disk.
     pub(super) fn called(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
         let Some(guard) = self.gate.guard.clone() else {
             if matches!(request, Request::Signed(_)) {
@@ -129,7 +129,7 @@ impl Driver {
         }
     }
 
-    /// Puts into the audit log that the node leaves before orders that were accepted are answered.
+    /// Writes to the audit log that the node leaves before some accepted orders are answered.
     pub(super) fn leave_orders(&mut self) {
         let guard = self.gate.guard.iter();
         guard.for_each(|guard| self.gate.accepted.values().for_each(|attempt| guard.ended(attempt, None)));

@@ -8,7 +8,8 @@ use crate::logic::effect::{Effect, ProcessId};
 use comms::io::clock::{self, Wakeup};
 
 impl Driver {
-    /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
+    /// Gives the waiting inputs to the agent and carries out its effects, which may bring more inputs. Returns whether the node is
+    /// to leave.
     pub(super) fn drain(&mut self) -> bool {
         let mut over = false;
         while let Some(input) = self.queues.pending.pop_front() {
@@ -36,7 +37,7 @@ impl Driver {
         self.queues.tasks.spawn_blocking(move || {
             clock::make_punctual();
             Wakeup::default().wait(Some(at));
-            // A loop that is so busy that nothing more can wait for it looks at its timers in any case.
+            // If the queue of the loop is full, the loop is busy and looks at its timers in any case.
             drop(events.try_send(Event::Alarm));
         });
     }

@@ -12,10 +12,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::oneshot;
 
-/// How often children are looked for that have ended, and that nothing here waits for.
+/// How often this node looks for ended children that no task waits for.
 const REAP_EVERY: Duration = Duration::from_secs(10);
 
-/// Collects the ends of orphans, for ever: the kernel keeps each until then.
+/// Collects orphans that have ended, for ever: the kernel keeps each ended process until it is collected.
 pub(super) async fn reap_orphans() {
     let mut seen = BTreeSet::new();
     loop {

@@ -20,7 +20,7 @@ use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart, SoftLimits};
 use std::path::PathBuf;
 use tokio::sync::mpsc;
 
-/// Says why a program cannot be started. Blocks.
+/// Returns why a program cannot be started. Blocks.
 fn examine(order: &SpawnOrder, folder: &StartFolder, policy: &ExecutionPolicy) -> anyhow::Result<()> {
     let directory = folder.of(order.environment.directory.as_deref()).map_err(anyhow::Error::msg)?;
     folder::check_directory(&directory).map_err(anyhow::Error::msg)?;
@@ -58,7 +58,7 @@ impl Driver {
         }
     }
 
-    /// Works out how a program is started, and opens the way for its orders.
+    /// Determines how a program is started, and opens the channel for its orders.
     pub(super) fn start(&mut self, order: SpawnOrder) -> Start {
         let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
         let process = order.process.clone();
@@ -126,7 +126,7 @@ impl Driver {
     /// Tells a program that is back how many of its notices are here, and every order after the first `taken`.
     ///
     /// # Errors
-    /// It is of another version, has missed more than is kept, or does not take its orders: for a person.
+    /// The program is of another version, has missed more than is kept, or does not take its orders: for a person.
     pub(super) fn resume(
         &self,
         process: &ProcessId,

@@ -1,6 +1,6 @@
 //! The programs of a killed node, until each has reported its changes to the new node.
 //!
-//! Two tell: the shim of a program, and a controller itself, which connects again and says how many notices it has made.
+//! The shim of a program reports, and so does a controller itself: it connects again and says how many notices it has made.
 
 use crate::logic::effect::ProcessId;
 use std::collections::BTreeMap;
@@ -50,7 +50,7 @@ impl Returning {
         self.programs.entry(process.clone()).and_modify(|missing| *missing = Missing::default());
     }
 
-    /// Returns the programs that have told everything, and forgets them; `taken` is how many notices of a program were taken.
+    /// Returns the programs that have reported everything, and forgets them; `taken` is how many notices of a program were taken.
     pub(super) fn complete(&mut self, taken: impl Fn(&ProcessId) -> u64) -> Vec<ProcessId> {
         let has_told = |process: &ProcessId, missing: &mut Missing| {
             !missing.shim && !missing.connection && missing.notices <= taken(process)

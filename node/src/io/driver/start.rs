@@ -1,4 +1,4 @@
-//! The beginning of a node: its folder, the state of the node before, the types of its programs, and the options of its
+//! The beginning of a node: its folder, the state of the previous node, the types of its programs, and the options of its
 //! database.
 
 use super::{Config, adoption};
@@ -115,8 +115,8 @@ fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
     Ok(others.map(|(_, socket)| format!("unixsock-stream/{}", socket.display())).collect())
 }
 
-/// Returns whether the node that listens on a socket of this machine is of the same team, or of none as this one. A node writes that
-/// down before it looks for others, so of two that start at once one sees the other.
+/// Returns whether the node that listens on a socket of this machine is in the same team, or in no team like this one. A node
+/// writes that down before it looks for others. So if two nodes start at once, one of them sees the other.
 fn is_of_team(config: &Config, socket: &Path) -> bool {
     file::bytes(&socket.with_file_name(TEAM), TEAM_MAX).is_ok_and(|other| other == team(config).as_bytes())
 }

@@ -25,7 +25,7 @@ impl Agent {
         }
     }
 
-    /// Has the driver let those hear of this node all the time who matter now.
+    /// Has the driver send the beats of this node to the hosts that matter now.
     pub(super) fn beat(&mut self, out: &mut Out<'_>) {
         let beaten = self.peers.names.beaten();
         if beaten != self.peers.beaten {

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a node waits after its start for word of others, before it begins anything again.
+/// How long a node waits after its start for messages of others, before it resumes anything.
 const BOOT_WAIT: Duration = Duration::from_secs(10);
 /// How long it waits for hosts that take part, which may boot later.
 const BOOT_WITHIN: Duration = Duration::from_secs(120);
@@ -35,7 +35,7 @@ pub(super) struct Resumed {
     /// The deployment that ran before the reboot.
     from: Deployment,
     origin: u64,
-    /// When it may begin; nothing once that is past.
+    /// The earliest time at which it may begin; nothing once that time has passed.
     pub(super) earliest: Option<Time>,
     permission: Permission,
 }
@@ -43,7 +43,7 @@ pub(super) struct Resumed {
 /// Whether the user who signed the deployment may still have it: the key may have been revoked since.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Permission {
-    /// Not known. It is asked when everything else is there, so that all have been heard who know of a revocation.
+    /// Not known yet. The question comes last, so that all hosts that know of a revocation have been heard before.
     Unknown,
     /// Asked.
     Asked,
@@ -152,7 +152,7 @@ impl Agent {
         }
     }
 
-    /// Begins one again, if nothing is against it and, in a team, its signer still may have it.
+    /// Resumes a deployment, if nothing is against it and, in a team, its signer still has permission.
     pub(super) fn resume(&mut self, mut one: AwaitingHosts, out: &mut Out<'_>) {
         let obstacle = self.obstacle(out.now);
         let Some(resumed) = &mut one.resumed else { return };
@@ -197,7 +197,7 @@ impl Agent {
         }
     }
 
-    /// Says why a deployment is not resumed after all.
+    /// Reports why a deployment is not resumed after all.
     pub(super) fn not_resumed(&mut self, resumed: &Resumed, why: &str, out: &mut Out<'_>) {
         let deployment = resumed.from.clone();
         tracing::warn!(%deployment, why, "it is not resumed");
@@ -244,14 +244,14 @@ impl Agent {
         out.effects.push(Effect::KeepTombstones(self.pending.tombstones.iter().cloned().collect()));
     }
 
-    /// Tells a home that is there of its deployments that were stopped while it was away.
+    /// Tells a reachable home which of its deployments were stopped while it was away.
     pub(super) fn tell_tombstones(&self, home: &str, out: &mut Out<'_>) {
         for tombstone in self.pending.tombstones.iter().filter(|tombstone| tombstone.home == home) {
             out.send(home, Message { deployment: tombstone.deployment.clone(), body: Body::Stopped });
         }
     }
 
-    /// Takes the word of another node that a deployment of this home was stopped while it was away.
+    /// Takes the message of another node that a deployment of this home was stopped while the home was away.
     pub(super) fn was_stopped(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
         let is_meant = |name: &str, origin: u64| name == deployment.name && origin <= deployment.epoch;
         let waiting = |one: &mut AwaitingHosts| {
@@ -277,7 +277,7 @@ impl Agent {
         }
     }
 
-    /// Forgets a tombstone of which its home has heard.
+    /// Forgets a tombstone that its home has heard of.
     pub(super) fn mourned(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
         let count = self.pending.tombstones.len();
         self.pending.tombstones.retain(|tombstone| tombstone.home != from || tombstone.deployment != *deployment);
@@ -286,7 +286,7 @@ impl Agent {
         }
     }
 
-    /// Has everything kept on the disk that is to be there, and nothing else: a node that was killed may not have come to it.
+    /// Has the right records kept on the disk, and no others: a node that was killed may not have written or removed some.
     pub(super) fn keep_all(&self, out: &mut Out<'_>) {
         let running = self.coordinators.values().filter_map(Coordinator::kept);
         let waiting = self.pending.awaiting.iter().filter_map(AwaitingHosts::kept);

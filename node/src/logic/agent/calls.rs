@@ -70,7 +70,7 @@ impl Agent {
             Request::Names => out.answer(call, Answer::Names(self.given_names())),
             Request::Events { follow: true } => {
                 self.tell_events(call, true, out);
-                // That was all up to now.
+                // The empty list marks that these were all events up to now.
                 out.answer(call, Answer::Events(Vec::new()));
                 return self.callers.listeners.push(call);
             }
@@ -84,7 +84,7 @@ impl Agent {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
                 None => out.answer(call, unknown(&deployment)),
             },
-            // Others answer these; an agent alone has no database and no team.
+            // Other parts of a node answer these requests; an agent alone has no database and no team.
             Request::Unlinked => out.answer(call, Answer::Unlinked(Vec::new())),
             Request::Credentials => out.answer(call, Answer::Credentials(Vec::new())),
             Request::Clock | Request::Team | Request::Signed(_) | Request::Revoke { .. } => elsewhere(call, out),
@@ -94,13 +94,13 @@ impl Agent {
         out.effects.push(Effect::EndAnswers { call });
     }
 
-    /// Tells every event of the deployments that have their home here, and those to come to a listener that stays.
+    /// Reports every event of the deployments that have their home here; a listener that stays also gets the future events.
     pub(super) fn tell_events(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
         self.past.over.iter().rev().for_each(|history| history.tell(call, out));
         self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, stays, out));
     }
 
-    /// Tells the reports of a deployment that is over, behind the first `seen` ones.
+    /// Sends the reports of a deployment that is over, after the first `seen` reports.
     fn watch_over(&self, call: u64, deployment: &Deployment, seen: u64, out: &mut Out<'_>) {
         match self.past.over.iter().find(|over| over.deployment() == deployment) {
             Some(history) => history.tell_missed(call, seen, out),
@@ -208,7 +208,7 @@ impl Agent {
         }
     }
 
-    /// Returns how it is with something that was deployed under a name and has not ended, for a person.
+    /// Returns the state of a deployment of this name that has not ended, for a person.
     fn holder(&self, name: &str) -> Option<String> {
         let begun = self.coordinators.iter().find(|(other, _)| other.name == name).map(|(_, home)| home.begun_by());
         let waiting = || self.pending.awaiting.iter().find(|one| one.plan.name == name);
@@ -233,7 +233,7 @@ impl Agent {
         }
     }
 
-    /// Begins the deployments whose hosts are all there, or have had their time.
+    /// Begins the deployments whose hosts are all there, or whose time of waiting is over.
     pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
         for resumed in self.pending.awaiting.iter_mut().filter_map(|one| one.resumed.as_mut()) {
             resumed.earliest.take_if(|earliest| *earliest <= out.now);
@@ -276,7 +276,7 @@ impl Agent {
         self.participants.get(deployment).map(Participant::programs).or_else(past)
     }
 
-    /// Finds the one leaf of this host that is meant: of the deployments that run, else of the latest that has one.
+    /// Finds the one leaf of this host that is meant: among the running deployments, otherwise in the latest one that has it.
     fn find(&self, deployment: Option<&str>, process: &str) -> Result<ProcessId, String> {
         let end = format!("/{process}");
         let meant = |(id, programs): (&Deployment, Vec<(u32, String)>)| {

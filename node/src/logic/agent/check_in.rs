@@ -57,7 +57,7 @@ impl Agent {
         }
     }
 
-    /// Takes the answer of a home: what waited for it goes on.
+    /// Takes the answer of a home: everything that waited for the answer goes on.
     pub(super) fn checked_in(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
         let theirs = self.participants.values_mut().filter(|participant| participant.home() == from);
         let waiting = theirs.filter(|participant| participant.checks_in() == Some(number));

@@ -8,13 +8,13 @@ use std::time::Duration;
 
 /// How often a node may be killed,
 const KILLS_MAX: usize = 5;
-/// within this time, before it takes nothing new on for as long.
+/// within this time. After that, it takes nothing new on for the same time.
 const WITHIN: Duration = Duration::from_secs(60);
 
 impl Agent {
-    /// Takes note that it was made again from its inputs, and how long it was gone.
+    /// Takes note that this agent was made again from its inputs, and how long it was gone.
     pub(super) fn adopted(&mut self, now: Time, away: Duration) {
-        // The user who started it again wants it to be there.
+        // The user who started this node again wants it to stay.
         (self.run.leaving, self.run.lingers_until) = (false, None);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));
         self.participants.values_mut().for_each(|participant| participant.adopted(away));
@@ -24,7 +24,7 @@ impl Agent {
         }
     }
 
-    /// Says why this node takes nothing new on, where it is killed again and again.
+    /// Returns why this node takes nothing new on, if it is killed again and again.
     pub(super) fn crash_loop(&self, now: Time) -> Option<String> {
         let first = self.run.adoptions.front().filter(|_| self.run.adoptions.len() > KILLS_MAX)?;
         let last = self.run.adoptions.back()?;

@@ -83,7 +83,7 @@ impl Agent {
         }
     }
 
-    /// Carries out a step of a change; what others hold is not taken.
+    /// Carries out a step of a change. Devices that other deployments hold are not taken.
     pub(super) fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
         let host = &self.identity.host;
         if let Some(reply) = self.against_change(deployment, &order) {
@@ -149,7 +149,7 @@ impl Agent {
         }
     }
 
-    /// Returns why nothing of a deployment is here that once was.
+    /// Returns why nothing is left here of a deployment that once had a part here.
     fn cause_of_absence(&self) -> FailureCause {
         self.stopped_by().cloned().map_or_else(gone, FailureCause::Estop)
     }
@@ -225,13 +225,13 @@ impl Agent {
     }
 }
 
-/// Whether a message is the home's alone to send.
+/// Whether only the home may send this message.
 fn is_for_home(message: &ToParticipant) -> bool {
     use ToParticipant as To;
     matches!(message, To::Connect { .. } | To::Go | To::GoAt { .. } | To::ReadClock { .. })
 }
 
-/// Whether a message orders processes about, which are not there yet where a host rejoins.
+/// Whether a message gives orders to processes. A host that rejoins does not have its processes yet.
 fn is_for_members(message: &ToParticipant) -> bool {
     matches!(message, ToParticipant::Activate { .. } | ToParticipant::Stop { .. })
 }

@@ -17,7 +17,7 @@ pub(super) struct Stopped {
     releasing: Vec<(u64, bool)>,
     /// The numbers of the last write requested and of the last write that is over.
     writes: (u64, u64),
-    /// Why the disk does not have it.
+    /// Why the last write has not reached the disk.
     unwritten: Option<String>,
     /// The work that may go on outside of programs that have ended while callers wait.
     open: Vec<String>,
@@ -61,7 +61,7 @@ impl Agent {
         self.keep_estop(out);
     }
 
-    /// Has it written down how it is; a node that was killed may not have come to it.
+    /// Has the present state written to the disk: a node that was killed may not have written it.
     pub(super) fn keep_estop(&mut self, out: &mut Out<'_>) {
         self.stopped.writes.0 += 1;
         out.effects.push(Effect::KeepEstop { number: self.stopped.writes.0, estop: self.stopped.by.clone() });
@@ -112,7 +112,7 @@ impl Agent {
         self.stopped.by.as_ref()
     }
 
-    /// Says why this node begins nothing, if it does not.
+    /// Returns why this node begins nothing, if that is so.
     pub(super) fn obstacle(&self, now: Time) -> Option<String> {
         let stopped = || {
             let by = self.stopped.by.as_ref()?;
@@ -121,7 +121,7 @@ impl Agent {
         self.namesake().or_else(stopped).or_else(|| self.crash_loop(now))
     }
 
-    /// Begins with everything stopped, if it was when the node before it ended.
+    /// Begins with everything stopped, if everything was stopped when the previous node ended.
     pub(super) fn stopped_before(by: Option<Estop>) -> Stopped {
         Stopped { by, ..Stopped::default() }
     }

@@ -9,7 +9,7 @@ use comms::logic::control::Partner;
 use language::plan::Plan;
 use std::collections::BTreeMap;
 
-/// For each deployment, those of its programs that other deployments call, with their callers.
+/// For each deployment, the programs that other deployments call, with their callers.
 type Clients = BTreeMap<Deployment, BTreeMap<u32, Vec<Partner>>>;
 
 impl Agent {

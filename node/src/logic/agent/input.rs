@@ -28,7 +28,7 @@ pub enum Input {
         /// Its boot number.
         boot: u64,
     },
-    /// A node asks whether this one is there, which has been answered.
+    /// A node asks whether this one is there. The driver has already answered.
     Ping {
         /// Its name.
         host: String,
@@ -53,7 +53,7 @@ pub enum Input {
         /// The number of the call.
         call: u64,
     },
-    /// A word from a shim, with the end of the program's output.
+    /// A report of a shim, with the end of the program's output.
     Shim {
         /// The program.
         process: ProcessId,
@@ -63,7 +63,7 @@ pub enum Input {
         /// The last lines that the program has written, if the report says that it ended.
         output: Vec<String>,
     },
-    /// A word from a controller.
+    /// A notice of a controller.
     Control {
         /// The program.
         process: ProcessId,
@@ -117,7 +117,7 @@ pub enum Input {
     Configured {
         /// The program.
         process: ProcessId,
-        /// Each with its value as a spec spells it, or nothing if the spec's counts again.
+        /// Each parameter with its value as a spec spells it, or nothing if the value of the spec counts again.
         parameters: Vec<(String, Option<String>)>,
     },
     /// The answer to [`Effect::FindPrograms`].
@@ -140,7 +140,7 @@ pub enum Input {
     },
     /// This agent was made again from its inputs after its node was killed, and its programs are being reached again.
     Adopted {
-        /// How long it was gone.
+        /// How long the agent was gone.
         away: Duration,
         /// The programs that are being reached.
         programs: BTreeSet<ProcessId>,
@@ -156,7 +156,7 @@ pub enum Input {
         /// The time it showed at [`Time::ZERO`](comms::logic::time::Time::ZERO), since 1970.
         origin: Duration,
     },
-    /// Leave: stop everything that has its home here, and release everything else.
+    /// The node is to leave: it stops everything that has its home here, and releases everything else.
     Leave,
     /// A deadline may have passed.
     Tick,

@@ -1,4 +1,4 @@
-//! Questions for every event so far, which are answered once everybody has reported.
+//! Questions for every event so far, which are answered once every host has reported.
 //!
 //! Only the home of a deployment has its events. Events of another host may still be on their way, or wait there for a
 //! home that was cut off or killed. So the home asks each host of its deployments. Messages of a host arrive in order,
@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long a question waits: less than its caller does.
+/// How long a question waits: less long than its caller waits.
 pub(in crate::logic) const WITHIN: Duration = Duration::from_secs(3);
-/// How many questions may wait, and how many of other hosts. Further questions are answered without waiting.
+/// How many questions of callers may wait, and how many questions of other hosts. Further questions are answered without waiting.
 const OPEN_MAX: usize = 64;
 
 /// The questions that wait.
@@ -27,7 +27,7 @@ pub(super) struct Inquiries {
     /// How many were asked.
     count: u64,
     open: Vec<Inquiry>,
-    /// Programs that the node before has left, and whose shims are not reached again.
+    /// Programs that the previous node has left, and whose shims are not reached again yet.
     unreached: BTreeSet<ProcessId>,
     /// The homes that have asked in the meantime, each with the number of its question.
     asked_by: BTreeSet<(String, u64)>,
@@ -107,7 +107,7 @@ impl Agent {
         }
     }
 
-    /// Takes the answer of a host: all that it had to report by the question has come before.
+    /// Takes the answer of a host: all events of the host before the question have arrived before this answer.
     pub(super) fn reported(&mut self, number: u64, from: &str) {
         self.callers.inquiries.answered(number, from);
     }
@@ -120,7 +120,7 @@ impl Agent {
                 out.send(&home, Message::about_none(Body::Reported { number }));
             }
         }
-        // The shims of a host tell of nothing that has its home elsewhere.
+        // The shims of this host report no events of deployments whose home is another host.
         let waits_for_shims = !is_reached && !self.coordinators.is_empty();
         let names = &self.peers.names;
         let is_due = |inquiry: &mut Inquiry| {

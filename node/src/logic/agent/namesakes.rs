@@ -23,7 +23,7 @@ pub(super) struct Rivalry {
 }
 
 impl Agent {
-    /// Says why this node takes nothing on, where another one has its name.
+    /// Returns why this node takes nothing on, if another node has its name.
     pub(super) fn namesake(&self) -> Option<String> {
         let host = &self.identity.host;
         if let Some(place) = self.peers.names.elder() {
@@ -87,13 +87,13 @@ impl Agent {
         }
     }
 
-    /// Answers which names two nodes have.
+    /// Returns the names that two nodes have.
     pub(super) fn duplicates(&self) -> Answer {
         let place = format!("process {} on the host of the node that says so", self.identity.pid);
         Answer::Duplicates(self.peers.names.duplicates(&place))
     }
 
-    /// Returns every deployment that has a part here which does not end, and whether its home is reached.
+    /// Returns every deployment with a part here that is not about to end, and whether its home is reached.
     fn own_deployments(&self) -> BTreeMap<Deployment, bool> {
         let homes = self.coordinators.iter().filter(|(_, home)| !home.is_ending()).map(|(one, _)| (one.clone(), true));
         let reaches = |home: &str| home == self.identity.host || self.peers.names.reaches(home);

@@ -99,7 +99,7 @@ impl Agent {
         }
     }
 
-    /// Says what became of an order that was accepted, if this is the answer to it.
+    /// Notes the outcome of an accepted order, if this message is the answer to that order.
     pub(super) fn note_outcome(&mut self, to: &str, message: &Message, effects: &mut Vec<Effect>) {
         let Body::Coordinator(answer) = &message.body else { return };
         let mut accepted = self.orders.accepted.iter();

@@ -56,7 +56,7 @@ impl Agent {
         }
     }
 
-    /// Says to the others that this node leaves, unless something may run on after it, and ends when they have heard it.
+    /// Announces to the others that this node leaves, unless something may run on after it, and ends when they have acknowledged.
     fn take_leave(&mut self, now: Time, effects: &mut Vec<Effect>) {
         // A node that is gone cannot send its last messages again; without them the others would wait for it.
         let until = match self.run.lingers_until {
@@ -79,8 +79,8 @@ impl Agent {
         }
     }
 
-    /// Takes note that nothing is left of a program, which could not be ended when its deployment was. With the last one the
-    /// home is told.
+    /// Takes note that nothing is left of a program which could not be ended with its deployment. After the last such program,
+    /// the home is told.
     pub(super) fn loose_ended(&mut self, process: &ProcessId, out: &mut Out<'_>) {
         let Some(loose) = self.past.unended.get_mut(&process.deployment) else { return };
         loose.leaves.remove(&process.leaf);
@@ -91,13 +91,13 @@ impl Agent {
         }
     }
 
-    /// Takes a person's word that nothing is left of a deployment that is over; says whether anything was taken to be.
+    /// Takes a user's statement that nothing is left of a deployment that is over; returns whether anything was listed as left.
     pub(super) fn forget(&mut self, deployment: &Deployment) -> bool {
         let is_listed = self.peers.absence.forget(deployment);
         self.past.unended.remove(deployment).is_some() || is_listed
     }
 
-    /// Adds what could not be ended here and is not listed: its home may have forgotten it.
+    /// Adds deployments that could not be ended here and are not listed: their homes may have forgotten them.
     pub(super) fn tell_unended(&self, ends: &mut Vec<OpenEnd>) {
         for (deployment, unended) in &self.past.unended {
             if ends.iter().all(|end| end.deployment != *deployment) {

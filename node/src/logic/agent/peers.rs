@@ -6,11 +6,11 @@ use crate::logic::link::{Frame, Link, Received};
 use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Body, Deployment, Message, ToCoordinator};
 
-/// Of how many boots of one name links are kept.
+/// For how many boots of one name links are kept.
 const LINKS_MAX: usize = 4;
 
 impl Agent {
-    /// Works out which nodes are there now, and tells everything that the changes concern.
+    /// Determines which nodes are there now, and reports the changes to everything that they concern.
     pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
         self.attend(out.now);
         let (changes, round) = self.peers.names.tick(out.now);
@@ -47,7 +47,7 @@ impl Agent {
             self.host_lost(host, out);
         }
         let links = self.peers.links.entry(host.to_owned()).or_default();
-        // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
+        // The link to a boot that is back continues: that boot has not forgotten the link either.
         let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
         let mut link = known.unwrap_or_else(|| Link::new(out.now, &self.identity.host, self.identity.boot, boot));
         link.reached(out.now);
@@ -114,7 +114,7 @@ impl Agent {
                 }
             }
             None if is_known => {
-                // So much is unacknowledged that it counts as lost.
+                // So many messages are unacknowledged that the node counts as lost.
                 self.peers.names.lose(out.now, to);
                 self.host_lost(to, out);
             }
@@ -125,7 +125,7 @@ impl Agent {
         }
     }
 
-    /// Takes the word of a host about a deployment that is over here.
+    /// Takes the report of a host about a deployment that is over here.
     pub(super) fn confirm(&mut self, deployment: &Deployment, message: &ToCoordinator, from: &str) {
         if *message == ToCoordinator::Released {
             self.peers.absence.confirmed(deployment, from);

@@ -1,4 +1,4 @@
-//! Words that promise that a deployment does not begin again: each is said once the disk has it.
+//! Answers that promise that a deployment does not begin again: each is sent once the disk has forgotten the deployment.
 
 use super::calls::STOPPED;
 use super::{Agent, AwaitingHosts};
@@ -7,11 +7,11 @@ use crate::logic::protocol::{Answer, Body, Deployment, Message, StopReply};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The words that wait for the disk, by the deployment that it is to forget.
+/// The answers that wait for the disk, by the deployment that the disk is to forget.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Promises(BTreeMap<Deployment, Vec<Promise>>);
 
-/// A word that waits for the disk.
+/// An answer that waits for the disk.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Promise {
     /// To the call that has asked for the stop.
@@ -21,7 +21,7 @@ pub(super) enum Promise {
 }
 
 impl Promises {
-    /// Returns whether no word waits.
+    /// Returns whether no answer waits.
     pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -34,12 +34,13 @@ impl Promises {
 }
 
 impl Agent {
-    /// Says this once the disk has forgotten a deployment, which was asked for before.
+    /// Sends this answer once the disk has forgotten a deployment. The disk was asked before.
     pub(super) fn promise(&mut self, deployment: Deployment, promise: Promise) {
         self.callers.promises.0.entry(deployment).or_default().push(promise);
     }
 
-    /// Stops a deployment of this name that has not begun, and answers when it is certain that it never does; says whether there is one.
+    /// Stops a deployment of this name that has not begun, and answers when it is certain that it never begins. Returns whether
+    /// there is such a deployment.
     pub(super) fn stop_waiting(&mut self, call: u64, name: &str, out: &mut Out<'_>) -> bool {
         let is_meant = |one: &&AwaitingHosts| one.plan.name == name;
         let Some(one) = self.pending.awaiting.iter().find(is_meant) else { return false };
@@ -65,7 +66,7 @@ impl Agent {
                     let said = written.as_ref().map_or_else(refused, |()| Answer::Stop(StopReply::Stopped));
                     out.answer_last(call, said);
                 }
-                // A host that does not hear it tells it again when it has been away.
+                // A host that misses this answer sends its tombstone again after its return.
                 Promise::Mourned(to, stopped) if written.is_ok() => {
                     out.send(&to, Message { deployment: stopped, body: Body::Mourned });
                 }
@@ -81,7 +82,7 @@ impl Agent {
         )
     }
 
-    /// Asks the disk again whose answers a killed node has not heard.
+    /// Asks the disk again, because a killed node has not heard the answers.
     pub(super) fn unkeep_again(&mut self, out: &mut Out<'_>) {
         let promised = self.callers.promises.0.keys();
         out.effects.extend(promised.map(|deployment| Effect::Unkeep { deployment: deployment.clone() }));

@@ -1,4 +1,4 @@
-//! Messages by way of another node, where two do not reach each other.
+//! Messages through a third node, for two nodes that do not reach each other.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
@@ -17,7 +17,7 @@ impl Agent {
         }
     }
 
-    /// Sends a frame to another node, by way of a third where it has to.
+    /// Sends a frame to another node, through a third node if necessary.
     pub(super) fn send_frame(&mut self, to: &str, frame: Frame, out: &mut Out<'_>) {
         let Some(via) = self.peers.names.detour(to).map(str::to_owned) else {
             return out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });

@@ -19,11 +19,11 @@ use std::time::Duration;
 
 /// How often each host is asked.
 const EXCHANGES: u32 = 8;
-/// How long after GO programs begin at the least: supervisors activate them, and producers open their wires.
+/// The least time from GO to the start of programs: supervisors activate them, and producers open their wires.
 const LEAD: Duration = Duration::from_millis(100);
-/// How many of the longest round trips are added to that.
+/// How many times the longest round trip is added to `LEAD`.
 const LEAD_TRIPS: u32 = 4;
-/// How long after GO at the most.
+/// The longest time from GO to the start of programs.
 const LEAD_MAX: Duration = Duration::from_millis(500);
 
 /// The clocks of the other hosts of a deployment.
@@ -70,7 +70,7 @@ impl Exchange {
 }
 
 impl Clocks {
-    /// Takes the answer of a host; returns whether these are enough.
+    /// Takes the answer of a host; returns whether the answers are enough.
     pub(super) fn read(&mut self, host: &str, exchange: Exchange) -> bool {
         let clock = self.0.entry(host.to_owned()).or_default();
         clock.answers += 1;

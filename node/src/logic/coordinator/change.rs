@@ -6,7 +6,7 @@
 //!                                                         ▼
 //!                                       the same with the previous plan ─▶ taken back
 //! ```
-//! Whether it was made or taken back, the hosts get `Settle` at its end. Only then they free the claims of programs that have gone.
+//! At the end of a change, made or taken back, the hosts get `Settle`. Only then they free the claims of programs that have gone.
 //!
 //! Only one change is made at a time, and each request names the revision that it was made for. Of two users the first one wins, and
 //! the other user is told the name of the first.
@@ -32,7 +32,7 @@ const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
 const APPLY_WITHIN: Duration = Duration::from_secs(45);
 /// How long new links have to stand.
 const LINK_WITHIN: Duration = Duration::from_secs(48);
-/// How much longer than `Init` and their probation hosts have to say that all is well.
+/// How long hosts have to report that all is well, in addition to `Init` and the probation.
 const HEALTHY_WITHIN: Duration = Duration::from_secs(10);
 /// The longest probation.
 const PROBATION_MAX: Duration = Duration::from_secs(600);
@@ -62,7 +62,7 @@ struct Change {
     before: Arc<Plan>,
     /// Why it is taken back.
     reasons: Vec<String>,
-    /// Where added programs are.
+    /// The locations of added programs.
     facts: Vec<LeafFacts>,
 }
 

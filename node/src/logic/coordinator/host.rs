@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 pub(super) struct HostPart {
     reach: Reach,
     part: Part,
-    /// How far it is with taking part again.
+    /// The progress of its rejoining.
     pub(super) rejoin: Option<Rejoin>,
 }
 
@@ -81,7 +81,7 @@ impl HostPart {
         self.is_active()
     }
 
-    /// Takes its return; returns whether it is to release everything. A host that was only missed while it rejoins goes on with that.
+    /// Takes its return; returns whether it is to release everything. A rejoining host that was only missing continues to rejoin.
     pub(super) fn is_back(&mut self) -> bool {
         if self.has_failed() {
             self.reach = Reach::Back;
@@ -109,12 +109,12 @@ impl HostPart {
         }
     }
 
-    /// It is asked to take part again: from now on it may hold something.
+    /// The host is asked to take part again: from now on it may hold something.
     pub(super) fn rejoins(&mut self) {
         (self.reach, self.part) = (Reach::Back, Part::Active);
     }
 
-    /// Returns why its release is unconfirmed at the end, if it is. `is_late` if it was asked and did not answer.
+    /// Returns why its release is unconfirmed at the end, if that is so. `is_late` means that it was asked and did not answer.
     pub(super) fn unconfirmed(&self, is_late: bool) -> Option<Why> {
         match self.part {
             Part::Unable => Some(Why::Unable),

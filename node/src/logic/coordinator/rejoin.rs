@@ -5,8 +5,8 @@
 //!   ▲                  └────── refused, too late, failed ──┘
 //!   └──── Failed: it is told `Release` until it has confirmed ◀┘
 //! ```
-//! Nothing runs by that. The processes that ran there have failed, and the expression decides. But the next activation finds its program,
-//! so `retry` and `;;` continue after a host was away. The host itself tells the others where its programs are, and they open their wires again.
+//! Rejoining activates nothing. The processes that ran there have failed, and the expression decides. But the next activation finds
+//! its program, so `retry` and `;;` continue after a host was away. The host itself tells the others where its programs are, and they open their wires again.
 //!
 //! A host that refuses is asked again, less and less often. While a change is made, no host is asked.
 
@@ -22,16 +22,16 @@ use std::time::Duration;
 
 /// The delay before a host is asked for the first time; each further delay is twice as long.
 const FIRST: Duration = Duration::from_millis(200);
-/// How seldom it is asked in the end.
+/// The longest pause between two questions to a host.
 const SELDOM: Duration = Duration::from_secs(30);
-/// How often hosts rejoin a deployment at the most: their supervisors' numbers would repeat.
+/// How often hosts rejoin a deployment at most. After more rejoins, the numbers of their supervisors would repeat.
 const REJOINS_MAX: u32 = 1000;
 
-/// How far a host is with taking part again.
+/// The progress of a host that rejoins.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Rejoin {
     step: Step,
-    /// When it is asked, or too late.
+    /// When the host is asked next, or when its step is too late.
     due: Time,
     /// How long it waits after the next refusal.
     pause: Duration,
@@ -118,7 +118,7 @@ impl Mission {
         self.tell(name, ToParticipant::Rejoin { plan, number, since_go: self.since_go(out.now) }, out);
     }
 
-    /// Returns how far a host is, if it is at this step.
+    /// Returns the progress of a host, if it is at this step.
     fn rejoining(&mut self, host: &str, step: Step) -> Option<&mut Rejoin> {
         self.hosts.get_mut(host)?.rejoin.as_mut().filter(|rejoin| rejoin.step == step)
     }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long its node may be gone before a deployment that has not begun is refused: as long as until a host counts as failed.
+/// How long the node of the home may be gone before a deployment that has not begun is refused: as long as a host may be missing.
 const AWAY_MAX: Duration = Duration::from_secs(5);
 /// How long all hosts have to tell their clocks.
 const READ_WITHIN: Duration = Duration::from_secs(10);
@@ -156,7 +156,7 @@ impl Start {
         }
     }
 
-    /// Its node was gone and could not hear any answer. Its user was told that it is lost, so it does not begin any more.
+    /// The node was gone and could not hear any answer. The user was told that the deployment is lost, so it must not begin.
     pub(super) fn adopted(&mut self, away: Duration) {
         if away > AWAY_MAX {
             self.reasons.push(format!("its home was gone for {} s before it had begun", away.as_secs()));

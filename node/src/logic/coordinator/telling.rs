@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// The longest text of a message, in bytes.
 const TEXT_MAX: usize = 4096;
-/// How long a supervisor has to confirm an order: less than its user waits.
+/// How long a supervisor has to confirm an order: less long than the user waits.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(3);
 /// How many calls may wait at one time.
 const CALLS_MAX: usize = 256;

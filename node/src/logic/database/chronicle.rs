@@ -1,7 +1,7 @@
 //! The records of deployments that a home writes: the plan, the user who deployed it, and the result.
 //!
 //! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
-//! gives the epochs of all names, so only the database, which has the records, knows which those are.
+//! gives the epochs of all names, so only the database, which has the records, knows which epochs belong to a name.
 
 use super::question::{AckLevel, Commit};
 use crate::logic::history::History;
@@ -44,7 +44,7 @@ pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
     commit
 }
 
-/// Returns below which prefix all deployments of one name are, and the epoch of this one, if the key is of its beginning.
+/// Returns the prefix of all deployments of one name, and the epoch of this one, if the key is that of a beginning.
 fn beginning(key: &Key) -> Option<(String, u64)> {
     let (below, epoch) = key.as_str().strip_suffix("/begun")?.rsplit_once('/')?;
     let is_chronicle = below.starts_with("robot/") && below.split('/').nth(2) == Some("deployments");
@@ -108,7 +108,7 @@ fn key(home: &str, deployment: &Deployment, what: &str) -> Option<Key> {
     Key::new(format!("{}{}/{what}", below(home, &deployment.name), deployment.epoch)).ok()
 }
 
-/// Returns below which prefix the records of all deployments of one name are, by their epochs.
+/// Returns the prefix below which the records of all deployments of one name are, by their epochs.
 pub fn below(home: &str, name: &str) -> String {
     // A name may have characters that a key must not have.
     let plain = |c: char| if c.is_control() || "*$?#/".contains(c) { '_' } else { c };

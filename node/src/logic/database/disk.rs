@@ -10,7 +10,7 @@ use super::{Checkpoints, Database, Effect};
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
 
-/// The durable state, while the machine is ahead of it.
+/// The state on the disk, while the state in memory is ahead of it.
 #[derive(Clone, Debug)]
 pub struct Durable {
     state: State,
@@ -48,7 +48,7 @@ impl Database {
         self.replaced();
     }
 
-    /// Nothing of the state that was known before holds any more.
+    /// The state was replaced: everything derived from the previous state is dropped.
     pub(super) fn replaced(&mut self) {
         (self.resettled, self.derived.schemas, self.derived.checkpoints) = (true, None, Checkpoints::default());
     }
@@ -63,7 +63,7 @@ impl Database {
         self.disk.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
     }
 
-    /// Returns why it does not write, if it does not.
+    /// Returns why the database does not write, if that is so.
     pub fn closed(&self) -> Option<&str> {
         self.disk.closed.as_deref()
     }

@@ -78,7 +78,7 @@ impl Database {
         }
     }
 
-    /// Returns which transactions of this copy a robot has too, as far as is known here.
+    /// Returns the transactions of this copy that a robot also has, as far as is known here.
     fn known_on(&self, robot: &str) -> Result<VersionVector, AsOfError> {
         let named = self.replica.members().active().filter(|(_, name)| *name == robot).map(|(origin, _)| origin);
         let origins: Vec<ReplicaId> = named.collect();
@@ -90,7 +90,7 @@ impl Database {
         }
         let mut known = VersionVector::default();
         origins.iter().filter_map(|origin| self.replica.acked(*origin)).for_each(|acked| known.join(acked));
-        // It may have more than this copy.
+        // The robot may have more transactions than this copy.
         known.meet(self.replica.log().vector());
         Ok(known)
     }

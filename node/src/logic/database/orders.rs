@@ -145,7 +145,7 @@ impl Database {
         }
     }
 
-    /// Returns the other member that is meant.
+    /// Returns the other member of this name.
     fn member(&self, name: &str) -> Result<ReplicaId, String> {
         let (mine, members) = (self.replica.origin(), self.replica.members());
         if let Some(origin) = ReplicaId::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {

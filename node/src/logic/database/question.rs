@@ -48,7 +48,7 @@ pub enum Question {
     /// Write. Answered by [`Reply::Committed`]; if the call waits for more than the local disk, one of
     /// [`Reply::Reached`] and [`Reply::Pending`] follows.
     Commit(Commit),
-    /// How the replica and its team are. Answered by [`Reply::Status`].
+    /// The status of a replica and its team. Answered by [`Reply::Status`].
     Status,
     /// Make this robot the first member of a team. Answered by [`Reply::Done`].
     Found,

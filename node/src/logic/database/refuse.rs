@@ -8,7 +8,7 @@ use dbmanager::logic::key::{Key, Namespace};
 use dbmanager::logic::txn::{Draft, TxnError};
 use std::collections::BTreeSet;
 
-/// Below which prefix what never leaves the robot is.
+/// The prefix of the keys that never leave the robot.
 pub(super) const LOCAL: &str = "local/";
 /// The refusal of local keys for a caller on another machine.
 const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
@@ -82,7 +82,7 @@ pub(super) fn unmet_or_refused(why: &TxnError) -> Reply {
 /// Returns the question of a caller on another machine without its local keys.
 ///
 /// # Errors
-/// It is about that; for a person.
+/// The question is about local keys; the text is for a person.
 pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Question, String> {
     let own = |key: &Key| key.namespace() == Namespace::Local;
     let below = |prefix: &str| prefix.starts_with(LOCAL);

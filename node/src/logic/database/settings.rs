@@ -29,7 +29,7 @@ pub struct Settings {
     pub log: Option<String>,
     /// How long programs have to stop when the node is gone.
     pub agent_loss_grace: Option<Duration>,
-    /// Sentences about settings that mean nothing.
+    /// Sentences about settings without a meaning, for users.
     pub unfit: Vec<String>,
 }
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
 
 impl Database {
-    /// Returns how the replica and its team are.
+    /// Returns the status of the replica and its team.
     pub(super) fn status(&mut self, now: Time) -> Status {
         let past = Past { log: self.replica.log(), state: self.replica.state() };
         let races = self.derived.races.of(&past);

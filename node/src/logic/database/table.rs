@@ -35,7 +35,7 @@ pub fn status(status: &Status) -> String {
     blocks.join("\n\n")
 }
 
-/// Returns that there are two teams of one name, and how they become one.
+/// Returns the text that there are two teams of one name, and how they become one team.
 fn second_team(status: &Status) -> String {
     let (team, robots) = (&status.team, status.other_team.join("`, `"));
     format!(

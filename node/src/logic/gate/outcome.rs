@@ -6,7 +6,7 @@ use crate::logic::protocol::{Answer, ChangeReply, Delivery, Report, StopReply, T
 /// The outcome of a request: done, or the reason why not, for a user.
 pub type Outcome = Result<(), String>;
 
-/// Returns what became of a request by an answer to it; nothing if that does not say so yet.
+/// Returns the outcome of a request by an answer to it; nothing if the answer does not show the outcome yet.
 pub fn outcome(answer: &Answer) -> Option<Outcome> {
     match answer {
         Answer::Report(report) => of_report(report),
@@ -20,7 +20,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
         | Answer::Delivered(Delivery::Taken { .. })
         | Answer::Estopped(_)
         | Answer::Released { .. } => Some(Ok(())),
-        // To questions, which change nothing.
+        // These are answers to questions, which change nothing.
         Answer::Status(_)
         | Answer::Output(_)
         | Answer::Parameters(_)
@@ -42,7 +42,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
     }
 }
 
-/// Returns what became of an order by the answer of this host to the home; nothing if that is the answer to something else.
+/// Returns the outcome of an order by the answer of this host to the home; nothing if the answer belongs to something else.
 pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
     match answer {
         ToCoordinator::Prepared { .. } => Some(Ok(())),

@@ -33,7 +33,7 @@ pub enum Note {
     Sent(u64),
     /// An activation ended.
     Ended(u32, Ending),
-    /// The program of an activation has ended whose stop could not be confirmed.
+    /// The stop of this activation could not be confirmed, and its program has ended now.
     EndedLate(u32),
     /// A change, for the users who watch.
     Changed(Change),

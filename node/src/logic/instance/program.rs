@@ -11,7 +11,7 @@ use comms::logic::control::{self, Notice, Order};
 use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {
-    /// Takes a word from the controller.
+    /// Takes a notice of the controller.
     pub fn hear(&mut self, notice: Notice, context: &mut InstanceContext<'_>) {
         match notice {
             Notice::Hello { version, location, owns, needs, signals, .. } => {
@@ -68,7 +68,7 @@ impl Instance {
                 }
             }
             Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } => {}
-            // Neither comes as far as the agent.
+            // None of these notices reaches the agent.
             Notice::Database { .. } | Notice::Losses { .. } | Notice::Refused { .. } | Notice::Judge { .. } => {}
         }
     }
@@ -112,7 +112,7 @@ impl Instance {
         answers
     }
 
-    /// Passes on the place of another program that was started again. A program that makes its links knows the old place.
+    /// Passes on the new place of another program that was started again. A program that is making its links knows the old place.
     pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
         if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
             self.tell(order, context);
@@ -349,7 +349,7 @@ impl Instance {
             self.finish(ending, context);
             self.is_up(context);
         } else if matches!(self.stage, Stage::Replacing { .. }) && is_current && ending != Ending::Stopped {
-            // It had come to its end before it heard that another one takes its place.
+            // The activation had ended before the program heard that another program takes its place.
             self.finish(ending, context);
         }
     }

@@ -47,9 +47,9 @@ pub(super) struct Probation {
     length: Duration,
     /// Whether it was activated.
     was_activated: bool,
-    /// Until when; nothing before it is up, and in its first `Init`.
+    /// The end of the probation; nothing before the program is up, and during its first `Init`.
     until: Option<Time>,
-    /// Whether it was added: there is none to go back to.
+    /// Whether the program was added: there is no previous program to go back to.
     is_new: bool,
 }
 
@@ -115,7 +115,8 @@ impl Instance {
         }
     }
 
-    /// Puts the program before in the place of this one, since a change is taken back: it has as many restarts left as it had.
+    /// Puts the previous program in the place of this one, because a change is taken back. The previous program has as many
+    /// restarts left as before.
     pub fn take_back(&mut self, before: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         self.saved.iter_mut().for_each(|saved| saved.is_due = true);
         self.replace(before, probation, context);
@@ -160,7 +161,7 @@ impl Instance {
         self.finish(Ending::Unconfirmed, context);
     }
 
-    /// Starts what takes the place of the program, of which nothing is left.
+    /// Starts the program that takes the place of this one, of which nothing is left.
     pub(super) fn replaced(&mut self, is_stopping: bool, context: &mut InstanceContext<'_>) {
         if is_stopping {
             self.finish(Ending::Stopped, context);
@@ -186,12 +187,12 @@ impl Instance {
         }
     }
 
-    /// Returns whether the program before is being started again.
+    /// Returns whether the previous program is being started again.
     pub fn is_returning(&self) -> bool {
         self.probation.as_ref().is_some_and(|probation| probation.before.is_none() && !probation.is_new)
     }
 
-    /// Starts the program before again, if this one is on probation; says whether it was.
+    /// Starts the previous program again, if this one is on probation; returns whether it was.
     pub(super) fn put_back(&mut self, cause: &FailureCause, context: &mut InstanceContext<'_>) -> bool {
         if self.probation.take_if(|probation| probation.is_new).is_some() {
             // Its supervisor hears nothing of it: it is stopped, and taken away again.

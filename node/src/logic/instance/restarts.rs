@@ -17,17 +17,17 @@ use std::time::Duration;
 pub const RESTARTS_MAX: u32 = 5;
 /// within this time.
 pub const WINDOW: Duration = Duration::from_secs(60);
-/// Before the second time; doubled for each after it.
+/// The pause before the second restart; it doubles for each further restart.
 const PAUSE: Duration = Duration::from_millis(100);
 /// A pause is shorter by so many thousandths of a fifth, less one at the most.
 const SHARES: u64 = 1000;
 
-/// How often one program was started again, of late.
+/// How often one program was started again lately.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Restarts {
     rule: Restart,
     backoff: Option<Backoff>,
-    /// The leaf, by which it is decided how much shorter its pauses are.
+    /// The leaf, which determines how much shorter its pauses are.
     leaf: u32,
     recent: VecDeque<Time>,
     /// How often it was started again since it has last run for [`WINDOW`].
@@ -87,7 +87,7 @@ impl Restarts {
         pause - pause / 5 * share / 1000
     }
 
-    /// Returns how often it was started again, of late.
+    /// Returns how often it was started again lately.
     pub(super) fn count(&self) -> u32 {
         u32::try_from(self.recent.len()).unwrap_or(u32::MAX)
     }

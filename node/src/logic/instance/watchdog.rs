@@ -1,4 +1,4 @@
-//! How long a program may hang. Its shim measures that, since it is there when the node is not.
+//! How long a program may hang. Its shim measures that, because the shim also runs while the node does not.
 
 use language::plan::{LeafKind, Policy, Watchdog};
 use std::time::Duration;
@@ -8,8 +8,8 @@ use std::time::Duration;
 pub const WATCHDOG: Duration = Duration::from_secs(5);
 /// How long a program has to say hello, and a controller for each `Init`, unless its policy says otherwise.
 pub const READY_WITHIN: Duration = Duration::from_secs(15);
-/// How much later than after its bound a program that hangs has ended at the latest: its shim looks four times in a bound, and
-/// the kernel may write a core for 2 s.
+/// A hung program has ended at the latest so long after its bound: its shim looks four times in a bound, and the kernel may
+/// write a core dump for 2 s.
 const HANG_MARGIN: Duration = Duration::from_secs(3);
 
 /// Returns how long a controller has to say hello, and the shim of a plain program to be ready: that program begins later.

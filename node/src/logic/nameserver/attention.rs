@@ -15,9 +15,9 @@ use std::time::Duration;
 /// How often all others are asked. An idle link may carry 52 bytes a second each way, over IPv6: a message each 7.5 s
 /// and the TCP acknowledgements are 23, questions and answers 10.
 pub(in crate::logic) const QUIET_EVERY: Duration = Duration::from_secs(60);
-/// For how long a host that has come is asked each second, and a node asks all each second that has come itself.
+/// For how long a new host is asked each second, and for how long a node that has just come asks all hosts each second.
 pub(in crate::logic) const NEW_FOR: Duration = Duration::from_secs(5);
-/// For how long all are asked each second after a person has asked this node something.
+/// For how long all nodes are asked each second after a user has asked this node something.
 const WATCHED_FOR: Duration = Duration::from_secs(10);
 /// A node of a team proves its identity in one of this many questions to all.
 const SHOWN_TO_ALL: u64 = 4;
@@ -38,8 +38,8 @@ impl NameServer {
         &self.close
     }
 
-    /// Returns the hosts that are to hear of this node all the time, so that a cut is noticed soon: the close ones, and those that pass
-    /// messages on to others.
+    /// Returns the hosts that are to hear of this node all the time, so that a cut is noticed soon: the close hosts, and the hosts that
+    /// pass messages on to others.
     pub fn beaten(&self) -> BTreeSet<String> {
         self.close.iter().cloned().chain(self.helpers().into_iter().map(str::to_owned)).collect()
     }
@@ -85,7 +85,7 @@ impl NameServer {
         Some(Round { number: self.asked.round, only, shows, through })
     }
 
-    /// Returns when some are to be asked each second, if any.
+    /// Returns when the nodes that are asked each second are asked next, if there are any.
     pub(super) fn next_turn(&self) -> Option<Time> {
         let helpers = self.helpers();
         let is_any =

@@ -9,7 +9,7 @@ use std::fmt;
 /// A change of another node, for the agent and for users.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
-    /// A node answers that did not.
+    /// A node answers that did not answer before.
     Appeared {
         /// Its name.
         host: String,
@@ -17,7 +17,7 @@ pub enum Change {
         boot: u64,
         /// Where it runs, for a person.
         place: String,
-        /// Whether another boot had the name before, which has lost everything.
+        /// Whether another boot had the name before: that boot has lost everything.
         replaces: bool,
     },
     /// A node does not answer any more.

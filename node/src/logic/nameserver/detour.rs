@@ -1,4 +1,4 @@
-//! Nodes that do not answer themselves, and that others reach.
+//! Nodes that do not answer directly, and that other nodes reach.
 //!
 //! A link may be cut, in one direction or in both, while all other nodes reach both its ends. So a silent node is asked
 //! through others before it is missing, and an answer on that way counts as its answer. As long as it answers, messages
@@ -11,9 +11,9 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long nothing may be heard of a node, besides its usual time, before it is asked through others.
+/// How long a node may be silent, in addition to its usual time to answer, before it is asked through other nodes.
 const SUSPECT_AFTER: Duration = Duration::from_millis(1500);
-/// Through how many others at the most.
+/// Through how many other nodes it is asked at most.
 const THROUGH_MAX: usize = 3;
 
 /// A round of questions to other nodes.
@@ -83,7 +83,7 @@ impl NameServer {
         }
     }
 
-    /// Returns the node by way of which messages to another go, if they do not go directly.
+    /// Returns the node through which messages to another node go, if they do not go directly.
     pub fn detour(&self, host: &str) -> Option<&str> {
         let via = self.held(host)?.detour.as_ref()?.via.as_str();
         self.reaches_directly(via).then_some(via)
@@ -94,7 +94,7 @@ impl NameServer {
         self.held(host).is_some_and(|life| life.is_there() && life.detour.is_none())
     }
 
-    /// Works out which nodes are asked through which others.
+    /// Returns which nodes are asked through which other nodes.
     pub(super) fn asked_through(&self, now: Time) -> Vec<(String, String)> {
         let is_asked = |host: &&String| {
             **host != self.host && self.held(host).is_some_and(|life| !life.is_lost() && life.is_suspect(now))
@@ -133,7 +133,7 @@ impl Boot {
         self.detour.as_ref().map_or(self.last.heard, |detour| self.last.heard.max(detour.heard))
     }
 
-    /// Returns from when its silence counts, and until when it may last; none while nothing is expected of it.
+    /// Returns from when its silence counts, and until when it may last; none while no answer is expected.
     pub(super) fn silent_at(&self) -> Option<(Time, Time)> {
         let owes = self.owes?;
         let since = self.detour.as_ref().map_or(owes, |detour| owes.max(detour.heard));
@@ -142,7 +142,7 @@ impl Boot {
 }
 
 impl Detour {
-    /// Returns who passes messages on.
+    /// Returns the node that passes messages on.
     pub(super) fn via(&self) -> &str {
         &self.via
     }

@@ -14,9 +14,9 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// How late GO may be before users are told.
+/// How late GO may come before users are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
-/// By how much this node may wake up late for the moment before they are: on a busy machine it waits for a core, as programs do.
+/// How late this node may wake up for the moment before users are told: on a busy machine it waits for a core, as programs do.
 pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
 
 /// The start of the processes of this host, and the activations that wait.
@@ -35,7 +35,7 @@ pub(super) struct Together {
     waiting: Vec<(Target, u32, Vec<u8>)>,
 }
 
-/// When programs begin that are activated.
+/// When activated programs begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 enum Start {
     /// At once.
@@ -54,7 +54,7 @@ impl Together {
     }
 }
 
-/// How long a home that is there is given to answer: longer than the time after which an absent home is lost.
+/// How long a home that can be reached has to answer: longer than the time after which an absent home is lost.
 const WITHIN: Duration = Duration::from_secs(30);
 
 /// A question to the home.
@@ -111,7 +111,7 @@ impl Participant {
         }
     }
 
-    /// Takes something away that waits, and is stopped; says whether it did wait.
+    /// Removes a waiting activation that is stopped; returns whether it waited.
     pub(super) fn never_begins(&mut self, target: Target, activation: u32) -> bool {
         let count = self.together.waiting.len();
         self.together.waiting.retain(|(other, number, _)| (*other, *number) != (target, activation));
@@ -146,7 +146,7 @@ impl Participant {
         }
     }
 
-    /// Waits for the answer of its home to this question; says whether it does. Without its home it is on its own.
+    /// Waits for the answer of its home to this question; returns whether it waits. A part without its home does not wait.
     pub fn check_in(&mut self, number: u64, now: Time) -> bool {
         let is_alone = self.phase == Phase::Leaving || self.is_home_lost();
         if !is_alone {
@@ -217,7 +217,7 @@ impl Participant {
         }
     }
 
-    /// Stops an activation of one.
+    /// Stops an activation of a process of this host.
     pub(super) fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
         match target {
             target if self.never_begins(target, activation) => {

@@ -44,11 +44,11 @@ pub(super) struct Changing {
     pub(super) probing: BTreeSet<u32>,
     /// The wires that come or go.
     rewired: BTreeSet<u32>,
-    /// The next word that the home waits for, if any.
+    /// The next reply that the home waits for, if any.
     next: Next,
     /// Programs that are added, and are not linked yet.
     pub(super) adding: BTreeSet<u32>,
-    /// Where they are.
+    /// The locations of the added programs.
     pub(super) facts: Vec<LeafFacts>,
     /// How long a new program has to stay healthy.
     pub(super) probation: Duration,
@@ -111,7 +111,7 @@ impl Participant {
         claims
     }
 
-    /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
+    /// Reports why the next plan cannot be taken on here, once it is known whether the differing programs can be started.
     fn examine(&self, number: u32, plan: &Plan, programs: &Programs, out: &mut Out<'_>) {
         let host = &self.site.host;
         let mut against = self.against_actions(plan);
@@ -176,7 +176,7 @@ impl Participant {
         self.add_groups();
         let mut live = self.site.plan.live_wires();
         let rewired: BTreeSet<u32> = self.links.live.symmetric_difference(&live).copied().collect();
-        // The programs that are put back cannot link to one that never arrived.
+        // The programs that are put back cannot link to a program that never arrived.
         let has_come = |leaf: u32| self.links.registrations.facts.contains_key(&leaf);
         let both = |wire: &&u32| {
             self.site
@@ -287,7 +287,7 @@ impl Participant {
         }
     }
 
-    /// A program that was to make links is gone: another one makes its own.
+    /// A program that was to make links is gone. Its successor makes its own links.
     pub(super) fn forget_linking(&mut self, leaf: u32, out: &mut Out<'_>) {
         let is_there = self.instances.get(leaf).is_some_and(Instance::is_linked);
         if !is_there && self.changes.current.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
@@ -356,7 +356,7 @@ impl Participant {
     pub(super) fn add_groups(&mut self) {
         let host = self.site.host.as_str();
         let plan = Arc::clone(&self.site.plan);
-        // A program whose place another one takes is supervised until it has left.
+        // A program that is being replaced is supervised until it has left.
         self.site.supervisors.extend(supervisors(&plan));
         let below = below_using(&plan);
         for number in plan.live_groups().into_iter().filter(|number| group_host(&plan, *number) == Some(host)) {
@@ -461,7 +461,7 @@ impl Participant {
         }
     }
 
-    /// Frees what only programs have held that are not there any more.
+    /// Frees the devices that were held only by programs that are gone.
     fn free_claims(&mut self) {
         let live = self.site.plan.live_leaves();
         if self.instances.iter().all(|(leaf, _)| live.contains(&leaf)) {

@@ -129,7 +129,7 @@ impl Participant {
         self.end_if_over(leaf, out);
     }
 
-    /// Watches it no more.
+    /// Stops watching a process of another deployment.
     pub(super) fn detach(&mut self, leaf: u32, activation: u32, out: &mut Out<'_>) {
         if let Some(process) = self.externals.get_mut(&leaf)
             && process.current == Some(activation)
@@ -224,7 +224,7 @@ impl Participant {
         })
     }
 
-    /// Returns whether the facts of a leaf are for this host to tell.
+    /// Returns whether this host has to report the facts of a leaf.
     pub(super) fn is_own(&self, facts: &LeafFacts) -> bool {
         let is_here = leaf_host(&self.site.plan, facts.leaf) == Some(self.site.host.as_str());
         is_here && (self.instances.contains(facts.leaf) || self.externals.contains_key(&facts.leaf))

@@ -260,7 +260,7 @@ impl Participant {
         self.confirm_switches(out);
     }
 
-    /// A program that is gone confirms nothing any more; a program that is started again gets its open wires again.
+    /// A program that is gone no longer confirms switches; a program that is started again gets its open wires again.
     pub(super) fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
         if !self.instances.get(leaf).is_some_and(Instance::is_linked) {
             for switching in self.links.switching.values_mut() {
@@ -320,7 +320,7 @@ impl Participant {
         }
     }
 
-    /// A program that is gone takes nothing any more.
+    /// A program that is gone no longer takes a switch.
     pub(super) fn forget_expecting(&mut self, leaf: u32, out: &mut Out<'_>) {
         let theirs =
             self.links.expecting.iter().filter(|(_, expecting)| expecting.leaf == leaf).map(|(ticket, _)| *ticket);

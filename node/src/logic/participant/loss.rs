@@ -1,8 +1,9 @@
 //! The reaction of this part of a deployment to hosts that cannot be reached.
 //!
-//! A host that is missing for 5 s is lost, and everything it supervises here has failed in its eyes. Then each program
-//! follows its `on_link_loss`. By default it is stopped; `keep` and `hold` let it run, the latter without anything new;
-//! `safe_stop_after` has a time of its own, from when the host was missed. A group proceeds with its expression as long
+//! A host is lost 5 s after the start of its absence, which is 6 s after its last answer. For that host, everything that it
+//! supervises here has failed. Then each program follows its `on_link_loss`. By default the program is stopped. `keep` and
+//! `hold` let it run, and with `hold` nothing new begins. `safe_stop_after` sets another time from when the host was
+//! missed. A group proceeds with its expression as long
 //! as any program below it may run. When the lost host returns, the programs that ran without it are stopped: its
 //! supervisor has given them up, and may have replaced them.
 //!
@@ -27,7 +28,7 @@ pub(super) struct Loss {
     lost: BTreeSet<String>,
     /// The hosts that are missing or lost.
     missing: BTreeSet<String>,
-    /// When a program stops for the sake of a host that is missing.
+    /// The times at which programs stop because a host is missing.
     stops: BTreeSet<(Time, u32, String)>,
 }
 
@@ -38,7 +39,7 @@ impl Participant {
         &self.site.relevant
     }
 
-    /// Takes note of more of them, with another plan.
+    /// Takes note of more relevant hosts, with another plan.
     pub(super) fn extend_relevant(&mut self) {
         self.site.relevant.extend(relevant(&self.site.plan, &self.site.host));
     }
@@ -77,7 +78,7 @@ impl Participant {
 
     /// Takes the loss of a host.
     pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        // It may be lost without having been missing: as another boot, or because it takes nothing any more.
+        // The host may be lost without having been missing: another boot has its name, or it no longer takes messages.
         self.host_missing(host, out.now, out);
         self.loss.lost.insert(host.to_owned());
         if host == self.site.home {
@@ -157,7 +158,7 @@ impl Participant {
         }
     }
 
-    /// Does as the policies of everything below these processes say.
+    /// Follows the policies of everything below these processes.
     fn cut(&mut self, mut targets: Vec<Target>, host: &str, out: &mut Out<'_>) {
         while let Some(target) = targets.pop() {
             match target {
@@ -228,7 +229,7 @@ impl Participant {
     }
 }
 
-/// Works out the hosts whose loss is one for something on `host`.
+/// Returns the hosts whose loss matters to something on `host`.
 pub(super) fn relevant(plan: &Plan, host: &str) -> BTreeSet<String> {
     let supervisors = supervisors(plan);
     let mut relevant: BTreeSet<&str> = plan.home().into_iter().collect();

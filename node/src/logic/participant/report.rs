@@ -206,8 +206,8 @@ impl Participant {
         causes.map(|(leaf, cause)| format!("{}: {cause}", self.path(leaf).unwrap_or_default())).collect()
     }
 
-    /// Returns why a plan cannot be taken on that has no program any more which could not be ended: what that has taken would be
-    /// free with it.
+    /// Returns why a plan cannot be taken on if it lacks a program that could not be ended: the resources of that program would
+    /// be free with this plan.
     pub(super) fn unended_without(&self, plan: &Plan) -> Vec<String> {
         let live = plan.live_leaves();
         let gone = self.unconfirmed().into_iter().filter(|leaf| !live.contains(leaf));
@@ -226,7 +226,7 @@ impl Participant {
             let (device, by) = wanted.first_conflict(&theirs)?;
             Some(FailureCause::DeviceHeld { device: device.to_owned(), by: by.to_owned() })
         };
-        // Its own program is refused by itself.
+        // The process refuses its own unended program by itself.
         let others = self.unconfirmed().into_iter().filter(|other| *other != leaf);
         let Some(cause) = others.into_iter().find_map(holder) else { return false };
         let origin = self.path(leaf).unwrap_or_default().to_owned();

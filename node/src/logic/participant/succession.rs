@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Succeeding {
     by: Supervisor,
-    /// The activation and its value, if it has to end a stop before that.
+    /// The next activation and its value, if the program first has to finish a stop.
     then: Option<(u32, Vec<u8>)>,
 }
 
@@ -42,12 +42,12 @@ impl Participant {
         if !is_active {
             self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
         } else if !is_stopping {
-            // It has never been stopped.
+            // The program was never stopped.
             self.has_begun(leaf, out);
         }
     }
 
-    /// Activates a program again that has ended the stop which came before; says whether it did.
+    /// Activates a program again that has finished its earlier stop; returns whether it did so.
     pub(super) fn begins_again(&mut self, leaf: u32, ending: &Ending, out: &mut Out<'_>) -> bool {
         let Some(succeeding) = self.changes.succeeding.get_mut(&leaf) else { return false };
         match succeeding.then.take().filter(|_| *ending == Ending::Stopped) {

@@ -43,9 +43,9 @@ pub struct OpenEnd {
 pub struct OpenHost {
     /// Its name.
     pub host: String,
-    /// Why it has not.
+    /// Why the host has not confirmed it.
     pub why: Why,
-    /// How long ago its node answered last, if it does not and was ever heard.
+    /// How long ago its node answered last, if the node does not answer now and was ever heard.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
 }

@@ -51,19 +51,19 @@ pub struct Revision {
 /// A change that is being made.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeUnderway {
-    /// Which revision the deployment is once it has held.
+    /// The revision of the deployment once the change has held.
     pub revision: u32,
     /// The user who wants it.
     pub by: String,
-    /// How far it is.
+    /// The stage of the change.
     pub stage: ChangeStage,
 }
 
-/// How far a change is.
+/// The stage of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChangeStage {
-    /// Hosts say whether it could be made; nothing has changed.
+    /// The hosts examine whether the change could be made; nothing has changed.
     Examined,
     /// Programs are started and links made.
     Applied,
@@ -126,7 +126,7 @@ pub enum ChangeReply {
     Examined {
         /// As ordered.
         number: u32,
-        /// Why not; none if it could.
+        /// The reasons against the plan; none if the host could take it on.
         reasons: Vec<String>,
     },
     /// To `Apply`: every program of the host is up again.
@@ -155,7 +155,7 @@ pub enum ChangeReply {
     Joined {
         /// As ordered.
         number: u32,
-        /// Where those are.
+        /// The locations of the added programs.
         facts: Vec<LeafFacts>,
     },
 }

@@ -201,7 +201,7 @@ pub enum ToParticipant {
         /// The host.
         host: String,
     },
-    /// An order that starts something, by the request of a user: what nodes in a team take.
+    /// An order that starts something, with the request of a user: nodes in a team take such an order only in this form.
     Ordered(Box<Ordered>),
     /// Flip wires whose producers are yours, each producer all its wires between two values. Answered by `Switched`.
     Flip {
@@ -230,7 +230,7 @@ pub enum ToParticipant {
         /// The switch.
         generation: u64,
     },
-    /// A program has taken a switch that a group of yours has asked for, or waits no more.
+    /// A program has taken a switch that a group of yours has asked for, or no longer waits for it.
     Taken {
         /// The group.
         group: u32,
@@ -279,13 +279,13 @@ pub enum ToParticipant {
         /// For its `Init`.
         value: Vec<u8>,
     },
-    /// A program is initialised, and runs beside the one whose place it is to take.
+    /// A program is initialised, and runs beside its predecessor.
     Succeeding {
         /// The group.
         group: u32,
         /// The program.
         leaf: u32,
-        /// Whether the other one is there, so that it can hand its connections over.
+        /// Whether the predecessor is there, so that it can hand its connections over.
         is_handed_over: bool,
     },
     /// Report your monotonic clock: the start is aligned. Nothing is activated before `GoAt`, or `Go`. Answered by

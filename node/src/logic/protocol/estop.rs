@@ -17,7 +17,7 @@ pub struct Estop {
 }
 
 impl Estop {
-    /// Returns the same with no more words than are kept.
+    /// Returns this stop with its texts cut to the length that is kept.
     #[must_use]
     pub fn bounded(&self) -> Self {
         let bounded = |text: &str| text.chars().take(WORDS_MAX).collect();
@@ -33,7 +33,7 @@ impl fmt::Display for Estop {
     }
 }
 
-/// The answer to [`super::Request::Estop`]: no program of a deployment runs on the node, but for those named.
+/// The answer to [`super::Request::Estop`]: no program of a deployment runs on the node, except those named.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Estopped {
     /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`. A

@@ -13,7 +13,7 @@ pub struct Event {
     pub number: u64,
     /// The host of the event; the host of `main` for an event about all.
     pub host: String,
-    /// How long ago it was when it was told: what happened before what, also where the clocks of two homes differ.
+    /// The age of the event when it was sent. It orders events even if the clocks of two homes differ.
     #[serde(with = "comms::logic::human::seconds")]
     pub ago: Duration,
     /// The event.

@@ -85,7 +85,7 @@ pub enum FailureCause {
     StartTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
     /// The program was stopped because its node was gone.
     AgentLost,
-    /// The kernel has killed it, or something of it, for having more memory than it may, which is so many bytes.
+    /// The kernel has killed the program, or a process of it, because it had more memory than its limit of so many bytes.
     OutOfMemory(u64),
     /// The program met a limit of its policy.
     Limit {
@@ -94,11 +94,11 @@ pub enum FailureCause {
         /// Its value: a count, seconds or bytes.
         value: u64,
     },
-    /// Its program died once more often than its group bears.
+    /// Its program died once more than its group allows.
     Intensity {
         /// How it died the last time.
         last: String,
-        /// How many restarts the group bears,
+        /// How many restarts the group allows,
         restarts: u32,
         /// within this time.
         #[serde(with = "comms::logic::human::seconds")]
@@ -113,7 +113,7 @@ pub enum FailureCause {
         /// The last lines that it wrote.
         output: Vec<String>,
     },
-    /// It was not begun, since another program of its deployment holds a device of it and could not be ended.
+    /// The process was not begun, because a program of its deployment that could not be ended holds one of its devices.
     DeviceHeld {
         /// The device.
         device: String,

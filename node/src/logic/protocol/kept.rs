@@ -17,7 +17,7 @@ pub struct Kept {
     pub by: String,
     /// The hosts that take part, that of `main` first.
     pub hosts: Vec<String>,
-    /// Whether it has come to an end, since its node was told to leave: that was told.
+    /// Whether it has ended because its node was told to leave. Callers were already told of this end.
     pub has_ended: bool,
     /// Whether it waits to be resumed: then the next node resumes it even in the same boot.
     pub waits: bool,
@@ -34,7 +34,7 @@ pub struct Before {
     pub was_rebooted: bool,
 }
 
-/// A tombstone: a deployment that a user has stopped while its home was away, which does not know of that.
+/// A tombstone: a deployment that a user has stopped while its home was away. The home does not know of the stop.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Tombstone {
     /// The host of `main`.

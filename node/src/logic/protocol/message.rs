@@ -56,24 +56,24 @@ pub enum Body {
     Relay(Box<Relay>),
     /// The node: this deployment, which has its home there, was stopped while it was away, and so were earlier ones of that name.
     Stopped,
-    /// The node: the sender has heard that.
+    /// The node: the sender has received `Stopped`.
     Mourned,
-    /// The node: the sender, a home, wants to know when all has come that has happened there so far. About no deployment.
+    /// The node: the sender, a home, asks for a mark after all events that have happened there so far. About no deployment.
     Inquiry {
         /// The number of the question; the sender counts.
         number: u64,
     },
-    /// The home: all that had happened by its question has come before this. About no deployment.
+    /// The home: all events before its question have arrived before this message. About no deployment.
     Reported {
         /// The number of the question.
         number: u64,
     },
-    /// The home: the sender was away for long, and begins nothing for it before it has answered. About no deployment.
+    /// The home: the sender was away for long, and begins nothing for this home before the home has answered. About no deployment.
     CheckIn {
         /// The number of the question; the sender counts.
         number: u64,
     },
-    /// The node that has checked in: all that the home had decided has come before this. About no deployment.
+    /// The node that has checked in: all decisions of the home have arrived before this message. About no deployment.
     CheckedIn {
         /// The number of the question.
         number: u64,

@@ -36,7 +36,7 @@ pub struct Pong {
     pub holder: Option<u64>,
     /// Its session, as in a [`Dial`](comms::logic::control::Dial).
     pub session: String,
-    /// Stands for its machine, its network and its run folder: two boots that share it never run at once, since a node locks its folder.
+    /// Stands for its machine, its network and its run folder. Two boots with the same origin never run at once: a node locks its folder.
     pub origin: u32,
 }
 
@@ -49,7 +49,7 @@ pub struct Namesake {
     pub to_boot: u64,
     /// The deployments that it has a part of, and whether it reaches the home of each.
     pub deployments: Vec<(Deployment, bool)>,
-    /// The deployments that it has ended, since they go on at the other one.
+    /// The deployments that the sender has ended, because they continue on the other node.
     pub ended: Vec<Deployment>,
 }
 
@@ -62,10 +62,10 @@ pub struct Refusal {
     pub why: String,
 }
 
-/// Where the audit log of a node has come to: signed by itself for others, or by another one for it.
+/// The position of the audit log of a node, signed by this node for others, or by another node for this one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AuditHead {
-    /// Name of the node that says it.
+    /// The name of the sending node.
     pub from: String,
     /// The form of a [`trust::audit::Head`].
     pub head: Vec<u8>,
@@ -74,7 +74,7 @@ pub struct AuditHead {
 /// The certificate of a node: the sender asks the others to renew it, or has renewed it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Renewing {
-    /// Name of the node that says it.
+    /// The name of the sending node.
     pub from: String,
     /// The form of a [`trust::team::Credential`].
     pub credential: Vec<u8>,
@@ -85,7 +85,7 @@ pub struct Renewing {
 pub struct Duplicate {
     /// The name.
     pub host: String,
-    /// Where the one is that others deal with, for a person.
+    /// Where the node is that other nodes deal with, for a person.
     pub first: String,
     /// Where the other one is.
     pub second: String,

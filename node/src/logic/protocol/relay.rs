@@ -1,4 +1,4 @@
-//! Messages that a node passes on between two others that do not reach each other.
+//! Messages that a node passes on between two other nodes that do not reach each other.
 
 use super::Message;
 use crate::logic::link::Ends;

@@ -74,14 +74,14 @@ pub enum Report {
         /// The changes, one line each.
         changes: Vec<String>,
     },
-    /// A change while it runs was refused, or taken back: what ran before runs again.
+    /// A change of the running deployment was refused, or taken back: the previous programs run again.
     Unchanged {
         /// The user who wanted it.
         by: String,
         /// Sentences for a person.
         reasons: Vec<String>,
     },
-    /// A supervisor has taken some steps; only who records a mission hears of it.
+    /// A supervisor has taken some steps. Only callers that record a mission get this report.
     Stepped {
         /// Absolute path of its group.
         path: String,
@@ -93,7 +93,7 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
     },
-    /// So many reports came here, and the home has not kept them: it keeps the first ones and the latest.
+    /// The number of reports that are missing here: the home keeps the first reports and the latest.
     Omitted {
         /// How many.
         count: u64,
@@ -109,7 +109,7 @@ pub enum Report {
         /// How long after GO.
         #[serde(with = "comms::logic::human::seconds")]
         lead: Duration,
-        /// How far apart two of them may begin at the most, as far as it depends on the clocks of their hosts.
+        /// How far apart two of these programs may begin at most, as far as that depends on the clocks of their hosts.
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
@@ -141,14 +141,14 @@ pub enum Change {
     },
     /// Its program died and is started again.
     Restarting {
-        /// Of what.
+        /// The cause of its death.
         cause: FailureCause,
-        /// How often it was started again of late, this time included.
+        /// How often it was started again lately, this time included.
         count: u32,
     },
-    /// A program that was started again goes on with the activation that the last one had.
+    /// A program that was started again continues the activation of the previous program.
     Resumed,
-    /// The process was to be activated, and waits: a host that is lost may still use a resource that it takes.
+    /// The process was to be activated, and waits: a lost host may still use a resource that the process takes.
     Held {
         /// The resource.
         resource: String,
@@ -174,7 +174,7 @@ pub enum Change {
         /// Absolute path of the other one.
         with: String,
     },
-    /// The process was to be activated, and waits: it is unconfirmed that another one has ended, which may still use
+    /// The process was to be activated, and waits: the end of another process is unconfirmed, and that process may still use
     /// its resources.
     HeldBy {
         /// The resource; empty if it is taken for the group of both.
@@ -193,7 +193,7 @@ pub enum Change {
         /// The report, as a clause behind the name of the activity.
         text: String,
     },
-    /// An activity is in other states.
+    /// The active states of an activity have changed.
     Entered {
         /// The names of the active states without active inner states.
         states: Vec<String>,

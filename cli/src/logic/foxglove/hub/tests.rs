@@ -20,10 +20,6 @@ fn at(millis: u64) -> Time {
     Time::ZERO + Duration::from_secs(1000) + Duration::from_millis(millis)
 }
 
-fn arrival() -> Moment {
-    Moment { time: at(0), since_1970: SINCE_1970 }
-}
-
 fn deployment(name: &str, epoch: u64) -> Deployment {
     Deployment { name: name.to_owned(), epoch }
 }
@@ -132,13 +128,13 @@ impl Bench {
     }
 
     fn give(&mut self, request: &Value) {
-        self.hub.take(self.client, &Frame::Text(request.to_string()), arrival());
+        self.hub.take(self.client, &Frame::Text(request.to_string()), NOW);
     }
 
     fn call(&mut self, service: u32, number: u32, payload: &str) {
         let numbers = [service, number, 4].into_iter().flat_map(u32::to_le_bytes);
         let bytes = [2].into_iter().chain(numbers).chain(*b"json").chain(payload.bytes());
-        self.hub.take(self.client, &Frame::Binary(bytes.collect()), arrival());
+        self.hub.take(self.client, &Frame::Binary(bytes.collect()), NOW);
     }
 
     /// Returns all messages that wait: those in text, and the values with their subscriptions.
@@ -323,7 +319,7 @@ fn subscriptions_have_limits_and_mistakes_are_told_in_one_sentence() {
 fn a_client_that_sends_nonsense_and_reads_nothing_is_cut_off() {
     let mut bench = Bench::new();
     for _ in 0..2 * WORDS_MAX {
-        bench.hub.take(bench.client, &Frame::Text("{".to_owned()), arrival());
+        bench.hub.take(bench.client, &Frame::Text("{".to_owned()), NOW);
     }
     assert!(bench.hub.is_overrun(bench.client));
     let other = bench.hub.enter().unwrap();
@@ -465,7 +461,7 @@ fn calls_become_orders_and_mistakes_are_answered() {
     assert_eq!(bench.hub.orders().len(), ORDERS_MAX);
     let (words, _) = bench.received();
     assert_eq!(words.len(), 100 - ORDERS_MAX);
-    bench.hub.take(bench.client, &Frame::Binary([&[3, 0][..], &[0; 17]].concat()), arrival());
+    bench.hub.take(bench.client, &Frame::Binary([&[3, 0][..], &[0; 17]].concat()), NOW);
     let (words, _) = bench.received();
     assert!(words[0]["message"].as_str().is_some_and(|text| text.contains("plays no record")), "{words:?}");
     bench.call(bench.services()["/dca/estop"], 5, "");

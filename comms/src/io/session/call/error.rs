@@ -7,7 +7,7 @@ use thiserror::Error;
 /// Why a call has no answer.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CallError {
-    /// Nobody serves the key, or the server vanished or gave up before its first answer.
+    /// No program serves the key, or the server vanished or gave up before its first answer.
     #[error("no program answers at `{key}`")]
     Unreachable {
         /// The host and the verb.
@@ -39,7 +39,7 @@ pub enum CallError {
         /// For a person.
         why: String,
     },
-    /// In a team: others have answered, and not who was called.
+    /// In a team: other programs have answered, but not the called one.
     #[error("`{key}` has not answered, but {why}")]
     Forged {
         /// The host and the verb.

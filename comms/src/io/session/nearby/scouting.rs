@@ -40,7 +40,7 @@ pub(super) fn hello(own: &Announced, addresses: impl Iterator<Item = IpAddr>) ->
     encoded(&HelloProto { version, whatami, zid: own.session.parse().ok()?, locators }.into())
 }
 
-/// Returns the message that a datagram is, if it concerns a node.
+/// Returns the message in a datagram, if it concerns a node.
 pub(super) fn read(datagram: &[u8]) -> Option<Message> {
     let message: ScoutingMessage = Zenoh080::new().read(&mut datagram.reader()).ok()?;
     match message.body {

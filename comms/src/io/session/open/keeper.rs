@@ -18,19 +18,19 @@ use zenoh::internal::runtime::{Runtime, ZRuntime};
 
 /// The first wait between two attempts to dial.
 const RETRY_MIN: Duration = Duration::from_millis(100);
-/// The longest wait between two attempts to dial; each is half as long again as the one before.
+/// The longest wait between two attempts to dial; each wait is 1.5 times the previous one.
 const RETRY_MAX: Duration = Duration::from_millis(500);
-/// How much earlier a known place is asked than one that was only said on the network.
+/// How much earlier a known place is asked than a place that was only announced on the network.
 const HEAD_START: Duration = Duration::from_millis(300);
-/// How long a place has that was only said on the network, until it has shown who is there: a round trip of 3 s.
+/// How long a place that was only announced on the network has to show whose it is; a round trip may take 3 s.
 const SHOWN_WITHIN: Duration = Duration::from_secs(8);
-/// The same where many places were said: then most of them are false.
+/// The same if many places were announced: then most of them are false.
 const SHOWN_WITHIN_OF_MANY: Duration = Duration::from_secs(1);
-/// So many places are not many: the addresses of one machine.
+/// Up to so many places are not many: they are the addresses of one machine.
 const FEW: usize = 4;
 /// How many places are asked in one attempt.
 const ASKED_MAX: usize = 64;
-/// How often a link that is being made is looked for, to give it a limit.
+/// How often the keeper looks for a link that is being made, to set its limit.
 const LIMIT_EVERY: Duration = Duration::from_millis(100);
 /// How often the keeper looks at a place that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
@@ -196,7 +196,7 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
         made
     };
     tokio::pin!(known, proposed);
-    // The first that makes a link ends the other; two that fail end as well.
+    // The first attempt that makes a link ends the other attempt. If both fail, the wait ends as well.
     tokio::select! {
         Ok(()) = &mut known => {}
         Ok(()) = &mut proposed => {}
@@ -204,8 +204,8 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     }
 }
 
-/// Asks all places at once that were said on the network, and those that are said in the meantime. The first one that shows the
-/// right key gets the link.
+/// Asks all places at once that were announced on the network, and also those announced in the meantime. The first place that
+/// shows the right key gets the link.
 async fn propose(dialler: &Dialler, id: ZenohId) -> Result<(), String> {
     let (session, mut asking, mut why) = (id.to_string(), JoinSet::new(), String::new());
     let mut asked = Vec::new();
@@ -255,7 +255,7 @@ struct Shown {
     took: Duration,
 }
 
-/// Finds a place that answers, and looks who is there.
+/// Finds a place that answers, and checks whose it is.
 async fn shown(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<Shown, String> {
     let (locator, took) = reach::first(locators).await?;
     let place = locator.address().as_str().to_owned();
@@ -291,7 +291,7 @@ fn through(path: &Path) -> Result<Locator, String> {
     locator.parse().map_err(|_no_locator| format!("`{locator}` is not a locator"))
 }
 
-/// Has zenoh make a link to a place that has answered after so long.
+/// Lets zenoh make a link to a place that took `answered` to answer.
 async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) -> bool {
     let place: Option<SocketAddr> = way.address().as_str().parse().ok().filter(|_| way.protocol().as_str() == "tcp");
     // The dial runs to its end, even without a waiting caller: zenoh treats a cancelled dial as still in progress for

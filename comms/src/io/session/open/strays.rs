@@ -1,4 +1,4 @@
-//! Finds links of which zenoh and its events say different things, and makes them agree.
+//! Finds links on which zenoh's table and zenoh's events disagree, and makes them agree.
 //!
 //! Zenoh keeps its sessions in a table by peer, and deletes an entry by the peer alone. A session that is deleted twice, as when two of
 //! its links end at once, so takes the entry of the next session away: that one still receives, and can send nothing, for ever. The
@@ -16,10 +16,10 @@ use std::time::Duration;
 
 /// The time between two looks. Events and table may differ for a moment; only a difference that two looks in a row find is acted on.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How old a tunnel is that has to carry a session: three round trips of 3 s.
+/// The age from which a tunnel has to carry a session: three round trips of 3 s.
 const TUNNEL_MIN: Duration = Duration::from_secs(10);
 
-/// Takes the differences of a look, by session; returns those that the look before had as well.
+/// Takes the differences of a look, by session; returns those that the previous look also had.
 fn twice(before: &mut BTreeSet<String>, now: BTreeSet<String>) -> Vec<String> {
     let both = now.intersection(before).cloned().collect();
     *before = now;

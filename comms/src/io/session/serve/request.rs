@@ -27,7 +27,7 @@ impl Request {
         &self.key
     }
 
-    /// Returns what was sent along.
+    /// Returns the payload of the call.
     pub fn payload(&self) -> &[u8] {
         &self.payload
     }
@@ -67,21 +67,21 @@ impl Request {
         }
     }
 
-    /// Says that more may come, without an answer.
+    /// Tells the caller that more answers may come.
     pub fn still_here(&self) {
         if let Caller::Stream(stream) = &self.caller {
             stream.change(|state| state.is_here = true);
         }
     }
 
-    /// Says that this was everything.
+    /// Marks the answers as complete.
     pub fn finish(self) {
         if let Caller::Stream(stream) = &self.caller {
             stream.change(|state| state.outgoing.finish());
         }
     }
 
-    /// Says that this was not everything, and why, for a person.
+    /// Marks the answers as incomplete, with the reason for a person.
     pub fn break_off(self, why: &str) {
         match &self.caller {
             Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),

@@ -1,7 +1,7 @@
 //! The first messages between the ends of a tunnel: their identities, and then the revocations they know.
 //!
-//! The dialling side identifies itself first. The listening side shows nothing before that is trusted: a stranger
-//! learns a key, and no name.
+//! The dialling side identifies itself first. The listening side shows nothing before it trusts the dialling
+//! side: a stranger learns a key, and no name.
 
 use super::{HUNG_UP, Identity, PublicKey};
 use crate::io::stream::{self, StreamError};
@@ -11,7 +11,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Notify;
 
-/// How long a peer waits that may soon be let in.
+/// How long a peer that may soon be let in has to wait at most.
 const LET_IN_WITHIN: Duration = Duration::from_secs(2);
 
 /// This end of a connection, and the key of the other one.
@@ -40,13 +40,13 @@ pub(super) async fn introduce(
 ) -> Result<Peer, String> {
     send(stream, &side.introduction()).await?;
     let checked = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?);
-    // Also to a peer that is refused: one whose keys are revoked hears of it here, as no other node speaks to it. The sets are signed,
-    // and contain no secret.
+    // A refused peer gets the sets as well: a peer with revoked keys learns of that here, since no other node speaks to it. The sets
+    // are signed, and contain no secret.
     let sent = send(stream, &Revocations { sets: side.identity.revocations() }).await;
     let peer = match checked {
         Ok(peer) => peer,
         Err(why) => {
-            // The peer's own sets are not heard, but taken: to close before would discard what was just sent.
+            // The peer's own sets are received and ignored: closing earlier would discard the bytes that were just sent.
             drop(receive::<Revocations>(stream).await);
             return Err(why);
         }
@@ -98,7 +98,7 @@ impl Side<'_> {
         Ok(Peer { session, name, key: self.key, credential })
     }
 
-    /// Hears the other's revocations, after which the other itself may be revoked.
+    /// Takes the revocations of the peer, by which the peer itself may be revoked.
     fn hear(&self, revocations: Revocations, peer: &Peer) -> Result<(), String> {
         if self.identity.hear(&revocations.sets) {
             self.changed.notify_one();

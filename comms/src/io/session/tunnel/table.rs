@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// How soon after each other two ends dial without having heard of it.
+/// Within this time, each of two ends may dial the other without having heard of the other's tunnel.
 const AT_ONCE: Duration = Duration::from_secs(5);
 /// The most tunnels of one session.
 const TUNNELS_MAX: usize = 256;
@@ -22,7 +22,7 @@ pub(super) struct Standing {
     pub(super) key: PublicKey,
     pub(super) credential: Vec<u8>,
     pub(super) ends: Ends,
-    /// Notified, the tunnel ends.
+    /// Ends the tunnel when it is notified.
     pub(super) end: Arc<Notify>,
 }
 
@@ -34,8 +34,9 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Adds a tunnel, and ends the one that it takes the place of; returns its number, or why it is not wanted. Two ends that dial
-    /// each other at once keep the tunnel of the smaller session. Else the newer one is right: who dials has no other.
+    /// Adds a tunnel, and ends the tunnel that it replaces. Returns the number of the new tunnel, or why it is not wanted. Two ends
+    /// that dial each other at once keep the tunnel of the smaller session. Otherwise the newer tunnel is right: an end that dials
+    /// has no other tunnel.
     pub(super) fn enter(&mut self, session: &str, new: Standing) -> Result<u64, &'static str> {
         if let Some((_, old)) = self.tunnels.get(session) {
             if old.key != new.key {
