@@ -233,6 +233,7 @@ fn a_program_that_is_not_installed_is_refused_before_anything_runs() {
     let spec = ros2.spec("ros \"demo nav\"; service;");
     for (from, to, why) in [
         ("setup.bash", "none.bash", "none.bash` cannot be read: No such file or directory"),
+        ("/setup.bash", "", "opt ros` cannot be read: it is a directory"),
         ("demo nav", "other nav", "ROS 2 has no package `other` in"),
         ("demo nav", "demo nag", "package `demo` has no executable `nag`;"),
         ("demo nav\"; service", "demo nav\"; params \"none.yaml\"; service", "none.yaml` cannot be read"),
