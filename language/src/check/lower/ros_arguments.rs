@@ -157,6 +157,16 @@ mod tests {
     }
 
     #[test]
+    fn a_value_without_a_name_is_a_mistake() {
+        let text = "module Nav { ros \"demo nav\"; service; }
+             process main(){ host{c1} instantiated_processes{ nav instof Nav(c1, 5, a = 6); }
+             internal_event_actions{ nav } }";
+        let compiled = compile(&Source::new("a.dca", text), &[], &Options::named("a"));
+        let told: Vec<&str> = compiled.diagnostics.iter().map(|found| found.message.as_str()).collect();
+        assert_eq!(told, ["nothing says what the parameter is called that gets this value"]);
+    }
+
+    #[test]
     fn an_argument_of_a_launch_file_is_a_plain_text() {
         let launch = |params: &str, given: &str, expected: &[&str]| check("up.launch.py", params, given, expected);
         launch("a: Text, b: Number, c", "a = \"x y\", b = 2, c = true", &["a=x y", "b=2", "c=true"]);

@@ -262,6 +262,7 @@ impl Builder<'_> {
     /// however it is given; only where nothing says which parameters there are it has none.
     fn arguments(&mut self, module: Option<&Module>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
         let params = module.and_then(|module| module.params.as_deref());
+        let form = module.and_then(|module| module.exec.as_deref()).and_then(form);
         let mut places = params.unwrap_or_default().iter();
         let mut given: Vec<(Option<&str>, Data)> = Vec::new();
         for arg in args {
@@ -272,7 +273,8 @@ impl Builder<'_> {
                 None => places.next(),
             };
             let name = name.or(param.map(|param| param.name.text.as_str()));
-            if let (None, Data::Record(_)) = (name, &value) {
+            // A program of ROS 2 knows its parameters by name alone.
+            if name.is_none() && (form.is_some() || matches!(value, Data::Record(_))) {
                 self.report_once(nameless(arg.value.span));
             }
             let value = match param {
@@ -287,7 +289,6 @@ impl Builder<'_> {
                 given.extend(filled(self.spec, param, None).map(|value| (name, value)));
             }
         }
-        let form = module.and_then(|module| module.exec.as_deref()).and_then(form);
         let mut arguments = Vec::with_capacity(given.len());
         for (name, value) in given {
             match (form, name) {
@@ -362,9 +363,8 @@ fn kind_of(instance: &Instance) -> String {
 
 fn nameless(span: Span) -> Diagnostic {
     let diagnostic =
-        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets these values");
-    diagnostic
-        .help("give them by name, `name = { ... }` or `name = [ ... ]`: they become arguments such as `name.field`")
+        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets this value");
+    diagnostic.help("give it by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`")
 }
 
 fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {
