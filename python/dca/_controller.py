@@ -184,13 +184,9 @@ class _Parameter:
         self.attribute = attribute
         self.name = self.name or attribute
 
-    def checked(self, value: Any) -> Any:
-        """Returns a value as the attribute has it; raises `ValueError` if a whole number is declared, and this is another one."""
-        if not self.is_whole:
-            return value
-        if value != value // 1:
-            raise ValueError(f"parameter `{self.name}` is {value}: expected a whole number")
-        return int(value)
+    def attribute_value(self, value: Any) -> Any:
+        """Returns a value, which was checked, as the attribute has it."""
+        return int(value) if self.is_whole else value
 
 
 class _Secret:
@@ -311,9 +307,9 @@ class Declaration:
         return controller
 
     def set(self, controller: Any, values: dict[str, Any]) -> None:
-        """Gives an instance the values of its parameters, by name: all of them, or none if one is refused."""
-        for attribute, value in [(one.attribute, one.checked(values[one.name])) for one in self.parameters]:
-            setattr(controller, attribute, value)
+        """Gives an instance the values of its parameters, by name."""
+        for one in self.parameters:
+            setattr(controller, one.attribute, one.attribute_value(values[one.name]))
 
 
 def service(

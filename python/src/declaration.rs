@@ -7,7 +7,7 @@ use crate::message::MessageType;
 use crate::messaging::{DeclaredStation, StationOf};
 use crate::quantity::{si, span};
 use controllers::sdk::{
-    About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity, StartValue,
+    About, Arguments, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity, StartValue,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -83,6 +83,7 @@ struct DeclaredPort {
 struct DeclaredParameter {
     name: String,
     type_name: String,
+    is_whole: bool,
     words: Vec<String>,
     low: Option<Py<PyAny>>,
     high: Option<Py<PyAny>>,
@@ -198,6 +199,9 @@ impl DeclaredParameter {
             }
             ("Truth", _) => Kind::Truth,
             ("Secret", _) => Kind::Secret,
+            ("Number", _) if self.is_whole => {
+                Kind::Whole(end(&self.low, f64::NEG_INFINITY)?, end(&self.high, f64::INFINITY)?)
+            }
             ("Number", _) => Kind::Number(end(&self.low, f64::NEG_INFINITY)?, end(&self.high, f64::INFINITY)?),
             (_, Some(quantity)) => {
                 Kind::Quantity(quantity, end(&self.low, f64::NEG_INFINITY)?, end(&self.high, f64::INFINITY)?)
@@ -208,13 +212,19 @@ impl DeclaredParameter {
         };
         let default = match (&self.default, kind) {
             (None, _) => None,
-            (Some(value), Kind::Number(..) | Kind::Quantity(..)) => {
+            (Some(value), Kind::Number(..) | Kind::Whole(..) | Kind::Quantity(..)) => {
                 Some(si(value.bind(py), &self.type_name).map_err(wrong)?.to_string())
             }
             (Some(value), Kind::Truth) => Some(value.extract::<bool>(py).map_err(wrong)?.to_string()),
             (Some(value), Kind::Text(_) | Kind::Secret) => Some(value.extract::<String>(py).map_err(wrong)?),
         };
-        Ok(Parameter { name: for_ever(self.name.clone()), kind, default: default.map(for_ever) })
+        let parameter = Parameter { name: for_ever(self.name.clone()), kind, default: default.map(for_ever) };
+        if parameter.default.is_some() {
+            // Otherwise each process would be refused when it starts.
+            Arguments::parse::<&str>(&[parameter], &[])
+                .map_err(|why| PyValueError::new_err(format!("the default does not fit: {why}")))?;
+        }
+        Ok(parameter)
     }
 }
 

@@ -437,7 +437,7 @@ fn values<'py>(py: Python<'py>, interface: &Interface, arguments: &Arguments) ->
     for &Parameter { name, kind, .. } in interface.about.parameters {
         match kind {
             Kind::Text(_) => values.set_item(name, arguments.text(name))?,
-            Kind::Number(..) | Kind::Quantity(..) => values.set_item(name, arguments.number(name))?,
+            Kind::Number(..) | Kind::Whole(..) | Kind::Quantity(..) => values.set_item(name, arguments.number(name))?,
             Kind::Truth => values.set_item(name, arguments.truth(name))?,
             Kind::Secret => {
                 let secret = arguments.secret(name)?;

@@ -255,15 +255,28 @@ def test_a_parameter_changes_while_it_runs():
     harness = dca.testing.Harness()
     turn = harness.add(Turn).start()
     assert harness.run("50 ms") is None
-    with pytest.raises(ValueError, match="parameter `Steps` is 2.5: expected a whole number"):
+    with pytest.raises(ValueError, match="parameter `Steps` is `2.5`, which is not a whole number from 0 to 10"):
         turn.configure(Steps=2.5)
     turn.configure(Steps=7, reach="20 cm")
     # The attribute has the value, as a whole number, and not an attribute of the parameter's name.
     assert harness.run("50 ms").reason == "(1, 7, 0.2)"
     turn.configure(Steps=8)
     assert harness.run("50 ms") is None
-    with pytest.raises(ValueError, match="parameter `Steps` is 0.5: expected a whole number"):
+    with pytest.raises(ValueError, match="parameter `Steps` is `0.5`, which is not a whole number from 0 to 10"):
         harness.add(Turn, Steps=0.5)
+
+
+def test_a_default_fits_its_parameter():
+    cases = [(int, (0, 10), 2.5), (float, (0, 1), 2), (str, ("eco", "boost"), "fast"), (dca.Length, ("1 m", None), "1 cm")]
+    for kind, limits, default in cases:
+        with pytest.raises(ValueError, match="the default does not fit: parameter `odd` is"):
+
+            @dca.service("Declares.")
+            class Odd:
+                odd = dca.parameter(kind, limits, default=default)
+
+                def main_calc(self, tick):
+                    pass
 
 
 def test_a_reason_that_is_not_text_is_told():

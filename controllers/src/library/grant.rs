@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const RELEASE_WITHIN: Duration = Duration::from_millis(100);
 
 /// The order of clients that want one device: a greater number goes first.
-pub(super) const PRIORITY: Parameter = Parameter::new("priority", Kind::Number(0.0, 255.0)).or("0");
+pub(super) const PRIORITY: Parameter = Parameter::new("priority", Kind::Whole(0.0, 255.0)).or("0");
 
 /// The calls of the lock of a device.
 pub(super) type LockCalls = Calls<LockRequest, LockAnswer>;

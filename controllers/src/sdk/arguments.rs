@@ -28,6 +28,8 @@ pub enum Kind {
     Text(&'static [&'static str]),
     /// A number without a unit between these two, both allowed.
     Number(f64, f64),
+    /// A number without a unit and without a fraction between these two, both allowed. A spec knows it as a `Number`.
+    Whole(f64, f64),
     /// A quantity between these two, both allowed, in SI units; a spec has to give it with a unit, such as `20 N`.
     Quantity(Quantity, f64, f64),
     /// `true` or `false`.
@@ -174,6 +176,7 @@ impl Parameter {
             Kind::Text([]) => "a text".to_owned(),
             Kind::Text(words) => format!("one of `{}`", words.join("`, `")),
             Kind::Number(min, max) => format!("a number from {min} to {max}"),
+            Kind::Whole(min, max) => format!("a whole number from {min} to {max}"),
             Kind::Quantity(quantity, min, max) => {
                 format!("a number from {min} to {max}, the {} in {}", quantity.name(), quantity.unit())
             }
@@ -198,6 +201,10 @@ impl Parameter {
                 Ok(number) if f64::is_finite(number) && (min..=max).contains(&number) => Ok(Value::Number(number)),
                 Ok(_) | Err(_) => Err(wrong()),
             },
+            Kind::Whole(min, max) => match bare.trim().parse::<f64>() {
+                Ok(number) if number.fract() == 0.0 && (min..=max).contains(&number) => Ok(Value::Number(number)),
+                Ok(_) | Err(_) => Err(wrong()),
+            },
             Kind::Truth if ["true", "false"].contains(&bare.trim()) => Ok(Value::Truth(bare.trim() == "true")),
             Kind::Secret => Ok(Value::Secret(Secret::File(bare.to_owned()))),
             Kind::Text(_) | Kind::Truth => Err(wrong()),
@@ -210,7 +217,7 @@ impl Kind {
     fn name(self) -> &'static str {
         match self {
             Self::Text(_) => "Text",
-            Self::Number(..) => "Number",
+            Self::Number(..) | Self::Whole(..) => "Number",
             Self::Quantity(quantity, ..) => quantity.name(),
             Self::Truth => "Truth",
             Self::Secret => "Secret",
@@ -222,11 +229,15 @@ impl Kind {
     fn range(self) -> Option<String> {
         let end = |number: f64| if number.is_finite() { self.literal(&number.to_string()) } else { String::new() };
         match self {
-            Self::Number(min, max) | Self::Quantity(_, min, max) if min.is_finite() || max.is_finite() => {
+            Self::Number(min, max) | Self::Whole(min, max) | Self::Quantity(_, min, max)
+                if min.is_finite() || max.is_finite() =>
+            {
                 Some(format!(" in {}..{}", end(min), end(max)))
             }
             Self::Text(words) if !words.is_empty() => Some(format!(" in \"{}\"", words.join("\" | \""))),
-            Self::Text(_) | Self::Number(..) | Self::Quantity(..) | Self::Truth | Self::Secret => None,
+            Self::Text(_) | Self::Number(..) | Self::Whole(..) | Self::Quantity(..) | Self::Truth | Self::Secret => {
+                None
+            }
         }
     }
 
@@ -235,7 +246,7 @@ impl Kind {
         match self {
             Self::Text(_) => format!("\"{value}\""),
             Self::Quantity(quantity, ..) => format!("{value} {}", quantity.unit()),
-            Self::Number(..) | Self::Truth | Self::Secret => value.to_owned(),
+            Self::Number(..) | Self::Whole(..) | Self::Truth | Self::Secret => value.to_owned(),
         }
     }
 }
@@ -304,18 +315,9 @@ impl Arguments {
     /// Replaces values by others: parameter names, and values spelt as in a spec. A value that is not of its parameter's kind
     /// changes nothing, and the reason is returned.
     pub fn overlay<S: AsRef<str>>(&mut self, parameters: &[Parameter], over: &[(S, S)]) -> Vec<ArgumentError> {
-        let names = || parameters.iter().map(|parameter| parameter.name).collect();
         let mut wrong = Vec::new();
-        for (name, text) in over.iter().map(|(name, text)| (name.as_ref(), text.as_ref())) {
-            let parameter = parameters.iter().find(|parameter| parameter.name == name);
-            if let Some(parameter) = parameter.filter(|parameter| parameter.kind == Kind::Secret) {
-                // Only the node may name the file of a secret.
-                let (value, expected) = (text.to_owned(), parameter.expected());
-                wrong.push(ArgumentError::Wrong { name: parameter.name, value, expected });
-                continue;
-            }
-            let unknown = || ArgumentError::Unknown { name: name.to_owned(), known: names() };
-            match parameter.ok_or_else(unknown).and_then(|one| Ok((one.name, one.spelt(text)?))) {
+        for (name, text) in over {
+            match over_value(parameters, name.as_ref(), text.as_ref()) {
                 Ok((name, value)) => drop(self.values.insert(name, value)),
                 Err(why) => wrong.push(why),
             }
@@ -356,6 +358,37 @@ impl Arguments {
             *place = Secret::Renewed(Arc::new(value));
         }
     }
+}
+
+/// Returns the values from elsewhere that apply from now on, and what is wrong with others. In the place of a wrong value
+/// stays the one of `present`, if it has one.
+pub(crate) fn accepted(
+    parameters: &[Parameter],
+    over: Vec<(String, String)>,
+    present: &[(String, String)],
+) -> (Vec<(String, String)>, Vec<ArgumentError>) {
+    let mut wrong = Vec::new();
+    let accepted = over.into_iter().filter_map(|(name, text)| match over_value(parameters, &name, &text) {
+        Ok(_) => Some((name, text)),
+        Err(why) => {
+            wrong.push(why);
+            present.iter().find(|(other, _)| *other == name).cloned()
+        }
+    });
+    (accepted.collect(), wrong)
+}
+
+/// Reads a value from elsewhere.
+fn over_value(parameters: &[Parameter], name: &str, text: &str) -> Result<(&'static str, Value), ArgumentError> {
+    let parameter = parameters.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
+        ArgumentError::Unknown { name: name.to_owned(), known: parameters.iter().map(|one| one.name).collect() }
+    })?;
+    if parameter.kind == Kind::Secret {
+        // Only the node says which file a secret is in.
+        let (value, expected) = (text.to_owned(), parameter.expected());
+        return Err(ArgumentError::Wrong { name: parameter.name, value, expected });
+    }
+    Ok((parameter.name, parameter.spelt(text)?))
 }
 
 /// Splits `name=value`; a quoted text, or one whose head is not an identifier, is a plain value.
@@ -422,6 +455,37 @@ mod tests {
                 "no parameter `gain`; there are `lock`, `seed`, `loud`"
             ]
         );
+    }
+
+    #[test]
+    fn a_wrong_value_leaves_the_present_one_and_takes_the_others() {
+        const WHOLE: &[Parameter] = &[
+            Parameter::new("whole", Kind::Whole(0.0, 10.0)).or("3"),
+            Parameter::new("gain", Kind::Number(0.0, 9.0)).or("1"),
+            Parameter::new("on", Kind::Truth).or("false"),
+            Parameter::new("mode", Kind::Text(&["eco", "boost"])).or("eco"),
+            Parameter::new("reach", Kind::Quantity(Quantity::Length, 0.0, 2.0)).or("1"),
+        ];
+        let pairs = |all: &[(&str, &str)]| -> Vec<(String, String)> {
+            all.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
+        };
+        let present = pairs(&[("whole", "7"), ("on", "true"), ("mode", "\"boost\"")]);
+        let all = [("whole", "4.5"), ("on", "1"), ("mode", "fast"), ("reach", "3"), ("gain", "5"), ("other", "1")];
+        let (taken, wrong) = accepted(WHOLE, pairs(&all), &present);
+        assert_eq!(taken, pairs(&[("whole", "7"), ("on", "true"), ("mode", "\"boost\""), ("gain", "5")]));
+        assert_eq!(wrong.len(), 5);
+        let why = "parameter `whole` is `4.5`, which is not a whole number from 0 to 10";
+        assert_eq!(wrong[0].to_string(), why);
+        // A value that is not set any more does not stay.
+        assert_eq!(accepted(WHOLE, Vec::new(), &present), (Vec::new(), Vec::new()));
+        for (given, is_whole) in [("whole=10", true), ("whole=-0", true), ("whole=1e1", true), ("whole=0.5", false)] {
+            assert_eq!(Arguments::parse(WHOLE, &[given]).is_ok(), is_whole, "{given}");
+        }
+        let endless = [Parameter::new("n", Kind::Whole(f64::NEG_INFINITY, f64::INFINITY))];
+        for (given, is_whole) in [("n=1e300", true), ("n=inf", false), ("n=-inf", false), ("n=NaN", false)] {
+            assert_eq!(Arguments::parse(&endless, &[given]).is_ok(), is_whole, "{given}");
+        }
+        assert_eq!(Parameter::texts(&WHOLE[..1]), ["whole: Number in 0..10 = 3"]);
     }
 
     #[test]

@@ -30,7 +30,7 @@ mod taps;
 mod warrants;
 mod wire;
 
-use super::arguments::Arguments;
+use super::arguments::{Arguments, accepted};
 use super::interface::{Binding, Interface};
 use super::module::Module;
 use super::registry::{CreateError, Registry};
@@ -295,6 +295,14 @@ impl Program {
         Ok(code)
     }
 
+    /// Returns the spec's values with those of the database over them.
+    fn overlaid(&self) -> Arguments {
+        let mut arguments = self.arguments.clone();
+        // Wrong values are not among them.
+        drop(arguments.overlay(self.interface.about.parameters, &self.overlay));
+        arguments
+    }
+
     /// Makes links. Once there are some, a stop must not wait behind others: those are made in a thread of their own, which
     /// ends with its answer.
     fn link(&self, orders: links::LinkOrders, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
@@ -367,21 +375,22 @@ impl Program {
                 self.notices.send(&Notice::Sent { number })?;
             }
             Order::Configure { parameters } => {
-                self.overlay = parameters;
-                let mut arguments = self.arguments.clone();
-                for why in arguments.overlay(self.interface.about.parameters, &self.overlay) {
-                    // Only a message to people: a robot continues with its present values rather than with a guess.
-                    tell(&format!("a parameter of the database is ignored: {why}"), ExitCode::SUCCESS);
+                let (overlay, wrong) = accepted(self.interface.about.parameters, parameters, &self.overlay);
+                for why in wrong {
+                    // Only a message to people: a robot continues with its present value rather than with a guess.
+                    tell(
+                        &format!("a value of the database is ignored, and its parameter is unchanged: {why}"),
+                        ExitCode::SUCCESS,
+                    );
                 }
-                hand_over(inbox, Command::Configure(arguments))?;
+                self.overlay = overlay;
+                hand_over(inbox, Command::Configure(self.overlaid()))?;
             }
             Order::Secret { parameter, value } => {
                 // A node that was killed and is back says again what it has said.
                 if self.arguments.secret(&parameter).is_ok_and(|before| before.as_slice() != value.expose()) {
                     self.arguments.renew_secret(&parameter, value);
-                    let mut arguments = self.arguments.clone();
-                    drop(arguments.overlay(self.interface.about.parameters, &self.overlay));
-                    hand_over(inbox, Command::Configure(arguments))?;
+                    hand_over(inbox, Command::Configure(self.overlaid()))?;
                 }
             }
             Order::Shape { wires } => links.shape(wires),

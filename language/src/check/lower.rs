@@ -10,6 +10,7 @@ mod overlap;
 mod places;
 pub(crate) mod quote;
 mod ranges;
+mod ros_arguments;
 mod start;
 pub(super) mod topics;
 mod tree;

@@ -10,7 +10,7 @@ use crate::io::lock;
 use crate::io::managed::{Bell, Managed};
 use crate::io::parameters::{self, Asked, NodeParameters};
 use crate::io::program::{self, End, Program};
-use crate::logic::command::{Declared, What, Written};
+use crate::logic::command::{Declared, What};
 use crate::logic::ending::{Ending, TERMINATE_WITHIN};
 use crate::logic::lifecycle::{Effect, Input, Lifecycle, Standing, State, Wanted};
 use crate::setup;
@@ -45,7 +45,6 @@ const PARAMETERS: &[Parameter] = &[
     Parameter::new("node", Kind::Text(&[])).or(""),
     Parameter::new("remaps", Kind::Text(&[])).or(""),
     Parameter::new("files", Kind::Text(&[])).or(""),
-    Parameter::new("kinds", Kind::Text(&[])).or(""),
     Parameter::new("lifecycle_ms", Kind::Text(&[])).or(""),
     Parameter::new("stop_ms", Kind::Text(&[])).or("5000"),
     Parameter::new("ends", Kind::Truth).or("false"),
@@ -358,15 +357,12 @@ fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> 
         let parts = arguments.text(parameter).split(separator).filter(|part| !part.is_empty());
         parts.map(str::to_owned).collect::<Vec<_>>()
     };
-    let kinds = list("kinds", ' ').into_iter();
-    let kinds = kinds.filter_map(|kind| kind.split_once(':').map(|(name, of)| (name.to_owned(), Written::of(of))));
     Ok(Declared {
         package: name("package")?,
         what,
         node,
         remaps: list("remaps", ' '),
         files: list("files", ':'),
-        kinds: kinds.collect(),
         words: words.to_vec(),
         given: given.to_vec(),
     })

@@ -69,7 +69,8 @@ impl Installation {
     /// Returns a mission with one module that names the setup file, beside a process that runs for ever.
     pub(super) fn spec(&self, module: &str) -> String {
         format!(
-            "module Nav(host: Host, label: Text = \"7 'x'\", gain: Number = 2, depth = 5) {{
+            "module Nav(host: Host, label: Text = \"7 'x'\", gain: Number = 2, depth = 5,
+                        names: Text[] = [\"1\", \"x y\", \"\"], gains: Number[] = [1, 2], raw = \"007\") {{
                  setup \"{}\"; {module} }}
              process main() {{ host {{ c1 }} instantiated_processes {{ nav instof Nav(c1); }}
              internal_event_actions {{ nav }} }}",
@@ -182,7 +183,8 @@ fn a_program_of_ros_is_done_or_aborts_by_its_exit_code() {
     assert_eq!(
         ros2.read("arguments"),
         "<--fast><--ros-args><-r><__ns:=/robot1><-r><__node:=nav><-r></cmd_vel:=/robot1/cmd_vel><--params-file></dev/null>\
-         <-p><label:=\"7 'x'\"><-p><gain:=2.0><-p><depth:=5>"
+         <-p><label:=\"7 'x'\"><-p><gain:=2.0><-p><depth:=5>\
+         <-p><names:=[\"1\", \"x y\", \"\"]><-p><gains:=[1.0, 2.0]><-p><raw:=\"007\">"
     );
     assert_eq!(ros2.read("own"), "nonenone\n");
     cluster.expect_nothing_left(Duration::from_secs(5));
@@ -215,7 +217,8 @@ fn a_stop_interrupts_a_program_and_leaves_nothing_of_it() {
         assert!(!pids.into_iter().any(is_running));
         fs::remove_file(ros2.folder.join("how")).expect("the file is ours");
     }
-    let expected = "launch --noninteractive demo up.launch.py slam:=true label:=7 'x' gain:=2 depth:=5\n";
+    let expected = "launch --noninteractive demo up.launch.py slam:=true label:=7 'x' gain:=2 depth:=5 \
+                    names:=[\"1\", \"x y\", \"\"] gains:=[1.0, 2.0] raw:=007\n";
     assert_eq!(ros2.read("arguments"), expected);
     let mission = run(&cluster, &ros, &ros2.spec("ros \"demo stubborn\"; service; stop within 100 ms;"));
     let pid = ros2.started(5, &mission);
@@ -230,6 +233,7 @@ fn a_program_that_is_not_installed_is_refused_before_anything_runs() {
     let spec = ros2.spec("ros \"demo nav\"; service;");
     for (from, to, why) in [
         ("setup.bash", "none.bash", "none.bash` cannot be read: No such file or directory"),
+        ("/setup.bash", "", "opt ros` cannot be read: it is a directory"),
         ("demo nav", "other nav", "ROS 2 has no package `other` in"),
         ("demo nav", "demo nag", "package `demo` has no executable `nag`;"),
         ("demo nav\"; service", "demo nav\"; params \"none.yaml\"; service", "none.yaml` cannot be read"),

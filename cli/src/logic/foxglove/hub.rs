@@ -498,13 +498,10 @@ impl Hub {
             else {
                 continue;
             };
+            let Some(topic) = self.catalog.channels.get(&channel).map(|channel| &channel.topic) else { continue };
             for viewer in self.viewers.values_mut() {
-                if let Some(subscription) = viewer.subscription(channel)
-                    && let Some(topic) = self.catalog.channels.get(&channel).map(|channel| &channel.topic)
-                {
-                    let frame = protocol::data(subscription, message.at, &message.data);
-                    viewer.outbox.value(topic, subscription, frame);
-                }
+                let value = NewValue { channel, topic, arrived: None, lost: 0 };
+                viewer.put(value, |subscription| protocol::data(subscription, message.at, &message.data));
             }
         }
         for (number, viewer) in &mut self.viewers {

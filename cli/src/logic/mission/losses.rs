@@ -1,4 +1,4 @@
-//! What the inputs of programs have lost and refused in a whole run, from the signals that count it.
+//! The values that the inputs of programs have lost and refused in a whole run, from the signals that count them.
 
 use comms::logic::signals::{LOST_VALUES, REFUSED_VALUES, Signals};
 use node::logic::table::counted;

@@ -174,7 +174,10 @@ impl Robots {
                 // The numbers of the values count what was left out.
                 (Content::Value(tapped), source) => hub.value(&source, tapped, at),
                 (Content::Signals(samples), Source::Signals(program)) => hub.signals(&program, samples, lost, at),
-                (Content::Signals(_), Source::Events | Source::Log | Source::State(_) | Source::Output { .. }) => {}
+                (
+                    Content::Signals(_),
+                    Source::Events | Source::Log | Source::State(_) | Source::Output { .. } | Source::Recorded(_),
+                ) => {}
             },
             News::Wrote { program, text } => hub.wrote(&program, text, clock::unix_time()),
             News::Parameters(values) => hub.parameters(values),

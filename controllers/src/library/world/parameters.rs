@@ -313,7 +313,9 @@ mod tests {
         let own = ["push_at", "push", "fails", "fails_how", "fails_at", "fails_door", "fails_for", "commands"];
         for parameter in PARAMETERS.iter().filter(|parameter| !own.contains(&parameter.name)) {
             let value = match parameter.kind {
-                Kind::Number(low, high) | Kind::Quantity(_, low, high) => (0.4 * low + 0.6 * high).to_string(),
+                Kind::Number(low, high) | Kind::Whole(low, high) | Kind::Quantity(_, low, high) => {
+                    (0.4 * low + 0.6 * high).to_string()
+                }
                 Kind::Text(words) => words[1].to_owned(),
                 Kind::Truth => "true".to_owned(),
                 Kind::Secret => String::new(),
@@ -329,7 +331,7 @@ mod tests {
         let page = include_str!("../../../../docs/src/door.md");
         for (parameter, (unit, meaning)) in PARAMETERS.iter().zip(MEANINGS) {
             let range = match parameter.kind {
-                Kind::Number(low, high) => format!("{low} to {high}"),
+                Kind::Number(low, high) | Kind::Whole(low, high) => format!("{low} to {high}"),
                 Kind::Quantity(quantity, low, high) => {
                     assert_eq!(quantity.unit(), *unit, "`{}`", parameter.name);
                     format!("{low} to {high}")

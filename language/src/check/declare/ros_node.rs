@@ -4,7 +4,7 @@
 //! arguments in the text behind `ros`, and these arguments. The node of the host adds the arguments of the instance.
 
 use super::python::word;
-use crate::check::spec::{Kind, Module};
+use crate::check::spec::Module;
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{BRIDGE_PROGRAM, LeafKind, ROS_NODE, ROS_VARIABLES, words};
@@ -52,9 +52,20 @@ pub(in crate::check) fn restarting(exec: &str) -> String {
     exec.strip_prefix(&start).map_or_else(|| exec.to_owned(), |rest| format!("{start}restarts=true {rest}"))
 }
 
-/// Returns whether the program of the bridge starts this program of ROS 2.
-pub(in crate::check) fn is_ros(exec: &str) -> bool {
-    exec.starts_with(&format!("{BRIDGE_PROGRAM} {ROS_NODE} "))
+/// The form in which a program of ROS 2 gets the arguments of its process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::check) enum Form {
+    /// Parameters of a node, whose values are YAML.
+    Parameters,
+    /// Arguments of a launch file, whose values are plain texts.
+    LaunchArguments,
+}
+
+/// Returns the form of the arguments of the `exec` of a module; none if it is not a program of ROS 2.
+pub(in crate::check) fn form(exec: &str) -> Option<Form> {
+    let rest = exec.strip_prefix(&format!("{BRIDGE_PROGRAM} {ROS_NODE} package="))?;
+    let is_launch = rest.split(' ').nth(1).is_some_and(|word| word.starts_with("launch="));
+    Some(if is_launch { Form::LaunchArguments } else { Form::Parameters })
 }
 
 /// Items that have a meaning only for a program of ROS 2.
@@ -104,10 +115,6 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
     lifecycle(module, node, reader, &mut exec)?;
     if module.has_end && !module.is_service {
         exec.add("ends", "true", text.span)?;
-    }
-    let kinds = kinds(module);
-    if !kinds.is_empty() {
-        exec.add("kinds", &kinds, text.span)?;
     }
     exec.text.push_str(&format!(" -- {}", rest.len()));
     for one in rest {
@@ -208,18 +215,6 @@ fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &m
     exec.add("lifecycle_ms", &within.as_millis().to_string(), item.span())
 }
 
-/// Returns the parameters whose type says how ROS 2 writes them: `speed:Number label:Text`.
-fn kinds(module: &Module) -> String {
-    let params = module.params.iter().flatten();
-    let kinds = params.filter_map(|param| {
-        let kind = param.kind.as_ref().and_then(Kind::name)?;
-        let is_number = kind == "Number" || crate::unit::of_type(kind).is_some();
-        let written = if is_number { "Number" } else { kind };
-        ["Number", "Text", "Truth"].contains(&written).then(|| format!("{}:{written}", param.name.text))
-    });
-    kinds.collect::<Vec<_>>().join(" ")
-}
-
 fn check_path(text: &str, span: Span) -> Result<(), Mistake> {
     if text.is_empty() || text.contains(':') || text.chars().any(char::is_control) {
         let message = format!("{text:?} is not the path of a file");
@@ -314,7 +309,6 @@ mod tests {
                 "setup=/opt/my ros/setup.bash",
                 "stop_ms=2000",
                 "lifecycle_ms=30000",
-                "kinds=gain:Number label:Text",
                 "--",
                 "2",
                 "--log-level",

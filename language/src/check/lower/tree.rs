@@ -1,10 +1,11 @@
 //! Makes the groups and leaves of the plan: paths, hosts, arguments.
 
 use super::data::{Data, data, filled, flatten};
-use crate::check::declare::ros_node::{is_ros, restarting};
+use super::ros_arguments::RosArguments;
+use crate::check::declare::ros_node::{form, restarting};
 use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::interface::parameters_of;
-use crate::check::spec::{Arg, ExprKind, Instance, Module, Param, Process, Spec, Target, Value};
+use crate::check::spec::{Arg, ExprKind, Instance, Module, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::host::host_name_problem;
@@ -220,7 +221,7 @@ impl Builder<'_> {
         let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
         let (rest, params) = (rest.collect::<Vec<_>>(), module.and_then(|module| module.params.as_deref()));
         self.check_ranges(params.unwrap_or_default(), &rest, values);
-        let arguments = self.arguments(params, &rest, values);
+        let arguments = self.arguments(module, &rest, values);
         let leaf = number(self.tree.leaves.len());
         let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
         let policy = policy(instance, module, &self.spec.processes[self.tree.process_of[group]]);
@@ -253,13 +254,15 @@ impl Builder<'_> {
     /// of ROS 2 are not those of its controller.
     fn parameters(&self, module: &Module) -> Option<Vec<Parameter>> {
         let is_started =
-            module.kind == LeafKind::Controller && module.exec.as_deref().is_some_and(|exec| !is_ros(exec));
+            module.kind == LeafKind::Controller && module.exec.as_deref().is_some_and(|exec| form(exec).is_none());
         module.params.as_deref().filter(|_| is_started).and_then(|params| parameters_of(self.spec, params))
     }
 
     /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Each has its name,
     /// however it is given; only where nothing says which parameters there are it has none.
-    fn arguments(&mut self, params: Option<&[Param]>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
+    fn arguments(&mut self, module: Option<&Module>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
+        let params = module.and_then(|module| module.params.as_deref());
+        let form = module.and_then(|module| module.exec.as_deref()).and_then(form);
         let mut places = params.unwrap_or_default().iter();
         let mut given: Vec<(Option<&str>, Data)> = Vec::new();
         for arg in args {
@@ -270,7 +273,8 @@ impl Builder<'_> {
                 None => places.next(),
             };
             let name = name.or(param.map(|param| param.name.text.as_str()));
-            if let (None, Data::Record(_)) = (name, &value) {
+            // A program of ROS 2 knows its parameters by name alone.
+            if name.is_none() && (form.is_some() || matches!(value, Data::Record(_))) {
                 self.report_once(nameless(arg.value.span));
             }
             let value = match param {
@@ -287,7 +291,14 @@ impl Builder<'_> {
         }
         let mut arguments = Vec::with_capacity(given.len());
         for (name, value) in given {
-            flatten(name.map(str::to_owned), value, &mut arguments);
+            match (form, name) {
+                (Some(form), Some(name)) => {
+                    let param = params.unwrap_or_default().iter().find(|param| param.name.text == name);
+                    let written = RosArguments { spec: self.spec, form };
+                    written.add(name.to_owned(), param, value, &mut arguments);
+                }
+                (None, _) | (_, None) => flatten(name.map(str::to_owned), value, &mut arguments),
+            }
         }
         arguments
     }
@@ -352,9 +363,8 @@ fn kind_of(instance: &Instance) -> String {
 
 fn nameless(span: Span) -> Diagnostic {
     let diagnostic =
-        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets these values");
-    diagnostic
-        .help("give them by name, `name = { ... }` or `name = [ ... ]`: they become arguments such as `name.field`")
+        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets this value");
+    diagnostic.help("give it by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`")
 }
 
 fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {

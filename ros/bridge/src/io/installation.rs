@@ -7,7 +7,7 @@ use crate::logic::command::{Declared, What, variables};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Read};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -84,7 +84,8 @@ pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<P
         )
     })?);
     for file in &declared.files {
-        fs::File::open(file).map_err(|error| format!("the file of parameters `{file}` cannot be read: {error}"))?;
+        check_readable(Path::new(file))
+            .map_err(|error| format!("the file of parameters `{file}` cannot be read: {error}"))?;
     }
     let path = match &declared.what {
         What::Executable(name) => executable(&prefix.join("lib").join(package), package, name)?,
@@ -97,6 +98,18 @@ pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<P
         }
     };
     Ok(Prepared { path, arguments: declared.arguments(), environment })
+}
+
+/// A folder is opened without an error, and the opening of a pipe waits for its writer.
+fn check_readable(path: &Path) -> io::Result<()> {
+    let kind = fs::metadata(path)?.file_type();
+    if kind.is_dir() {
+        return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
+    }
+    if kind.is_fifo() {
+        return Err(io::Error::other("it is a pipe"));
+    }
+    fs::File::open(path).map(drop)
 }
 
 fn executable(folder: &Path, package: &str, name: &str) -> Result<PathBuf, String> {
@@ -152,7 +165,7 @@ fn on_path(program: &str, environment: &Environment) -> Option<PathBuf> {
 /// Returns the environment after a setup file.
 fn sourced(setup: &Path) -> Result<Vec<(String, String)>, String> {
     let shown = setup.display();
-    fs::File::open(setup).map_err(|error| format!("the setup file `{shown}` cannot be read: {error}"))?;
+    check_readable(setup).map_err(|error| format!("the setup file `{shown}` cannot be read: {error}"))?;
     let mut command = Command::new("bash");
     command.args(["--noprofile", "--norc", "-c", SOURCE, "bash"]).arg(setup);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
@@ -278,6 +291,9 @@ mod tests {
         let files = vec![folder.path("none.yaml")];
         let missing = Declared { files, ..Declared::demo(What::Executable("talker".to_owned())) };
         assert!(prepare(&missing, environment("")).unwrap_err().contains("none.yaml` cannot be read"));
+        let not_a_file = Declared { files: vec![folder.path("lib")], ..missing };
+        let why = prepare(&not_a_file, environment("")).unwrap_err();
+        assert!(why.ends_with("lib` cannot be read: it is a directory"), "{why}");
     }
 
     #[test]
@@ -290,6 +306,12 @@ mod tests {
         assert!(OWN.iter().all(|name| !found.contains_key(*name)));
         let missing = environment(&folder.path("none.bash")).unwrap_err();
         assert!(missing.contains("none.bash` cannot be read: No such file"), "{missing}");
+        let not_a_file = environment(&folder.path("lib")).unwrap_err();
+        assert!(not_a_file.ends_with("lib` cannot be read: it is a directory"), "{not_a_file}");
+        let made = Command::new("mkfifo").arg(folder.path("pipe")).status().unwrap();
+        assert!(made.success());
+        let pipe = environment(&folder.path("pipe")).unwrap_err();
+        assert!(pipe.ends_with("pipe` cannot be read: it is a pipe"), "{pipe}");
         folder.file("exits.bash", "echo no such robot >&2; exit 3", 0o644);
         let failed = environment(&folder.path("exits.bash")).unwrap_err();
         assert!(failed.ends_with("cannot be sourced: exit status: 3; no such robot"), "{failed}");

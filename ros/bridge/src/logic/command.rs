@@ -1,9 +1,8 @@
 //! The command line of a program of ROS 2, as a spec declares it.
 //!
-//! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`), whose values of parameters are YAML.
+//! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`). Values of parameters are YAML, as the plan has them.
 
 use ros::logic::key::GraphName;
-use std::collections::BTreeMap;
 
 /// A program of ROS 2.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,11 +14,9 @@ pub(crate) struct Declared {
     pub(crate) remaps: Vec<String>,
     /// Files of parameters.
     pub(crate) files: Vec<String>,
-    /// The types of the parameters, by name.
-    pub(crate) kinds: BTreeMap<String, Written>,
     /// The arguments in the text behind `ros`.
     pub(crate) words: Vec<String>,
-    /// The arguments of the process, each as `name=value`.
+    /// The arguments of the process, each as `name=value`: parameters of an executable as YAML, arguments of a launch file.
     pub(crate) given: Vec<String>,
 }
 
@@ -28,16 +25,6 @@ pub(crate) struct Declared {
 pub(crate) enum What {
     Executable(String),
     LaunchFile(String),
-}
-
-/// The form of a value as YAML.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Written {
-    /// A floating point number, also if it is whole: ROS 2 refuses an integer for such a parameter.
-    Number,
-    Text,
-    /// As it is.
-    Plain,
 }
 
 impl Declared {
@@ -63,8 +50,7 @@ impl Declared {
         self.remaps.iter().for_each(|remap| add("-r", remap.clone()));
         self.files.iter().for_each(|file| add("--params-file", file.clone()));
         for (name, value) in self.given() {
-            let written = self.kinds.get(name).copied().unwrap_or(Written::Plain);
-            add("-p", format!("{name}:={}", written.yaml(value)));
+            add("-p", format!("{name}:={value}"));
         }
         let mut all = self.words.clone();
         if !ros.is_empty() {
@@ -77,40 +63,6 @@ impl Declared {
     fn given(&self) -> impl Iterator<Item = (&str, &str)> {
         self.given.iter().filter_map(|given| given.split_once('='))
     }
-}
-
-impl Written {
-    /// Returns the form of a parameter of this type.
-    pub(crate) fn of(kind: &str) -> Self {
-        match kind {
-            "Number" => Self::Number,
-            "Text" => Self::Text,
-            _ => Self::Plain,
-        }
-    }
-
-    fn yaml(self, value: &str) -> String {
-        match self {
-            Self::Plain => value.to_owned(),
-            Self::Number if value.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-') => format!("{value}.0"),
-            Self::Number => value.to_owned(),
-            Self::Text => quoted(value),
-        }
-    }
-}
-
-/// Returns a text as a YAML scalar in double quotes, so that `7` or `yes` stays a text. Source: YAML 1.1, 5.6.
-fn quoted(text: &str) -> String {
-    let mut quoted = String::from("\"");
-    for character in text.chars() {
-        match character {
-            '"' | '\\' => quoted.extend(['\\', character]),
-            control if control.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(control))),
-            other => quoted.push(other),
-        }
-    }
-    quoted.push('"');
-    quoted
 }
 
 /// Returns the variables in the output of `env -0`.
@@ -130,7 +82,6 @@ impl Declared {
             node: None,
             remaps: Vec::new(),
             files: Vec::new(),
-            kinds: BTreeMap::new(),
             words: Vec::new(),
             given: Vec::new(),
         }
@@ -152,14 +103,12 @@ mod tests {
     #[test]
     fn arguments_of_ros_follow_the_own_ones() {
         assert_eq!(declared().arguments(), Vec::<String>::new());
-        let kinds = [("speed", "Number"), ("label", "Text"), ("on", "Truth")];
         let all = Declared {
             node: GraphName::parse("/robot1/arm/talker"),
             remaps: strings(&["/a:=/b"]),
             files: strings(&["nav 2.yaml"]),
-            kinds: kinds.map(|(name, kind)| (name.to_owned(), Written::of(kind))).into(),
             words: strings(&["--fast", ""]),
-            given: strings(&["speed=2", "label=7 = \"x\"\n", "on=true", "depth=5", "speed=-0.5"]),
+            given: strings(&["speed=2.0", "label=\"7 = x\"", "names=[\"on\", \"x y\"]"]),
             ..declared()
         };
         let expected = [
@@ -177,13 +126,9 @@ mod tests {
             "-p",
             "speed:=2.0",
             "-p",
-            "label:=\"7 = \\\"x\\\"\\u000A\"",
+            "label:=\"7 = x\"",
             "-p",
-            "on:=true",
-            "-p",
-            "depth:=5",
-            "-p",
-            "speed:=-0.5",
+            "names:=[\"on\", \"x y\"]",
         ];
         assert_eq!(all.arguments(), strings(&expected));
         let root = Declared { node: GraphName::parse("/talker"), ..declared() };
