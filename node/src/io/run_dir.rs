@@ -43,7 +43,7 @@ use std::time::Duration;
 
 pub(crate) use sockets::remove_sockets;
 
-/// How long a node that was killed may take to be gone.
+/// How long a node that was killed may take to end.
 const LEAVING: Duration = Duration::from_secs(3);
 
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
@@ -68,8 +68,8 @@ pub(crate) const PROGRAMS: &str = "programs";
 /// The file with the credentials that visitors show to programs of other hosts.
 pub const VISITORS: &str = "visitors";
 
-/// How the name of the folder ends that has the sockets of programs of another user; the node's name comes first. Names of nodes have no
-/// `+`.
+/// The end of the name of the folder with the sockets of programs of another user; the node's name comes first. Names of nodes have
+/// no `+`.
 const OTHERS: &str = "+u";
 /// The file there with the programs' credentials for the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
@@ -99,7 +99,7 @@ pub enum RunDirError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// A file is in its place.
+    /// A file is in the place of the folder.
     #[error(transparent)]
     Folder(#[from] FolderError),
     /// The folder belongs to another user, so its sockets cannot be trusted.
