@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
-/// How many samples wait for one input; its oldest gives way, so that one busy input cannot push out another's.
+/// How many samples wait for one input. A further sample replaces the oldest of this input, so no busy input affects others.
 const SAMPLES_MAX: usize = 64;
 /// How many commands wait; a controller that has not taken so many is stuck.
 const COMMANDS_MAX: usize = 64;
@@ -52,7 +52,7 @@ pub(super) struct Arrived {
 }
 
 impl Arrived {
-    /// Hands it to a module, from where it lies.
+    /// Hands the sample to a module, directly from its place in memory.
     pub(super) fn deliver(&self, module: &mut dyn Module) -> Result<Delivery, DeliveryError> {
         match &self.value {
             Value::Own(bytes) => module.deliver(self.port, bytes, self.at),
@@ -171,14 +171,14 @@ pub(super) struct Inbox {
     wakeup: Wakeup,
     /// The arrivals over direct paths, which the loop reads by itself.
     inlets: OnceLock<Arc<Inlets>>,
-    /// Whether that was done by the last wait, and nothing was taken since.
+    /// Whether the last wait has read the arrivals, and nothing was taken since.
     has_read: AtomicBool,
     /// Whether the controller wants a calculation for something that is not from a port.
     is_called: AtomicBool,
 }
 
 impl Inbox {
-    /// Has the loop read what comes over direct paths; to be called before it begins.
+    /// Lets the loop read the arrivals over direct paths; to be called before the loop begins.
     pub(super) fn read_from(&self, inlets: &Arc<Inlets>) {
         self.inlets.get_or_init(|| Arc::clone(inlets));
     }
@@ -225,7 +225,7 @@ impl Inbox {
         room
     }
 
-    /// Takes a sample that no switch has a say in.
+    /// Takes a sample that no switch affects.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
         self.lock().push(Sample { port, value: bytes.into(), wire: None, hold });
         self.wake();
