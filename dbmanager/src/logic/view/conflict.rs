@@ -57,7 +57,7 @@ pub struct Race {
     pub seen: String,
     /// The last of these transactions.
     pub relied: Party,
-    /// The condition; none if the transaction only relied on it that no other robot was granted a prefix of the key.
+    /// The condition; none for a write that only assumed that no other robot was granted a prefix of the key.
     pub condition: Option<Condition>,
     /// The transactions that had changed or granted it.
     pub changed: Party,
