@@ -146,8 +146,7 @@ impl Serializer for Look {
         Ok(())
     }
 
-    /// The same answer as postcard gives, so that a type looks the same to both.
-    /// Messages of ROS 2 show their fields to readers like this one, and bytes of CDR to all others.
+    /// Unlike postcard, because messages of ROS 2 only show their fields to serializers for people, and bytes of CDR to all others.
     fn is_human_readable(&self) -> bool {
         true
     }

@@ -439,7 +439,7 @@ pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
         (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
             Err(unusable(why))
         }
-        // A fault of an existing folder is more helpful than that it cannot be made.
+        // The fault of an existing folder is a more helpful reason than that the folder cannot be made.
         (checked, made) => checked.and_then(|()| made.map_err(unusable)),
     }
 }
@@ -532,7 +532,7 @@ mod tests {
         assert!(error.contains(&made.to_string()), "{error}: {made}");
     }
 
-    /// As the kernel removes a killed node while its successor starts.
+    /// A killed node is still being removed by the kernel while its successor starts.
     #[test]
     fn a_holder_that_is_leaving_is_waited_for() {
         let base = std::env::temp_dir().join(format!("dca-leaving-{}", std::process::id()));
