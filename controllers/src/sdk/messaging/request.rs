@@ -51,8 +51,8 @@ pub struct Requester<Q, R> {
 }
 
 impl<Q: Message, R: Message> Requester<Q, R> {
-    /// Returns a requester that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]), to which answers
-    /// go. As many answers wait as there may be requests.
+    /// Returns a requester that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]),
+    /// to which answers go. As many answers wait as there may be requests.
     ///
     /// # Errors
     /// If the system gives no random number for its life.

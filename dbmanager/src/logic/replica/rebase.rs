@@ -10,13 +10,13 @@
 //! If two replicas return at the same time, with sponsors that do not hear of each other, both rebase the transaction: the
 //! copies have one timestamp, and count as one among conflicts.
 //!
-//! *Deletions.* Some replicas may have dropped deletions that the one who comes back had not seen, since it did not count any
-//! more. Each that was dropped anywhere before the admission was known was so with the sponsor's consent, hence is within
-//! the sponsor's version vector, which is in the context of all that is rebased: and deletions in there are taken away.
+//! *Deletions.* Some replicas may have dropped deletions that the returning replica had not seen, because that replica no longer
+//! counted. Each deletion that was dropped anywhere before the admission was known was dropped with the sponsor's consent. So it
+//! is within the sponsor's version vector, which is in the context of all that is rebased, and deletions in there are taken away.
 //!
-//! *What does not come along.* The records of the old team (`sys/members` and the like): who retired whom there is not asked
-//! here. Values that were overwritten before anybody here saw them; their transactions come along without writes, as long as
-//! the log has them: who, when and why.
+//! *What does not come along.* The records of the old team (`sys/members` and the like), because its retirements do not matter
+//! here. Also values that were overwritten before any replica here saw them: their transactions come along without writes, as
+//! long as the log has their author, time and reason.
 
 use super::commit::Change;
 use super::contents::Contents;
