@@ -22,20 +22,20 @@ use trust::name::UnixTime;
 pub const FILE: &str = "audit";
 /// The most bytes of the log; then a new one begins.
 const SIZE_MAX: u64 = 16 << 20;
-/// The most bytes of a log that is looked through: it may have grown while no new one could begin.
+/// The most bytes of a log that is read: a log may have grown while no new log could begin.
 const LOG_MAX: usize = 64 << 20;
-/// How many records wait for the disk; more are counted.
+/// How many records wait for the disk; further ones are only counted.
 const WAITING_MAX: usize = 256;
 /// How many additional records are written at once.
 const TOGETHER_MAX: usize = 63;
-/// How many of them are refusals: repeated refusals must not keep out records of actions.
+/// How many of the waiting records may be refusals: repeated refusals must not keep out records of actions.
 const REFUSED_MAX: usize = 128;
 /// The most records of a minute that tell of something done, and the most that tell of a refused member. The disk stays free of
 /// more: they are only counted.
 const PER_MINUTE: u32 = 600;
 /// The most records of a minute that tell of a refused stranger. Strangers have a count of their own, so they hide no refusal of a member.
 const STRANGERS_PER_MINUTE: u32 = 8;
-/// After how long a disk that has refused is tried again.
+/// The pause before a disk that has refused is tried again.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 const TOO_MANY: &str = "too many in a minute";
 
@@ -65,7 +65,7 @@ pub struct Audit {
     position: watch::Receiver<Option<Position>>,
 }
 
-/// The records that are counted together.
+/// The kinds of records, each with a count of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Class {
     Done,
@@ -97,7 +97,7 @@ struct Quota {
 }
 
 impl Audit {
-    /// Goes on with the log in a folder, or begins one.
+    /// Continues the log in a folder, or begins a new one.
     ///
     /// # Errors
     /// The disk refuses.
@@ -214,7 +214,7 @@ struct Writer {
     is_torn: bool,
     /// Records that wait, the oldest first.
     waiting: Vec<(UnixTime, AuditEntry)>,
-    /// How many more there would be: of actions and of refusals.
+    /// How many records were left out: of actions and of refusals.
     lost: [u32; 2],
 }
 
@@ -282,7 +282,7 @@ impl Writer {
         }
     }
 
-    /// Has a record wait, if there is room; else it is counted.
+    /// Adds a record to the waiting ones if there is room; otherwise the record is only counted.
     fn take(&mut self, at: UnixTime, entry: AuditEntry) {
         let is_refusal = |entry: &AuditEntry| entry.decision == Decision::Refused;
         let refused = self.waiting.iter().filter(|(_, waiting)| is_refusal(waiting)).count();
@@ -378,8 +378,8 @@ fn append(path: &Path) -> anyhow::Result<File> {
     file::appended(path, Privacy::Own).with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Returns the end of a log; nothing if there is none, or not one whole line of it. A last line that a power cut or a full disk has
-/// left without its end is not there.
+/// Returns the end of a log; nothing if the log is missing, or has not one whole line. A last line that a power cut or a full disk
+/// has left without its end does not count.
 fn read(path: &Path) -> anyhow::Result<Option<Log>> {
     let file = match file::opened(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -453,7 +453,7 @@ mod tests {
             writer.write(&positions);
         };
         give(&mut writer, "before");
-        // It takes a piece of a record, and no more; nor can that be taken off again.
+        // The disk takes a piece of a record, and no more. This piece cannot be removed either.
         append(&folder.join(FILE)).unwrap().write_all(b"2\t7\tref").unwrap();
         let disk = std::mem::replace(&mut writer.file, full());
         (0..200).for_each(|number| give(&mut writer, &format!("somebody {number}")));

@@ -11,7 +11,7 @@ use trust::role::Kind;
 use trust::statement;
 use trust::team::{Credential, Judge};
 
-/// How many are kept. Only credentials of the team are, so there are no more of them than nodes.
+/// How many credentials are kept. Only credentials of the team are kept, so there are no more than nodes.
 const CARDS_MAX: usize = 1024;
 /// For how many seconds a trusted member is trusted without another check of the certificate.
 const JUDGED_FOR: u64 = 5;
@@ -45,7 +45,7 @@ impl Cards {
         (is_other && renewal::end(&known, judge) > renewal::end(credential, judge)).then_some(known)
     }
 
-    /// Returns all that are known.
+    /// Returns all known credentials.
     pub(crate) fn all(&self) -> Vec<Credential> {
         self.cards().values().map(|card| card.credential.clone()).collect()
     }
@@ -56,7 +56,7 @@ impl Cards {
     }
 
     /// Returns the node that has signed a digest. The node of this machine, whose certificate is `own`, is believed here even if it is
-    /// revoked: its team refuses it, and not who works at it.
+    /// revoked: the team refuses the node, but not the users at its machine.
     pub(crate) fn check(
         &self,
         own: &Certificate,
@@ -111,7 +111,7 @@ impl Cards {
     }
 
     fn cards(&self) -> MutexGuard<'_, BTreeMap<PublicKey, Card>> {
-        // A card is put in as a whole.
+        // A card is inserted as a whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -18,7 +18,7 @@ pub fn make(folder: &Path) -> anyhow::Result<()> {
     made.with_context(|| format!("making the folder `{}`", folder.display()))
 }
 
-/// Writes a whole file, or leaves the one from before. It is on the disk when this returns.
+/// Writes a whole file, or leaves the previous one. The file is on the disk when this returns.
 ///
 /// # Errors
 /// The disk refuses.

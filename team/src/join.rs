@@ -22,9 +22,9 @@ use trust::team::{Credential, Team};
 const TALK_WITHIN: Duration = Duration::from_secs(15);
 /// How long until the joiner tries the next address.
 const CONNECT_WITHIN: Duration = Duration::from_secs(4);
-/// How many conversations there may be at a time; for a new one the oldest goes of the address that has the most.
+/// How many conversations there may be at a time; a new one replaces the oldest conversation of the address with the most.
 const TALKS_MAX: usize = 64;
-/// How long a conversation stays whose proof was wrong: so a stranger makes few expensive checks, and the right line does not wait.
+/// How long a conversation with a wrong proof stays: so a stranger causes few expensive checks, and the right line does not wait.
 const WRONG_STAYS: Duration = Duration::from_secs(1);
 
 /// Joins the team of an invitation, at the first of its addresses that answers.

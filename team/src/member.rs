@@ -60,7 +60,7 @@ pub struct Member {
     folder: PathBuf,
     keys: SecretKeys,
     team: Team,
-    /// As it was when this node was started.
+    /// The identity as it was when this node was started.
     credential: Credential,
     /// The same, with the newest renewal.
     newest: Mutex<Credential>,
@@ -72,7 +72,7 @@ pub struct Member {
     /// The credentials that others have shown.
     cards: Cards,
     changes: watch::Sender<()>,
-    /// None where the disk takes none.
+    /// The audit log; none if the disk takes none.
     audit: Option<Audit>,
     heads: Mutex<Heads>,
     refusals: Mutex<Refusals>,
@@ -162,7 +162,7 @@ impl Member {
         if founds {
             folder::write(&folder.join(FOUNDS), &[])?;
         } else {
-            // Of a team before.
+            // This file belongs to an earlier team.
             drop(std::fs::remove_file(folder.join(FOUNDS)));
         }
         if !folder.join(REVOKED).is_file() {
@@ -173,7 +173,7 @@ impl Member {
         folder::write(&folder.join(CREDENTIAL), &credential.to_bytes())
     }
 
-    /// Returns whether it is to begin the team's database.
+    /// Returns whether this node is to create the team's database.
     #[must_use]
     pub fn founds(&self) -> bool {
         self.folder.join(FOUNDS).is_file()
@@ -239,7 +239,7 @@ impl Member {
     /// its earlier transactions stay valid.
     ///
     /// # Errors
-    /// It is none of a node of the team; for a person.
+    /// The credential does not belong to a node of the team; the reason is for a person.
     pub fn node_of(&self, credential: &[u8]) -> Result<(String, PublicKeys), String> {
         let credential = Credential::from_bytes(credential).map_err(|error| format!("a credential: {error}"))?;
         let claims = credential.certificate().claims();
@@ -260,7 +260,7 @@ impl Member {
         sealed.open(&Place { team: self.team.id(), path: key }, &self.keys)
     }
 
-    /// Has something written to the audit log.
+    /// Writes a record to the audit log.
     pub fn record(&self, entry: AuditEntry) {
         self.audit.iter().for_each(|audit| audit.record(entry.clone()));
     }
@@ -300,10 +300,10 @@ impl Identity for Member {
         if claims.keys.signing() != key {
             return Err("its credential is that of another key".to_owned());
         }
-        // A copy: who looks at the cards of others asks for the revocations, so neither is held here while the other is.
+        // This is a copy: a reader of the cards also asks for the revocations, so the two locks must not be held at once.
         let revoked = self.revoked().clone();
         let by = self.by(&revoked);
-        // It may have been renewed since it was shown here.
+        // The certificate may have been renewed since it was shown here.
         let newer = self.cards.newer(&credential, &by);
         newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.judged(&error))?;
         if credential.certificate().kind() != Kind::Node {

@@ -39,7 +39,7 @@ pub(crate) struct Circle {
 }
 
 impl Circle {
-    /// Returns the content of the file that programs are told of.
+    /// Returns the content of the file for programs.
     pub(crate) fn bytes(team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<Vec<u8>> {
         let revoked = revoked.to_str().context("a folder has a name that is not text")?;
         Ok(postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
@@ -77,7 +77,7 @@ impl Circle {
     }
 }
 
-/// Gets each refused program that has no wire with this one.
+/// The function that gets each refused program without a wire to this one.
 type OnStranger = Box<dyn Fn(String) + Send + Sync>;
 
 /// A program of a team, as others see it.
@@ -91,7 +91,7 @@ pub struct ProgramIdentity {
     /// The keys of programs that have, or had, wires with this one. A program that has lost its wire is told nothing
     /// any more, and its link is left to end by itself: it may still be needed for a value in transit.
     partners: Mutex<BTreeSet<PublicKey>>,
-    /// Says that there are more of them.
+    /// Reports that there are more keys.
     news: watch::Sender<()>,
     on_stranger: OnStranger,
 }
@@ -157,7 +157,7 @@ impl ProgramIdentity {
     }
 
     fn delegation(&self) -> MutexGuard<'_, Option<Delegation>> {
-        // It is exchanged as a whole.
+        // The delegation is replaced as a whole.
         self.delegation.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -198,7 +198,7 @@ impl Identity for ProgramIdentity {
     }
 
     fn awaits(&self, key: &PublicKey, credential: &[u8]) -> Option<watch::Receiver<()>> {
-        // Before the look, so that later changes are heard.
+        // The receiver is made before the check, so that later changes are noticed.
         let news = self.news.subscribe();
         let delegation = self.circle.delegation(key, credential).ok()?;
         (!self.may_link(&delegation)).then_some(news)

@@ -1,7 +1,7 @@
 //! A visitor, which watches or calls programs from a machine of the team: `dca`, with the credentials that the node
 //! there gives to all clients on its machine.
 //!
-//! The node writes it to a file of its run folder. It has a key that was made when the node started, and never the node's own.
+//! The node writes this identity to a file of its run folder. Its key was made when the node started, and is never the node's own.
 
 use crate::cards::Cards;
 use crate::folder;
@@ -96,7 +96,7 @@ impl Identity for VisitorIdentity {
     }
 
     fn credential(&self) -> Vec<u8> {
-        // If that cannot be read, the delegation from its start is valid for a while.
+        // If the file cannot be read, the delegation from the start of the visitor is valid for a while.
         let newest = Self::open(&self.path).ok().filter(|newest| newest.delegation.key() == self.delegation.key());
         newest.as_ref().unwrap_or(self).delegation.to_bytes()
     }

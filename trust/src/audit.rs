@@ -67,7 +67,7 @@ pub struct Entry<'a> {
     pub what: &'a str,
     /// The request's id.
     pub request: [u8; 16],
-    /// Why it was refused, or not done; else empty.
+    /// Why the request was refused, or not done; otherwise empty.
     pub reason: &'a str,
 }
 
@@ -114,7 +114,7 @@ pub enum AuditError {
         /// The record.
         number: u64,
     },
-    /// A record is another one than a member has signed.
+    /// A record differs from the record that a member has signed.
     #[error("record {number} is not the one that {by} has signed")]
     Forked {
         /// The record.
@@ -149,7 +149,7 @@ impl Log {
         (Self { node, team, first, next: first, hash }, line)
     }
 
-    /// Returns of which node a log is that begins with this line; nothing if no log does.
+    /// Returns the node of a log that begins with this line; nothing if no log begins so.
     #[must_use]
     pub fn node_of(line: &str) -> Option<KeyId> {
         begin(line).map(|(log, _)| log.node)
@@ -200,7 +200,7 @@ pub struct Position {
     pub log: KeyId,
     /// The number of the last record.
     pub number: u64,
-    /// The hash of all up to it.
+    /// The hash of all records up to the last one.
     pub hash: [u8; 32],
 }
 
@@ -234,7 +234,7 @@ impl Head {
         self.by.id()
     }
 
-    /// Returns when that was, by the member's clock.
+    /// Returns the time of the signature, by the member's clock.
     #[must_use]
     pub const fn at(&self) -> UnixTime {
         self.at
@@ -376,7 +376,7 @@ fn begin(line: &str) -> Option<(Log, Option<Position>)> {
     let (team, node) = (KeyId(id()?), KeyId(id()?));
     let next: u64 = fields.next()?.parse().ok().filter(|first| *first > 0)?;
     let hash = <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok()?;
-    // Written again it has to be the same: then it has one form.
+    // The line, written again, has to be the same: so each log has only one form.
     let (log, again) = Log::begin(team, node, Some(&Log { node, team, first: next, next, hash }));
     let before = (next > 1).then_some(Position { log: node, number: next - 1, hash });
     (again == line).then_some((log, before))

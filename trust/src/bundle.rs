@@ -34,7 +34,7 @@ const BEGIN: &str = "dca-team 2";
 const BEGIN_OLD: &str = "dca-team 1";
 const END: &str = "end ";
 
-/// A team and those it knows.
+/// A team, with its certificates and revocations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Bundle {
     team: Team,
@@ -48,7 +48,7 @@ pub enum BundleError {
     /// It is longer than a bundle may be.
     #[error("it is longer than {BUNDLE_MAX} bytes, or has more than {CERTIFICATES_MAX} certificates")]
     TooLong,
-    /// It does not begin as one.
+    /// It does not begin like a bundle.
     #[error("its first line is not `{BEGIN}`")]
     Begin,
     /// Its last line is missing, or does not match the lines.
@@ -62,12 +62,12 @@ pub enum BundleError {
     Signature(usize),
 }
 
-/// A holder of a certificate of a bundle, and whether that one is trusted.
+/// A holder of a certificate of a bundle, and whether the holder is trusted.
 #[derive(Debug)]
 pub struct Holder<'a> {
     /// The certificate.
     pub certificate: &'a Certificate,
-    /// Until when, or why not.
+    /// Until when the holder is trusted, or why not.
     pub standing: Result<Standing, TrustError>,
 }
 
@@ -127,7 +127,7 @@ impl Bundle {
             }
         }
         for set in other.revoked.sets() {
-            // It was checked when the other bundle was read.
+            // The set was checked when the other bundle was read.
             drop(self.revoke(set.clone()));
         }
         Ok(())

@@ -110,7 +110,7 @@ impl Certificate {
         Ok(Self { claims, issuer: id, signature })
     }
 
-    /// Returns its content. That is not proven: see [`crate::team::Credential::check`].
+    /// Returns its content. The content is not proven to be true: see [`crate::team::Credential::check`].
     pub const fn claims(&self) -> &Claims {
         &self.claims
     }
@@ -210,7 +210,7 @@ impl Renewal {
         self.renewer
     }
 
-    /// Returns whether it renews this certificate, no longer than that can be renewed, and is signed by these keys.
+    /// Returns whether it renews this certificate, for no longer than is allowed, and is signed by these keys.
     pub(crate) fn fits(&self, certificate: &Certificate, renewer: &PublicKeys) -> bool {
         self.certificate == certificate.hash()
             && self.not_after <= certificate.claims.renewable_until

@@ -28,7 +28,7 @@ pub struct Delegation {
     program: String,
     not_after: UnixTime,
     signature: [u8; SIGNATURE_LEN],
-    /// The node's.
+    /// The credential of the node.
     node: Credential,
 }
 
@@ -41,7 +41,7 @@ pub enum DelegationError {
     /// The node has not signed this.
     #[error("its node has not signed for it")]
     Signature,
-    /// It has ended.
+    /// The delegation has ended.
     #[error("its node does not vouch for it any more")]
     Expired,
     /// The node is not trusted.
@@ -69,7 +69,7 @@ impl Delegation {
         Some(self.program.as_str()).filter(|program| !program.is_empty())
     }
 
-    /// Returns the same with another credential of the node, which may have been renewed; nothing if it is that of another node.
+    /// Returns the delegation with a newer credential of its node; nothing if the credential belongs to another node.
     #[must_use]
     pub fn renewed(&self, node: Credential) -> Option<Self> {
         let is_same = node.certificate().subject() == self.node.certificate().subject();
@@ -89,7 +89,7 @@ impl Delegation {
     /// Checks that a node of the team vouches for the key now.
     ///
     /// # Errors
-    /// It does not, with the reason.
+    /// No node of the team vouches for the key, with the reason.
     pub fn check(&self, judge: &Judge<'_>) -> Result<(), DelegationError> {
         self.node.check(judge).map_err(DelegationError::Node)?;
         let certificate = self.node.certificate();

@@ -1,9 +1,9 @@
 //! The signed heads of audit logs that a member keeps: its signatures on the logs of others, and others' signatures on
 //! its own log.
 //!
-//! A member signs where the log of another one has come to, and never again an earlier place, nor another record of that number. So
-//! who cuts off or rewrites the end of a log has the word of others against it, which is on their disks. Of each log and signer some
-//! heads are kept, of all its time: a log that was rewritten and has grown since does not fit to the old ones.
+//! A member signs the position of another member's log. It never signs an earlier position afterwards, nor another record of the
+//! same number. So if the end of a log is cut off or rewritten, signatures on the disks of others contradict it. For each log and
+//! signer, some heads from all times are kept: a log that was rewritten and has grown since does not match the old heads.
 
 use crate::audit::{Head, Position};
 use crate::identity::{KeyId, SecretKeys};
@@ -11,7 +11,7 @@ use crate::name::{Name, UnixTime};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// The most heads of one log by one signer. Of more, one goes that has another one near it in time.
+/// The most heads of one log by one signer. If there are more, a head with a close neighbour in time is dropped.
 pub const HEADS_MAX: usize = 8;
 /// The most pairs of a log and a signer.
 pub const PAIRS_MAX: usize = 512;
@@ -56,15 +56,15 @@ pub struct Heads(BTreeMap<(KeyId, KeyId), Signed>);
 /// The heads of one log by one signer, in the order of their numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Signed {
-    /// The signer, as it was called.
+    /// The name that the signer had.
     name: Name,
     heads: Vec<Head>,
 }
 
 impl Heads {
-    /// Signs where the log of another node has come to, as that node has `told`, unless this member has signed the same before. Returns
-    /// the head, and whether it is a new one. The latest head that the node has told is kept as well: an earlier one counts no more, so
-    /// a copy of it that is sent again does not make the log look as if it was cut off.
+    /// Signs the position of another node's log, as that node has `told` it, unless this member has already signed the same. Returns the
+    /// head, and whether it is new. The latest head from the node is kept as well, and earlier ones no longer count. So a copy of an
+    /// earlier head that is sent again does not make the log look cut off.
     ///
     /// # Errors
     /// This member has signed another state of that log, the node has signed a later head, or the table is full.
@@ -147,7 +147,7 @@ impl Heads {
     }
 }
 
-/// Returns the head that is missed least: the one with the least time between its neighbours. The first and the last stay.
+/// Returns the head that is needed least: the one with the least time between its neighbours. The first and the last head stay.
 fn crowded(heads: &[Head]) -> usize {
     let between = |place: &usize| heads[place + 1].at().since(heads[place - 1].at());
     (1..heads.len() - 1).min_by_key(between).unwrap_or_default()

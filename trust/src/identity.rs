@@ -1,6 +1,6 @@
 //! Keys of nodes, users, programs and teams, and how people compare them.
 //!
-//! Everybody has two pairs: one to sign (Ed25519, RFC 8032) and one to receive secrets (X25519, RFC 7748). Both public keys
+//! Every owner has two pairs of keys: one to sign (Ed25519, RFC 8032) and one to receive secrets (X25519, RFC 7748). Both public keys
 //! together have one id. `Debug` shows ids, never a secret.
 
 use crate::text::{self, TextError};
@@ -102,7 +102,7 @@ impl PublicKeys {
         if sign.is_weak() {
             return Err(FormError::Field("key to sign"));
         }
-        // Any scalar shows it.
+        // Any scalar shows whether the point has a small order.
         if shared(&[1; 32], &seal).is_none() {
             return Err(FormError::Field("key to seal"));
         }

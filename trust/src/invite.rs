@@ -1,7 +1,7 @@
 //! The line that brings a robot into a team, and the messages between the two machines.
 //!
-//! The line has the hash of the team's key, a secret that is good for one robot, when that ends, and where the inviter answers. So
-//! the joiner can tell the right team from any other before it says anything, and only then gives the secret, sealed.
+//! The line has the hash of the team's key, a secret for one robot, the end of its validity, and the addresses of the inviter. So
+//! the joiner can recognise the right team before it reveals anything, and only then sends the secret, sealed.
 
 mod handshake;
 mod message;
@@ -39,7 +39,7 @@ pub struct Invite {
     pub founds: bool,
 }
 
-/// Marks, before the addresses, whose first bytes differ, that the robot is the first of its team.
+/// Stands before the addresses if the robot is the first of its team. The first byte of an address is never this one.
 const FOUNDS: u8 = 0;
 
 impl Invite {

@@ -26,14 +26,14 @@ const TAG: usize = 16;
 pub struct Cost {
     /// Memory, in KiB.
     memory: u32,
-    /// How often it is gone through.
+    /// How often the memory is passed over.
     passes: u32,
 }
 
 impl Cost {
     /// 64 MiB, three times.
     pub const STANDARD: Self = Self { memory: 64 << 10, passes: 3 };
-    /// As little as there is, for tests: it protects nothing.
+    /// The least cost, for tests: it protects nothing.
     pub const TEST: Self = Self { memory: 8, passes: 1 };
 
     /// A file from another user may ask for no more than 1 GiB, 16 times.
@@ -244,7 +244,7 @@ mod tests {
         for at in 0..locked.to_bytes().len() {
             let mut changed = locked.to_bytes();
             changed[at] ^= 1;
-            // A higher cost only takes longer; changes are found in any case.
+            // A higher cost only takes longer; other changes are found.
             let read = LockedKeys::from_bytes(&changed).ok().filter(|read| read.cost == Cost::TEST);
             assert!(read.is_none_or(|read| read.unlock("correct horse").is_err()), "byte {at}");
         }

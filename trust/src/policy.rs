@@ -187,7 +187,7 @@ impl Policy {
     /// Reads a policy.
     ///
     /// # Errors
-    /// It is not a policy. Nothing is guessed.
+    /// The text is not a policy. No mistake is corrected by a guess.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         if text.len() > POLICY_MAX {
             return Err(PolicyError::TooLong);
@@ -291,7 +291,7 @@ impl Policy {
         if denied.is_empty() { Ok(limits) } else { Err(denied) }
     }
 
-    /// Where only some programs run, a variable such as `LD_PRELOAD` would have them run anything else.
+    /// Returns the reasons against variables. If only some programs may run, a variable such as `LD_PRELOAD` could make them run others.
     fn against_variables(&self, variables: &[String]) -> Vec<Denied> {
         let is_open = self.folders.is_none() && self.hashes.is_none();
         let (line, listed) = match &self.environment {

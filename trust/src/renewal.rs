@@ -30,7 +30,7 @@ pub enum RenewalError {
     /// The user has not signed that it asks.
     #[error("it is not signed by the key of the certificate")]
     Signature,
-    /// It is of another time.
+    /// The request is from another time.
     #[error("it is of another time: is a clock wrong?")]
     Time,
     /// A node may not renew itself.
@@ -39,7 +39,7 @@ pub enum RenewalError {
     /// More than half of its life is left.
     #[error("it is valid for long enough")]
     Early,
-    /// It ends for good, or the right to renew it does.
+    /// Its validity has ended for good, or the time in which it can be renewed.
     #[error("it can be renewed only while it is valid; after that the operator has to make another one")]
     Last,
     /// The offered renewal does not last longer, or is for another certificate.

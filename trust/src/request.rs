@@ -22,7 +22,7 @@ pub const REQUEST_MAX: usize = 512 + CREDENTIAL_MAX;
 pub const BODY_MAX: usize = 16 << 20;
 /// How long a request with a waiting user may be valid, in seconds.
 pub const INTERACTIVE_MAX: u64 = 60;
-/// How long a deployment may be valid, in seconds: it may travel for days. 7 days; its epoch stops older ones.
+/// How long the request for a deployment may be valid, in seconds: 7 days, since it may travel for days. Its epoch stops older ones.
 pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
 
 /// How far the number of a request may be above the time, in seconds: a day. Numbers are the time, or one more than the last.
@@ -51,9 +51,9 @@ pub struct Request {
     pub audience: Audience,
     /// The requested action.
     pub action: Action,
-    /// A random number by which it is found again.
+    /// A random number by which the request is found in logs.
     pub id: [u8; 16],
-    /// The signer's own number of it: each once, about in order.
+    /// The signer's number of the request: each is used once, roughly in order.
     pub sequence: u64,
     /// The epoch of the deployment; 0 where there is none.
     pub epoch: u64,
@@ -113,15 +113,15 @@ pub enum Refusal {
     /// It has ended.
     #[error("the request came {0} s too late")]
     Late(u64),
-    /// Its number is more than [`AHEAD_MAX`] above the time. Accepted, it would be the highest one, and no other after it.
+    /// Its number is more than [`AHEAD_MAX`] above the time. If it were accepted, no lower number would be accepted afterwards.
     #[error("request number {0} of this signer is more than a day ahead of the clock")]
     Ahead(u64),
     /// Its epoch is outdated.
     #[error("the request has epoch {found}, but {known} is known")]
     Epoch {
-        /// The request's.
+        /// The epoch of the request.
         found: u64,
-        /// The lowest that is accepted.
+        /// The lowest epoch that is accepted.
         known: u64,
     },
     /// Its number was used, or is too old to know.

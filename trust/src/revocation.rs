@@ -50,7 +50,7 @@ pub enum RevocationError {
     /// There are too many keys.
     #[error("no more than {REVOKED_MAX} keys can be revoked by one signer")]
     TooMany,
-    /// A member holds as many as it can.
+    /// The member already holds as many sets as it can.
     #[error(
         "no more than {SETS_MAX} sets of revocations are held that do not contain each other: the next `dca team revoke NAME` or \
          `dca team user remove NAME` on a machine whose node knows them joins them"
@@ -177,7 +177,7 @@ impl RevokedSet {
     }
 }
 
-/// Everything that a member knows of as revoked. It only grows.
+/// All revocations that a member knows. They only grow in number.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Revocations {
     /// The sets that are passed on, and kept on the disk: none covers another. In the order of their signers and

@@ -39,7 +39,7 @@ pub enum Role {
 /// The actions that a request may ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Action {
-    /// Stop everything, at once. It is everybody's.
+    /// Stop everything at once. Every member may do this.
     Estop,
     /// Watch what runs, and read the database.
     Watch,

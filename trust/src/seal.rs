@@ -115,7 +115,7 @@ impl Sealed {
         Self::generation(1, secret, place, readers, entropy)
     }
 
-    /// Seals another secret in its place, with a new key, for readers that need not be the same.
+    /// Seals a new secret in place of the old one, with a new key. The readers may differ.
     ///
     /// # Errors
     /// A limit is not kept.
@@ -160,7 +160,7 @@ impl Sealed {
     /// Returns the secret, for one of its readers.
     ///
     /// # Errors
-    /// It is not for these keys, or not of this place.
+    /// The secret is not sealed for these keys, or belongs to another place.
     pub fn open(&self, place: &Place<'_>, keys: &SecretKeys) -> Result<Secret, SealError> {
         if place.path.len() > PATH_MAX {
             return Err(SealError::Path);

@@ -24,7 +24,7 @@ pub const CREDENTIAL_MAX: usize = 64 + 4 * CERTIFICATE_MAX + RENEWAL_MAX;
 const TEAM: &str = "dca team 1";
 const CREDENTIAL: &str = "dca credential 1";
 
-/// A team as everybody knows it: its name and its public keys, signed by itself.
+/// The public part of a team: its name and its public keys, signed by itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Team {
     name: Name,
@@ -90,7 +90,7 @@ impl Team {
 pub struct Chain {
     /// The subject's certificate.
     pub certificate: Certificate,
-    /// The admin's.
+    /// The certificate of the admin.
     pub issuer: Option<Certificate>,
 }
 
@@ -131,7 +131,7 @@ pub enum TrustError {
     /// The certificate belongs to another team.
     #[error("`{0}` belongs to another team")]
     OtherTeam(Name),
-    /// Its issuer is not the team, and no admin of it.
+    /// Its issuer is neither the team nor an admin of it.
     #[error("the certificate of `{0}` was issued by a member that may not")]
     Issuer(Name),
     /// The signature does not fit.
@@ -239,7 +239,7 @@ impl Credential {
         let end = match renewed {
             None => claims.not_after,
             Some(Ok(end)) => end.max(claims.not_after),
-            // The renewer may have been revoked since: the certificate is then valid as without a renewal.
+            // The renewer may have been revoked since. The certificate is then valid as if it had not been renewed.
             Some(Err(_)) if judge.now <= claims.not_after.plus(SKEW).plus(grace) => claims.not_after,
             Some(Err(why)) => return Err(why),
         };

@@ -21,7 +21,7 @@ pub enum TextError {
     /// The checksum does not fit: a character is wrong.
     #[error("it has a typing mistake: its checksum does not fit")]
     Checksum,
-    /// It does not begin as such a text does.
+    /// It does not begin like such a text.
     #[error("it does not begin with `{0}`")]
     Prefix(&'static str),
 }
@@ -58,7 +58,7 @@ pub(crate) fn decode(text: &str) -> Result<Vec<u8>, TextError> {
             held &= (1 << bits) - 1;
         }
     }
-    // A whole number of bytes leaves fewer than 5 bits, which are 0: so bytes have one text.
+    // A whole number of bytes leaves fewer than 5 bits, and these must be 0, so that the same bytes always have the same text.
     if bits >= 5 || held != 0 { Err(TextError::Length) } else { Ok(bytes) }
 }
 

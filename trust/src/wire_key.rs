@@ -1,8 +1,8 @@
 //! The keys of wires: values from one program to another are sealed with a key that only the two have.
 //!
 //! Each program makes its own keys when it starts, and hands out the public ones by way of its node. A key agreement (X25519) of the
-//! secret key of one end and the public key of the other gives both the same bytes, and these give one key for each wire and
-//! direction. So no secret travels, no node knows one, and a program that is started again has others.
+//! secret key of one end and the public key of the other gives both ends the same bytes, and these give one key for each wire and
+//! direction. So no secret is sent, no node knows one, and a program that is started again has new keys.
 
 use crate::identity::{Entropy, PUBLIC_LEN, PublicKeys, SecretKeys};
 use crate::wire::FormError;
@@ -17,12 +17,12 @@ const WIRE_KEY: &str = "dca wire key 1";
 /// The keys of a program, from its start to its end.
 pub struct ProgramKeys(SecretKeys);
 
-/// Which of the two ends of a wire seals.
+/// The end of a wire that seals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sealing {
-    /// This one, for the other.
+    /// This end seals for the other one.
     Here,
-    /// The other one, for this.
+    /// The other end seals for this one.
     There,
 }
 
@@ -65,7 +65,7 @@ impl ProgramKeys {
         let ours = self.public();
         let (from, to) = if sealing == Sealing::Here { (&ours, theirs) } else { (theirs, &ours) };
         let mut hasher = blake3::Hasher::new_derive_key(WIRE_KEY);
-        // All but the last have a fixed length.
+        // All fields but the last have a fixed length.
         hasher.update(&*shared).update(from).update(to).update(about.as_bytes());
         Ok(Zeroizing::new(hasher.finalize().into()))
     }

@@ -31,7 +31,7 @@ pub(crate) struct Catalogue {
     pub(crate) transitions: u64,
     /// The most memory that the exploration of one part took, in bytes.
     pub(crate) memory: usize,
-    /// The groups that were not looked at whole, and why.
+    /// The groups that were not explored completely, and why.
     pub(crate) unfinished: Vec<(u32, Reached)>,
 }
 
@@ -104,7 +104,7 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
         if has_activity {
             ends_at_once = graph.from(0).any(|(_, started)| over[started as usize]);
         }
-        // From its start it can end, and from somewhere else it cannot.
+        // The part can end from its start, but there are other states from which it cannot.
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
         may_hang |= can.first() == Some(&true) && can.contains(&false);
         if aborts {
@@ -138,7 +138,7 @@ fn taken_down(model: &Model<'_>, part: usize) -> impl Iterator<Item = Failure> {
     reasons.into_iter().filter(move |(may, _)| *may && !is_piece).map(|(_, reason)| reason)
 }
 
-/// How the whole of a system ends, of all that was seen, and if wanted a way to each end that no stop causes.
+/// The ends of the whole in a system, and if wanted a way to each end that no stop causes.
 fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool], wants_ways: bool) -> (Ends, Vec<Way>) {
     let (mut ends, mut ways) = (Ends::default(), Vec::<Way>::new());
     let (mut frame, mut changes) = (system.initial(), Vec::new());
@@ -223,7 +223,7 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Ca
     }
 }
 
-/// The processes that a limit leaves no time for; those that never start in any order of events are already reported.
+/// The processes that never start in time because of a limit. Processes that no order of events starts are already reported.
 fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     let told: BTreeSet<Span> =
         catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();
@@ -234,8 +234,8 @@ fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     catalogue.findings.extend(found);
 }
 
-/// Where a run comes nearest to a node that it never reaches: the first state in which the innermost operator around it is active
-/// that ever is.
+/// The state in which a run comes nearest to a node that it never reaches. Of the operators around the node that are ever active,
+/// the innermost one is first active there.
 fn nearest(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<u32> {
     let mut around = Vec::new();
     let mut next = 0;

@@ -53,7 +53,7 @@ pub fn conform(plan: &Plan, sites: &Sites, records: &[Vec<Steps>], limits: &Limi
 pub(crate) struct Follower<'s, 'a> {
     system: &'s System<'a>,
     labels: Vec<Label>,
-    /// Whether the system can be where the group is; else it waits for the next start.
+    /// Whether the system can be in the state of the group; otherwise it waits for the next start.
     is_known: bool,
 }
 
@@ -62,7 +62,7 @@ impl<'s, 'a> Follower<'s, 'a> {
         Self { system, labels: Vec::new(), is_known: false }
     }
 
-    /// Another supervisor follows, of which nothing is known.
+    /// Another supervisor follows, whose state is unknown.
     pub(crate) fn begins_anew(&mut self) {
         self.is_known = false;
     }
@@ -100,7 +100,7 @@ impl<'s, 'a> Follower<'s, 'a> {
             Event::Elapsed { timer, .. } => {
                 has(&|label| matches!(label, Label::Elapsed(_, other) if of(*timer)(other)))
             }
-            // An end that crosses an order to stop is its answer.
+            // An end that crosses an order to stop counts as the answer to the order.
             Event::Done { member, .. } | Event::Aborted { member, .. } | Event::Stopped { member, .. }
                 if is_stopping(*member) =>
             {
@@ -141,6 +141,6 @@ impl<'s, 'a> Follower<'s, 'a> {
     }
 }
 
-/// Something happened that a verification takes for impossible.
+/// An event has happened that the verification takes for impossible.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Outside;

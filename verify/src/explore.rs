@@ -8,7 +8,7 @@ use crate::threads::{Alone, Threads, each, lock};
 use std::ops::Range;
 use std::sync::Mutex;
 
-/// As many transitions are taken between two questions about the budget.
+/// How many transitions are taken between two checks of the budget.
 const TURN: usize = 1024;
 /// States with more bytes are so slow that the budget is checked at each of their transitions.
 const LONG: usize = 4096;
@@ -16,7 +16,7 @@ const LONG: usize = 4096;
 const BLOCK_BYTES: usize = 16 << 20;
 /// The most states of a block.
 const BLOCK_MAX: usize = 1 << 14;
-/// As many states does a thread take at once.
+/// How many states a thread takes at once.
 const JOB: u32 = 256;
 
 /// The limits of an exploration.
@@ -28,7 +28,7 @@ pub struct Limits<'l> {
     pub memory: usize,
     /// The threads that explore.
     pub threads: &'l dyn Threads,
-    /// Asked from time to time whether there is still time.
+    /// The object that is asked from time to time whether to continue.
     pub goes_on: &'l dyn GoesOn,
 }
 
@@ -37,14 +37,14 @@ pub trait GoesOn: std::fmt::Debug + Sync {
     /// Returns whether to continue.
     fn goes_on(&self) -> bool;
 
-    /// Hears how far the work has come, for a person who waits.
+    /// Gets the progress of the work, for a person who waits.
     fn hear(&self, _done: WorkDone) {}
 }
 
-/// How far a verification has come.
+/// The progress of a verification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkDone {
-    /// So many jobs of one kind are done.
+    /// The number of finished jobs of one kind.
     Jobs {
         /// The kind: `groups`, `sentences`, `faults`, `pairs of faults`.
         what: &'static str,
@@ -96,7 +96,7 @@ pub(crate) struct Graph {
     pub(crate) reached: Option<Reached>,
 }
 
-/// Is told of every transition: its changes, and the state that it leads to.
+/// Observes every transition: its changes, and the state that it leads to.
 pub(crate) trait Observer {
     /// Whether this observer reads the changes of a transition. If not, it gets none.
     const LOOKS_AT_CHANGES: bool = true;
@@ -106,7 +106,7 @@ pub(crate) trait Observer {
     fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool;
 }
 
-/// Sees nothing.
+/// An observer that sees nothing.
 pub(crate) struct Nobody;
 
 impl Observer for Nobody {
@@ -176,7 +176,7 @@ struct Block {
     degrees: Vec<u32>,
     /// Whether the last one violates the observer's property.
     is_violated: bool,
-    /// The limit that was reached; then the block is of no use.
+    /// The limit that was reached; if there is one, the block is unusable.
     reached: Option<Reached>,
 }
 

@@ -14,11 +14,11 @@ pub struct Transitions {
     pub states: u32,
     /// The source, the event and the target.
     pub all: Vec<(u32, String, u32)>,
-    /// The limit that was reached, so that something is missing.
+    /// The limit that was reached, if states are missing because of it.
     pub reached: Option<Reached>,
 }
 
-/// Returns all that a plan can do, its programs failing and stops coming at any time, nothing left out and nothing reduced.
+/// Returns everything that a plan can do if its programs may fail and stops may come at any time. Nothing is left out or reduced.
 pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitions {
     let model = Model::of_groups(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);

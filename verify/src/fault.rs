@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// How bad a fault is, the worst last.
+/// The severity of a fault; the worst comes last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// A process that the spec provides continues in its place, or ends it.
@@ -38,13 +38,13 @@ pub enum Severity {
     Degraded,
     /// The rest continues without it, although it can only fail.
     FailsLater,
-    /// The rest goes on, and some program in it gets no data any more.
+    /// The rest continues, but some program in it gets no data any more.
     Blind,
     /// It is unknown whether the program has stopped.
     Unconfirmed,
     /// Something runs that the mission does not reach.
     Adrift,
-    /// Something never ends by itself, and only a stop from outside helps.
+    /// A process never ends by itself, and only a stop from outside helps.
     Stuck,
 }
 
@@ -291,7 +291,7 @@ impl PhaseRows {
         }
     }
 
-    /// The worst; and where that is safe, and something goes on in other states, that first: `safe` alone would promise too much.
+    /// Returns the worst row. If it is safe, but processes continue in other states, that comes first: `safe` alone would promise too much.
     fn rows(self) -> impl Iterator<Item = case::Judged> {
         let is_safe = self.worst.as_ref().is_some_and(|worst| worst.severity == Severity::Safe);
         self.handled.filter(|_| is_safe).into_iter().chain(self.worst)

@@ -8,7 +8,7 @@ use language::plan::Plan;
 use language::sites::Sites;
 use std::collections::BTreeSet;
 
-/// All that a plan can do, its programs failing and stops coming at any time.
+/// Everything that a plan can do if its programs may fail and stops may come at any time.
 #[derive(Debug)]
 pub struct Flat {
     /// The number of states.
@@ -27,7 +27,7 @@ pub struct Flat {
     pub reached: Option<Reached>,
 }
 
-/// Where the whole is.
+/// The state of the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Ending {
     /// It has not started.

@@ -4,7 +4,7 @@ use crate::story::{Became, Story};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// More lanes, or more steps, are not drawn.
+/// The most lanes, and the most steps, that are drawn.
 const LANES_MAX: usize = 200;
 const STEPS_MAX: usize = 200;
 /// The room for names, for a step, for a lane, for a line of text, and around it all.
@@ -13,7 +13,7 @@ const STEP: usize = 48;
 const LANE: usize = 22;
 const LINE: usize = 17;
 const MARGIN: usize = 16;
-/// A letter is about so wide.
+/// The approximate width of a letter.
 const LETTER: usize = 7;
 
 const ACTIVE: &str = "#7fb2e5";

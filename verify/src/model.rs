@@ -74,7 +74,7 @@ pub(crate) struct Ends {
 }
 
 impl<'a> Model<'a> {
-    /// Takes a plan apart.
+    /// Divides a plan into parts.
     pub fn new(plan: &'a Plan, sites: &'a Sites) -> Self {
         Self::with(plan, sites, WHOLE_MAX)
     }
@@ -84,7 +84,7 @@ impl<'a> Model<'a> {
         Self::with(plan, sites, u64::MAX)
     }
 
-    /// Takes the groups apart that have more configurations than `whole`.
+    /// Divides the groups that have more configurations than `whole`.
     pub(crate) fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
         let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
         for (index, group) in (0..).zip(&plan.groups) {
@@ -103,7 +103,7 @@ impl<'a> Model<'a> {
         model
     }
 
-    /// Whether any expression or sentence looks at tags: else all values are alike.
+    /// Whether any expression or sentence distinguishes tags; otherwise all values are alike.
     pub(crate) fn has_tags(&self) -> bool {
         let looks = |property: &Property| property.sentence.events().iter().any(|event| event.kind.outcome().is_some());
         self.plan.groups.iter().any(|group| names_tags(&group.expression)) || self.sites.properties.iter().any(looks)

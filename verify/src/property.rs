@@ -82,7 +82,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             diagnostic = help(diagnostic, why);
         }
         let told = |(system, graph, state): (&System<'_>, &Graph, u32)| match state {
-            // It was never possible: a run shows what happens instead.
+            // The goal was never possible, so a run shows what happens instead.
             0 => tell(system, &a_run(system, graph)),
             state => story(system, graph, state),
         };

@@ -15,7 +15,7 @@ use language::sites::Sites;
 use language::{Code, Fix, Options, Source, Span, apply_fix, compile_with_sites};
 use std::collections::BTreeMap;
 
-/// So many mistakes of a spec are looked at.
+/// The most mistakes of a spec for which repairs are searched.
 const FINDINGS_MAX: usize = 20;
 /// The most repairs of one mistake that are tried, and that are offered.
 const TRIED_MAX: usize = 16;
@@ -82,7 +82,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
     repairs
 }
 
-/// All that a proof of a spec is about: its sentences, each with its group; its processes; and its wires.
+/// The subjects of the proofs of a spec: its sentences, each with its group; its processes; and its wires.
 fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     let group = |index: u32| plan.groups.get(index as usize).map_or("", |group| &group.path);
     let sentences = sites.properties.iter().map(|property| format!("{}: {}", group(property.group), property.text));

@@ -9,13 +9,13 @@ use crate::system::Label;
 use crate::threads::{Alone, Threads, each};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// As many tables there are.
+/// The number of tables.
 const SHARDS: usize = 16;
 /// Marks a slot whose value is not yet a number, but an index into the new states of this table.
 const PENDING: u32 = 1 << 31;
 /// More states than this have no number.
 pub(crate) const STATES_MAX: u32 = PENDING - 2;
-/// So few transitions are faster on one thread.
+/// Up to so many transitions, one thread is faster.
 const SMALL: usize = 4096;
 /// How many transitions ahead the memory is read.
 const AHEAD: usize = 16;
@@ -182,7 +182,7 @@ impl Store {
                         let index = (known & !PENDING) as usize;
                         let (_, number_of_first, first) = fresh.states[index];
                         if batches[number_of_first].state(first, self.length) == state {
-                            // Any number will do that is not `NEW`: it is written once the first has one.
+                            // Any number other than `NEW` will do here: the right one is written once the first transition has it.
                             batch.targets[transition].store(0, Ordering::Relaxed);
                             fresh.twins.push((number, transition, index));
                             break;

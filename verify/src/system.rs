@@ -69,7 +69,7 @@ pub(crate) enum Label {
     TooMany(u16),
 }
 
-/// Where the whole is.
+/// The state of the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
     Idle,
@@ -408,7 +408,7 @@ impl<'a> System<'a> {
         Phase::ALL[usize::from(bytes[self.states_length() + self.units.len().div_ceil(8)] & 7).min(5)]
     }
 
-    /// Of a value with a tag only that counts, as in a packed state.
+    /// If a value has a tag, only the tag counts, as in a packed state.
     fn number(&self, value: &Value) -> u8 {
         let is_same = |other: &Value| if value.tag().is_some() { other.tag() == value.tag() } else { other == value };
         let known = self.values.iter().position(is_same);

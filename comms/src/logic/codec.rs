@@ -14,8 +14,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-/// The version of all that programs, nodes and the command line say to each other: one more with a change of any of it. A reader refuses every other;
-/// only of [`Notice::Hello`] and [`Notice::Resume`] it reads the beginning, so that it can say whose message it was.
+/// The version of all messages between programs, nodes and the command line. Any change of a message increases it. A reader
+/// refuses every other version. Of other versions, it only reads the beginning of [`Notice::Hello`] and [`Notice::Resume`], to
+/// name the sender.
 pub const WIRE_VERSION: u16 = 1;
 const MAGIC: [u8; 2] = *b"DC";
 /// The bytes before the message.

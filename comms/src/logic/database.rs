@@ -2,7 +2,7 @@
 //!
 //! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers
 //! until it is cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then
-//! each committed change; and the same once more from `Begin` on, if the program was too slow, or the disk has failed.
+//! each committed change. If the program was too slow, or the disk has failed, the watch starts again with `Begin`.
 //! At most [`WINDOW`] parts of a watch are sent that the program has not taken, so that a slow program neither fills its
 //! channel nor holds up its orders.
 //!

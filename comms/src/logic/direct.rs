@@ -19,7 +19,7 @@
 //! In a team each end shows first that it is at this wire: between [`Hello`] and the values go [`Challenge`], [`Claim`]
 //! and [`Confirmation`].
 //!
-//! A *life* is that of the producer's end of the wire: numbers count within it. The *order* counts all messages of a
+//! A *life* is the time in which one producer's end of the wire exists: numbers count within it. The *order* counts all messages of a
 //! producer over all its wires, so a consumer with several of them takes the messages in the order of sending. A shared
 //! value lies in a buffer of memory that both map; the producer writes there again once all its consumers have released
 //! it.

@@ -173,7 +173,7 @@ impl<C: 'static> Exports<C> {
         self
     }
 
-    /// Returns what can be known of them.
+    /// Returns the static descriptions of the exports.
     pub fn interfaces(&self) -> Vec<ExportInterface> {
         self.all.iter().map(|export| export.about.clone()).collect()
     }
@@ -219,12 +219,12 @@ pub(super) fn refused(reason: String) -> ObjectError {
     ObjectError::Refused { reason }
 }
 
-/// Returns what a message type says of itself.
+/// Returns the description of a message type.
 pub(super) fn form<T: Message>() -> TypeForm {
     TypeForm::new(T::TYPE, T::FIELDS)
 }
 
-/// Looks whether a value may be the argument or the result of a call.
+/// Checks whether a value may be the argument or the result of a call.
 ///
 /// # Errors
 /// A number in it is not finite.
@@ -237,7 +237,7 @@ pub(super) fn encode<T: Message>(value: &T) -> Result<Vec<u8>, ObjectError> {
 }
 
 impl ExportInterface {
-    /// Returns it as it goes over the wire.
+    /// Returns the argument or result in its encoded form.
     pub fn exported(&self) -> Exported {
         Exported {
             name: self.name.to_owned(),

@@ -24,7 +24,7 @@ struct Look;
 #[derive(Debug)]
 enum Stop {
     NotFinite,
-    /// The value cannot be written; whoever encodes it will say so.
+    /// The value cannot be written; its encoder will report that.
     Unwritable,
 }
 
@@ -146,8 +146,7 @@ impl Serializer for Look {
         Ok(())
     }
 
-    /// As postcard says it, so that a type looks the same to both.
-    /// Messages of ROS 2 show their fields to readers like this one, and bytes of CDR to all others.
+    /// Unlike postcard, because messages of ROS 2 only show their fields to serializers for people, and bytes of CDR to all others.
     fn is_human_readable(&self) -> bool {
         true
     }
@@ -301,7 +300,7 @@ mod tests {
         const TYPE: &'static str = "Number";
     }
 
-    /// A number that may be anything.
+    /// A message whose number may also be infinite or not a number.
     #[derive(Clone, Debug, Serialize, Deserialize)]
     struct Any(f64);
 

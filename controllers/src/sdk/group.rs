@@ -2,8 +2,8 @@
 //!
 //! To a node, a spec and a recorder it is one controller type, with the ports that it exposes. In each turn of its loop
 //! every member calculates at most once, in the order in which the members were added: when its period is over, or when
-//! a value has come that triggers it. A value that a member sends is there for the later members in the same turn, and
-//! for the earlier ones in the next turn. So nothing between them waits for a thread or is copied to another process,
+//! a value has come that triggers it. Later members get a value in the same turn, earlier members
+//! get it in the next turn. So nothing between them waits for a thread or is copied to another process,
 //! and a turn ends with any wires.
 //!
 //! The members share their fate: one that ends, ends the group, and one that crashes takes the process of all of them along.
@@ -115,7 +115,7 @@ struct Member {
 /// Why controllers cannot be one group.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum GroupError {
-    /// Nobody, or too many.
+    /// The group has no members, or too many.
     #[error("`{group}` has {count} members, and may have 1 to {MEMBERS_MAX}")]
     Count {
         /// The group.
@@ -128,7 +128,7 @@ pub enum GroupError {
     Twice {
         /// The group.
         group: &'static str,
-        /// Of members, ports, exports or calls.
+        /// The kind of the two: members, ports, exports or calls.
         name: String,
     },
     /// A wire or an exposed port belongs to no member.
@@ -171,7 +171,7 @@ pub enum GroupError {
         /// The key of the device.
         key: &'static str,
     },
-    /// Several tasks, of which one has several normal ends.
+    /// There are several tasks, and one of them has several normal ends.
     #[error("`{group}`: `{member}` has several normal ends, so it has to be the only task")]
     Outcomes {
         /// The group.

@@ -1,4 +1,4 @@
-//! All modules in one thread on virtual time, to the bit the same for the same seed.
+//! Runs all modules in one thread on virtual time. The same seed gives the same result, bit for bit.
 //!
 //! Every calculation happens on its absolute deadline, or when its trigger sample arrives; what it sends arrives one
 //! transfer later. A [`Disturbance`] makes it as bad as a busy machine: calculations are held up, transfers take longer,
@@ -324,12 +324,12 @@ impl Harness {
         self.disturbance = disturbance;
     }
 
-    /// Has `meddler` see, and change, the encoded samples that modules get from now on.
+    /// Lets `meddler` see, and change, the encoded samples that modules get from now on.
     pub fn meddle(&mut self, meddler: impl FnMut(&Sample, &mut Vec<u8>) + 'static) {
         self.meddler = Some(Box::new(meddler));
     }
 
-    /// Has `listener` see the values that leave outputs from now on.
+    /// Lets `listener` see the values that leave outputs from now on.
     pub fn listen(&mut self, listener: impl FnMut(&Sent<'_>) + 'static) {
         self.listener = Some(Box::new(listener));
     }
@@ -470,7 +470,7 @@ impl Harness {
         self.reports.push(Report { at: now, module: ModuleId(slot), ending });
     }
 
-    /// Puts what a module has sent on its way.
+    /// Starts the transfer of everything that a module has sent.
     fn send(&mut self, slot: usize) {
         let mut samples = Vec::new();
         self.slots[slot].module.drain(&mut |port, bytes| samples.push((port, bytes)));

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Marks the numbers of requests that ports make: those of the controller's own field have it not.
+/// Marks the numbers of requests that ports make: requests of the controller's own field do not have this mark.
 const OF_PORTS: u64 = 1 << 63;
 
 /// The news for an input about the keys that it is connected with.
@@ -34,7 +34,7 @@ impl Message for KeyNews {
 /// A value to be put at a key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KeyPut {
-    /// The answer bears it.
+    /// The number of the put, which the answer carries.
     pub number: u64,
     /// The key; one that the output is connected with.
     pub key: String,
@@ -47,7 +47,7 @@ pub struct KeyPut {
 }
 
 impl KeyPut {
-    /// Returns what puts a value at a key.
+    /// Returns the request that puts a value at a key.
     pub fn new(number: u64, key: impl Into<String>, value: impl Into<Value>, within: Duration) -> Self {
         let value = Some((&value.into()).into());
         Self { number, key: key.into(), value, expected: None, within }
@@ -80,7 +80,7 @@ pub enum KeyResult {
     Committed(TxnId),
     /// Nothing was done.
     Refused(DatabaseRefusal),
-    /// Nobody knows whether it was committed; why, for a person.
+    /// It is unknown whether it was committed; the reason is for a person.
     Unknown(String),
 }
 
@@ -109,7 +109,7 @@ pub struct KeyPorts {
     puts: BTreeMap<u64, u64>,
     /// Answers to puts that were refused at once.
     refused: Vec<KeyAnswer>,
-    /// The inputs that hear what becomes of puts.
+    /// The inputs that get the results of puts.
     hears_answers: Vec<String>,
 }
 

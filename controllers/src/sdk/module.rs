@@ -1,4 +1,4 @@
-//! Any controller behind one object-safe face: what both harnesses drive.
+//! Any controller behind one object-safe trait, which both harnesses drive.
 
 use super::arguments::Arguments;
 use super::calls::CallOrder;
@@ -118,7 +118,7 @@ pub trait Module: Send {
         drop(ports);
     }
 
-    /// Takes what wakes its loop when something comes to it that is not from a port; before it is activated.
+    /// Takes the function that wakes its loop when something else than a port value arrives; before it is activated.
     fn take_waker(&mut self, waker: Waker) {
         drop(waker);
     }
@@ -128,7 +128,7 @@ pub trait Module: Send {
         false
     }
 
-    /// Takes the messages that the node of its activity may have, in order: of the program that has the ports of one.
+    /// Takes the messages for the node of its activity, in order. Only a program with the ports of an activity has such messages.
     fn drain_messages(&mut self, _: Time, _: &mut dyn FnMut(PortMessage)) {}
 
     /// Hands over the fate of such a message.
@@ -152,7 +152,7 @@ pub trait Module: Send {
 pub struct Waker(Arc<dyn Fn() + Send + Sync>);
 
 impl Waker {
-    /// Returns what calls `wake`.
+    /// Returns a handle that calls `wake`.
     pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
         Self(Arc::new(wake))
     }
@@ -406,7 +406,7 @@ impl<C: Controller> Module for Instance<C> {
             self.next = (configured == Configured::Later).then_some(arguments);
             return Ok(configured);
         }
-        // It has forgotten its last activation anyway.
+        // The controller has already forgotten its last activation.
         self.controller = C::new(&arguments)?;
         self.next = None;
         Ok(Configured::Now)

@@ -114,8 +114,8 @@ impl<T: Message> In<T> {
         self.fresh_within(now, age_max).is_none()
     }
 
-    /// Returns the newest value if it arrived since the last calculation. A sample with the stamp of the one before is that one once
-    /// more, from a sensor that hangs: it is not fresh.
+    /// Returns the newest value if it arrived since the last calculation. A sample with the stamp of the previous one only repeats
+    /// it, because the sensor hangs: such a sample is not fresh.
     pub fn fresh(&self) -> Option<&T> {
         self.value.as_ref().filter(|_| self.arrivals.is_fresh())
     }
@@ -154,7 +154,7 @@ impl<T: Message> In<T> {
     }
 }
 
-/// How many values an [`Every`] keeps at most; the oldest gives way.
+/// How many values an [`Every`] keeps at most; a further value replaces the oldest.
 pub const EVERY_MAX: usize = 8192;
 
 /// An input that keeps every value that has arrived since the last calculation, in order: for values that count, and
@@ -511,7 +511,7 @@ mod tests {
             assert_eq!(input.stale(at(now), limit), input.age(at(now)) > Some(limit));
             input.age(at(now)).unwrap().as_millis()
         };
-        // It was on its way for 80 ms, and has waited for 30.
+        // The value was in transit for 80 ms, and has waited for 30.
         assert_eq!(age(20_000, 20_080, 20_110), 110);
         // Clocks of other hosts: ahead of this one, and far behind.
         assert_eq!(age(30_000, 20_080, 20_110), 30);

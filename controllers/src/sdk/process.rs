@@ -84,7 +84,7 @@ enum ProcessError {
     Thread(#[from] std::io::Error),
 }
 
-/// Returns the usage behind a mistake that only a person makes: a node starts the types that there are.
+/// Returns the usage to follow a mistake that only a person makes: a node only starts existing types.
 fn usage(error: &CreateError) -> String {
     match error {
         CreateError::UnknownType { .. } => format!("\n{USAGE}"),
@@ -239,7 +239,7 @@ struct Program {
     instance: String,
     /// The spec's values, with the present secrets.
     arguments: Arguments,
-    /// The values from the database that go over them.
+    /// The values from the database that replace them.
     overlay: Vec<(String, String)>,
     session: Option<Arc<DataSession>>,
     notices: NoticeLog,
@@ -329,7 +329,7 @@ impl Program {
     fn relink(&self, lost: String, found: Dial, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         let Some(session) = &self.session else { return Ok(()) };
         session.forget(&lost);
-        // A node that sends nonsense is one more thing that a robot goes on without.
+        // A robot goes on even if its node sends nonsense.
         session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
         if links.hears_directly(&lost) {
             let (session, inbox, links) = (Arc::clone(session), Arc::clone(inbox), Arc::clone(links));
@@ -387,7 +387,7 @@ impl Program {
                 hand_over(inbox, Command::Configure(self.overlaid()))?;
             }
             Order::Secret { parameter, value } => {
-                // A node that was killed and is back says again what it has said.
+                // A node that was killed and has returned repeats its earlier orders.
                 if self.arguments.secret(&parameter).is_ok_and(|before| before.as_slice() != value.expose()) {
                     self.arguments.renew_secret(&parameter, value);
                     hand_over(inbox, Command::Configure(self.overlaid()))?;

@@ -70,7 +70,7 @@ impl Registry {
         self
     }
 
-    /// Adds a type that is no [`Controller`] of Rust, such as a class of another language, or a stand-in for a controller of another
+    /// Adds a type that is not a [`Controller`] of Rust, such as a class of another language, or a stand-in for a controller of another
     /// program; one of the same name is replaced. `create` makes an instance, or says in one line what is wrong with the arguments.
     pub fn add_module(
         &mut self,

@@ -23,7 +23,7 @@ pub const CHUNK_SIZE_MAX: usize = comms::logic::pace::SIZE_MAX;
 pub enum Message {
     /// To all: new transactions, unchanged.
     Push(Vec<EncodedTxn>),
-    /// To all, from time to time: who is here, and in which state.
+    /// To all, from time to time: the presence and the state of the sender.
     Hello(Hello),
     /// To one peer: a request for the transactions that the sender lacks.
     Pull(Pull),

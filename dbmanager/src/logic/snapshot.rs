@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// The size at which a chunk ends at the latest, except for one key more.
+/// The size at which a chunk ends at the latest; the last key may exceed it.
 const CHUNK_SIZE_MAX: usize = 48 << 10;
 /// One in so many keys ends a chunk.
 const CHUNK_KEYS: u8 = 64;
@@ -47,10 +47,10 @@ pub enum SnapshotError {
     /// A chunk is missing.
     #[error("a chunk of the snapshot is missing")]
     Missing,
-    /// The bytes of a chunk are not what its name says, or no entries.
+    /// The bytes of a chunk do not match its name, or are not entries.
     #[error("a chunk of the snapshot is malformed")]
     Chunk,
-    /// The whole is not what the manifest says.
+    /// The chunks together are not the state that the manifest names.
     #[error("the chunks are another state than the manifest says")]
     Digest,
 }
@@ -86,7 +86,7 @@ pub fn take(state: &State, heads: &BTreeMap<ReplicaId, Head>) -> (Manifest, BTre
     let mut entries: Vec<(&Key, &[Version])> = Vec::new();
     let mut size = 0;
     let mut close = |entries: &mut Vec<(&Key, &[Version])>| {
-        // Encoding to memory fails for lengths that are not known beforehand only, and these are slices.
+        // Encoding to memory fails only for lengths that are not known beforehand, and these are slices.
         let bytes = postcard::to_stdvec(entries).unwrap_or_default();
         let name = ChunkHash::of(&bytes);
         chunks.insert(name, bytes);

@@ -104,7 +104,7 @@ impl State {
         self.entries.get(key).map_or(&[], AsRef::as_ref)
     }
 
-    /// Returns what a read shows; `None` if there is nothing, or a deletion.
+    /// Returns the version that a read shows; `None` if the key has no version, or only a deletion.
     pub fn get(&self, key: &Key) -> Option<&Version> {
         self.versions(key).last().filter(|version| version.value.is_some())
     }
@@ -116,7 +116,7 @@ impl State {
 
     /// Returns the keys below `prefix`, deleted ones included, with their versions.
     pub fn scan<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
-        // A prefix that is itself no key has no smaller neighbour to begin at.
+        // A prefix that is not itself a key gives no key to begin at.
         let start = Key::new(prefix.trim_end_matches('/')).map_or(Bound::Unbounded, Bound::Included);
         let below = move |key: &Key| key.as_str().starts_with(prefix);
         let behind = move |key: &Key| key.as_str() > prefix && !key.as_str().starts_with(prefix);
@@ -129,7 +129,7 @@ impl State {
         self.scan(prefix).filter(|(_, versions)| differ(versions))
     }
 
-    /// Returns a number that equal states share, and two others practically never.
+    /// Returns a number that equal states share, and that different states practically never share.
     pub fn digest(&self) -> u128 {
         self.digest
     }

@@ -78,7 +78,7 @@ impl<const N: usize> From<&[u8; N]> for Value {
     }
 }
 
-/// A condition that has to hold of a key for a transaction to be committed. Append only.
+/// A condition that a key has to meet for a transaction to be committed. Append only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Condition {
     /// The key has no value.
@@ -135,11 +135,11 @@ pub struct Rebase {
 /// A committed transaction.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Txn {
-    /// Its place in the one order of all; the origin in it is who committed.
+    /// Its place in the one order of all; the origin in it is the replica that committed it.
     pub stamp: Timestamp,
     /// Its number at that origin.
     pub seq: u64,
-    /// The hash of the one before it.
+    /// The hash of the previous transaction of its origin.
     pub prev: ChainHash,
     /// The wall clock where it was committed.
     pub wall: Wall,
@@ -151,7 +151,7 @@ pub struct Txn {
     pub requires: Vec<Require>,
     /// Its writes, in the order of their keys, each key once.
     pub writes: Vec<Write>,
-    /// Whether a caller waits for others to have it.
+    /// Whether a caller waits until others have it.
     pub wants_ack: bool,
     /// Set if it was committed before under another name.
     pub rebase: Option<Rebase>,
@@ -256,7 +256,7 @@ impl EncodedTxn {
         end.first_chunk::<SEEN_SIZE>().copied().map(ChainHash)
     }
 
-    /// Returns how many bytes are behind the transaction itself.
+    /// Returns how many bytes follow the transaction itself.
     const fn behind(&self) -> usize {
         match self.format {
             FORMAT => SEEN_SIZE,
@@ -281,7 +281,7 @@ impl EncodedTxn {
     /// Reads the transaction.
     ///
     /// # Errors
-    /// If the bytes are none that this version can read.
+    /// If this version cannot read the bytes.
     pub fn open(&self) -> Result<Txn, CodecError> {
         if !(FORMAT_FIRST..=FORMAT_SIGNED).contains(&self.format) {
             return Err(CodecError::Format { format: self.format });
@@ -310,13 +310,13 @@ impl EncodedTxn {
 
     /// Returns a transaction of these two parts.
     pub(crate) fn join(format: u8, header: &Header, rest: &[u8]) -> Self {
-        // Encoding to memory fails for lengths that are not known beforehand only, and a header has none.
+        // Encoding to memory fails only for lengths that are not known beforehand, and a header has none.
         let mut body = postcard::to_stdvec(header).unwrap_or_default();
         body.extend(rest);
         Self { format, body }
     }
 
-    /// Returns what the next transaction of the origin calls it.
+    /// Returns the hash by which the next transaction of the origin names it.
     pub fn hash(&self) -> ChainHash {
         ChainHash::of(blake3::Hasher::new().update(&[self.format]).update(&self.body))
     }

@@ -108,7 +108,7 @@ impl VersionVector {
         }
     }
 
-    /// Goes on, as what its origin has seen, to a transaction that says of its context no more than `more`.
+    /// Extends the context of an origin to its next transaction `to`, which only names the additions `more`.
     pub fn go_on(&mut self, to: Dot, more: &Self) {
         self.join(more);
         self.include(Dot { seq: to.seq.saturating_sub(1), ..to });
@@ -127,7 +127,7 @@ impl VersionVector {
         Self(self.0.iter().filter(|(origin, seq)| **seq > base.get(**origin)).map(|(o, s)| (*o, *s)).collect())
     }
 
-    /// Returns it without an origin.
+    /// Returns the version vector without an origin.
     #[must_use]
     pub fn without(mut self, origin: ReplicaId) -> Self {
         self.0.remove(&origin);

@@ -130,7 +130,8 @@ fn main() -> ExitCode {
         return launch::launch(&start);
     }
     descriptors::close_inherited();
-    // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. This fails if the shim already leads a session.
+    // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. This fails if the shim already leads
+    // a session.
     rustix::process::setsid().map(drop).unwrap_or_default();
     let secrets = match secrets::take(&mut start) {
         Ok(secrets) => secrets,

@@ -2,8 +2,8 @@
 //! user who has stopped everything, and a line with the reason. An unreadable file counts: nothing begins before a user
 //! releases it.
 //!
-//! The file `estop.spare` keeps the room for it: a full disk takes a name, and no words. An emergency stop overwrites the spare file in
-//! its place and gives it the other name, and a release gives it the name back.
+//! The file `estop.spare` reserves the room for it, because a full disk takes a new name but no content. An emergency stop overwrites
+//! the spare file in its place and renames it to `estop`; a release renames it back.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::Estop;
@@ -29,7 +29,7 @@ struct Inner {
     path: PathBuf,
     /// The intended content.
     wanted: Mutex<Option<Estop>>,
-    /// Held while it is written: a later wish never gives way to an earlier one.
+    /// Held while the file is written, so that an earlier content never overwrites a later one.
     disk: Mutex<()>,
 }
 
@@ -78,7 +78,7 @@ impl EstopFile {
     }
 }
 
-/// Makes the file, to survive a power cut. Its existence counts; a full disk without the spare file may leave out its words.
+/// Makes the file, to survive a power cut. Its existence counts: on a full disk without the spare file, its words may be missing.
 fn mark(path: &Path, words: &str) -> io::Result<()> {
     // A file with the same words is never removed, not even for a moment.
     if file::bytes(path, SIZE).is_ok_and(|there| there.starts_with(words.as_bytes())) {

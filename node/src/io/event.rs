@@ -19,22 +19,22 @@ use tokio::task::JoinSet;
 pub(crate) enum Event {
     /// From another node, or a command line.
     Arrival(Arrival),
-    /// A word from a shim, with the end of the program's output.
+    /// A report of a shim, with the end of the program's output.
     Shim(ProcessId, ShimReport, Vec<String>),
     /// The shim of a program that a killed node has left was reached, or is gone; its reports have come before.
     Reached(ProcessId),
-    /// A program has connected; its instance path is its own word.
+    /// A program has connected; the program itself has named its instance path.
     Program(Connection, ControlSender),
     /// A program has connected that has lost its node.
     Resumed {
         connection: Connection,
         sender: ControlSender,
-        /// Of the control protocol.
+        /// The version of the control protocol.
         version: u16,
         /// How many orders it has taken, and how many notices it has made.
         counts: (u64, u64),
     },
-    /// A word from a program.
+    /// A notice of a program.
     Control(Connection, Notice),
     /// The values that wires of a program have lost and its inputs have refused.
     Losses(Connection, Counted),
@@ -44,7 +44,7 @@ pub(crate) enum Event {
     Judge(Connection, ControlSender, u64, UserCall),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
-    /// Whether everything is stopped is on the disk, or why it is not; by the number of the write.
+    /// The write of this number, which says whether everything is stopped, is on the disk; or why it is not.
     EstopKept(u64, Result<(), String>),
     /// The record of a deployment was removed from the disk, or why it was not.
     Unkept(Deployment, Result<(), String>),
@@ -52,7 +52,7 @@ pub(crate) enum Event {
     Admitted(u64, Request, Caller),
     /// Whether an order of another node may be carried out, by its number.
     Judged(u64, Result<(), String>),
-    /// The moment has come that the driver has a thread wait for.
+    /// The moment has come for which a thread of the driver waits.
     Alarm,
     /// The programs of a change that cannot be started here.
     Found(Deployment, u32, Vec<String>),

@@ -6,10 +6,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a folder cannot be had.
+/// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// Something else is where it would be, or where a folder above it would be.
+    /// Something else is in the place of the folder, or of a folder above it.
     #[error("{}; choose another with `{option}`", no_folder(.file))]
     File {
         /// The kind of file at the path.
@@ -84,7 +84,7 @@ impl StartFolder {
         }
     }
 
-    /// Returns its path; that changes when it, or a folder above it, is moved.
+    /// Returns its path. The path changes when the folder, or one above it, is moved.
     ///
     /// # Errors
     /// It was removed, perhaps with another one in its place: for a person.
@@ -120,7 +120,7 @@ pub fn no_folder(file: &Path) -> String {
 /// Checks that nothing else is in the place of a present or future folder.
 ///
 /// # Errors
-/// Something does.
+/// Something else is there.
 pub fn check(path: &Path, option: &'static str) -> Result<(), FolderError> {
     let is_other = |part: &&Path| fs::metadata(part).is_ok_and(|found| !found.is_dir());
     match path.ancestors().find(is_other) {

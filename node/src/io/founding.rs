@@ -11,10 +11,10 @@ use team::member::Member;
 
 /// The number of its calls, which no command line and no program has.
 const CALL: u64 = (1 << 63) - 1;
-/// Until it tries again, where the disk takes nothing or a member of another database is heard.
+/// The pause before the next try, if the disk takes nothing or a member of another database is heard.
 const AGAIN_AFTER: Duration = Duration::from_secs(10);
 
-/// Founds the database, if this node is to do that, and clears the mark once the database exists.
+/// Founds the database, if this node has the mark for that, and removes the mark once the database exists.
 ///
 /// # Cancellation
 /// Safe: the founding starts again with the next start of the node.
@@ -33,7 +33,7 @@ pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
     }
 }
 
-/// Begins the database unless this node has it.
+/// Founds the database, unless this node already has one.
 async fn found(database: &Handle) -> Result<(), String> {
     if let Reply::Status(status) = ask(database, Question::Status).await?
         && status.member

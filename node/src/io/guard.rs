@@ -24,7 +24,7 @@ pub(crate) struct Guard(Arc<Inner>);
 struct Inner {
     member: Arc<Member>,
     gate: Mutex<Gate>,
-    /// Held while it is written: a later state never gives way to an earlier one.
+    /// Held while the file is written, so that an earlier state never overwrites a later one.
     ledger: Mutex<LedgerFile>,
 }
 
@@ -32,7 +32,7 @@ impl Guard {
     /// Opens the gate of a member with the requests it has accepted before.
     ///
     /// # Errors
-    /// The ledger cannot be read, or is missing although the node has accepted requests: it is not known which were here before.
+    /// The ledger cannot be read, or is missing although the node has accepted requests: which requests were accepted before is unknown.
     pub(crate) fn open(member: &Arc<Member>) -> anyhow::Result<Self> {
         let path = member.folder().join(FILE);
         let is_missed = || path.is_symlink() || audit::mentions(member.folder(), member.id(), "accepted\t");
@@ -51,7 +51,7 @@ impl Guard {
     /// Decides about a call; `epoch_of` returns the epoch of a deployment that runs here.
     ///
     /// # Errors
-    /// It is refused: why, for a person. That is in the audit log.
+    /// The call is refused; the reason is for a person, and is in the audit log.
     pub(crate) fn call(&self, request: Request, epoch_of: impl Fn(&str) -> u64) -> Result<Passed, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().call(request, judge, epoch_of));
         passed.map_err(|refused| self.refused(refused))
@@ -87,7 +87,7 @@ impl Guard {
     /// Writes an accepted request to the ledger. Blocks.
     ///
     /// # Errors
-    /// The disk refuses: why it is not done, for a person. That is in the audit log.
+    /// The disk refuses; the reason is for a person, and is in the audit log.
     pub(crate) fn keep(&self, attempt: &Attempt) -> Result<(), String> {
         let mut ledger = self.0.ledger.lock().unwrap_or_else(PoisonError::into_inner);
         let written = ledger.keep(&self.0.gate);

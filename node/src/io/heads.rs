@@ -114,7 +114,7 @@ impl Countersigning {
         }
     }
 
-    /// Signs where the log of another node has come to, unless this node has signed something else. That is written down.
+    /// Signs the position of another node's log, unless this node has signed a contradicting position, which is then recorded.
     async fn countersign(&mut self, from: String, head: Vec<u8>) {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
@@ -126,7 +126,7 @@ impl Countersigning {
                 self.wrong.remove(&from);
                 self.put(&key::countersigned(&from), head.to_bytes());
             }
-            // Anybody on the way may have sent it again.
+            // Any node on the way may have repeated the message.
             Err(error) if error.downcast_ref() == Some(&HeadError::Old) => {
                 tracing::debug!(host = from, "a head of an audit log has come again");
             }

@@ -1,6 +1,6 @@
 //! The log of an agent's inputs, from which a node that was killed makes its agent again.
 //!
-//! The agent is a pure machine, so its inputs are all there is to know of it. The file begins with a checkpoint (the agent as it
+//! The agent is a pure state machine, so its inputs determine its whole state. The file begins with a checkpoint (the agent as it
 //! was then) and goes on with a record for each input since:
 //!
 //! ```text
@@ -28,11 +28,11 @@ use std::time::Duration;
 /// The form of the log. It goes up with every change of the types of the agent and its inputs: another form is not
 /// read.
 const FORM: u32 = 1;
-/// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
+/// The size from which on a checkpoint replaces the log, in bytes; or twice the size that the log had after its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
 /// The longest log that is read, in bytes.
 const READ_MAX: usize = 1 << 30;
-/// How long after the disk has refused it is tried again, at the first input then.
+/// The pause after a refusal of the disk; the first input after that tries again.
 const TRY_AGAIN_AFTER: Duration = Duration::from_secs(10);
 /// The name of the file, in the folder of the node.
 const FILE: &str = "inputs";
@@ -56,7 +56,7 @@ pub struct InputLog {
     size: u64,
     /// The size at which it is rewritten.
     limit: u64,
-    /// When the disk has refused last, unless it has taken something since.
+    /// The time of the disk's last refusal, unless it has accepted a write since.
     refused: Option<Time>,
     /// Whether no successor adopts its programs.
     is_off: bool,

@@ -27,7 +27,7 @@ const SIZE_MAX: usize = 256 << 20;
 /// How many deployments that are not over it carries on.
 const OPEN_MAX: usize = 4 * ENDS_MAX;
 
-/// The journal. Its file is opened for writing with the first epoch: a node whose disk is read-only runs without.
+/// The journal. Its file is opened for writing with the first epoch: a node with a read-only disk runs without the file.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -116,7 +116,7 @@ impl Journal {
     /// The disk refuses: then the hosts are asked once more when the node is started again.
     pub fn settle(&mut self, epoch: u64) -> io::Result<()> {
         if epoch > self.epoch {
-            // It is over before its beginning is on the disk.
+            // The deployment is over before its beginning is on the disk.
             self.early.insert(epoch);
             return Ok(());
         }

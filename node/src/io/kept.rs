@@ -58,7 +58,7 @@ struct Inner {
     /// The present boot of the machine.
     boot: String,
     wanted: Mutex<Wanted>,
-    /// Held while they are written: a later wish never gives way to an earlier one.
+    /// Held while the files are written, so that an earlier content never overwrites a later one.
     disk: Mutex<BTreeMap<Tombstone, u64>>,
 }
 
@@ -73,7 +73,7 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// Takes earlier wishes that were not written; a later wish about the same counts.
+    /// Takes earlier contents that were not written; for each file, the later content counts.
     fn again(&mut self, earlier: Self) {
         if !self.is_all {
             self.is_all = earlier.is_all;
@@ -261,7 +261,7 @@ fn tombstones(path: &Path, now: u64) -> BTreeMap<Tombstone, u64> {
         tracing::error!(file = %path.display(), "it cannot be read: homes that come back are not told what was stopped meanwhile");
         return BTreeMap::new();
     };
-    // A clock that was set back makes nothing older.
+    // If the clock was set back, no tombstone counts as older.
     let is_new = |one: &Stopped| now.saturating_sub(one.since) < STOPPED_FOR.as_secs();
     found.into_iter().filter(is_new).map(|one| (one.tombstone, one.since)).collect()
 }
@@ -335,7 +335,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Each byte in turn is another one, or the end.
+    /// Each byte in turn is changed, or the file ends there.
     #[test]
     fn what_is_damaged_is_not_begun_and_does_not_come_back() {
         let folder = std::env::temp_dir().join(format!("dca-kept-damage-{}", std::process::id()));

@@ -1,4 +1,4 @@
-//! The calls of the kernel without which a node could start programs, and not end them.
+//! The calls of the kernel without which a node could start programs, but could not end them.
 
 use rustix::process::{PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal};
 

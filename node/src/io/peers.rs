@@ -189,7 +189,7 @@ impl Peers {
         *self.own.holders() = holders;
     }
 
-    /// Lets these hosts hear of this node all the time from now on, and no others.
+    /// Sends beats to these hosts from now on, and to no others.
     pub fn beat(&self, hosts: BTreeSet<String>) {
         self.beaten.send_replace(hosts);
     }
@@ -379,7 +379,7 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
         };
         let Some((host, boot)) = key::parse_live(&key) else { continue };
         if appeared {
-            // It has not met this node yet.
+            // The other node has not met this node yet.
             own.shows.store(SHOWN_ROUNDS, Ordering::Relaxed);
             drop(own.appeared.send(()));
         }
@@ -390,8 +390,8 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
     }
 }
 
-/// Tells all others the revoked keys whenever this node learns of more, from any source, and ends the tunnels of their
-/// owners.
+/// Whenever this node learns of more revoked keys, from any source, it tells all other nodes, and ends the tunnels of the
+/// owners of these keys.
 async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, session: Arc<Session>, own: Arc<Own>) {
     let mut changes = member.changes();
     loop {

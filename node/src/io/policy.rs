@@ -48,13 +48,13 @@ pub struct PolicyFile {
 /// Returns the policy for a node whose state is in this folder; none if there is none. Blocks.
 ///
 /// # Errors
-/// There is one, and it cannot be used: why, with its path and line.
+/// There is a policy, and it cannot be used: the reason, with its path and line.
 pub fn find(state: Option<&Path>) -> anyhow::Result<Option<PolicyFile>> {
     let places = std::iter::once(PathBuf::from(SYSTEM)).chain(state.map(|state| state.join(FILE)));
     for path in places {
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
-            // A file that exists and cannot be read is not the same as no file.
+            // A file that exists but cannot be read must not count as a missing file.
             _ => {
                 let read = read(&path).with_context(|| format!("the policy `{}` cannot be used", path.display()));
                 return read.map(|policy| Some(PolicyFile { path, policy }));
@@ -103,7 +103,7 @@ impl Looked {
         Ok(Self { file, path, stamp })
     }
 
-    /// Opens it once more, to be read.
+    /// Opens the same file once more, for reading.
     fn read(&self) -> io::Result<File> {
         file::opened(&descriptor(&self.file))
     }
@@ -132,7 +132,7 @@ impl ExecutionPolicy {
     /// Reads the policy for the first time.
     ///
     /// # Errors
-    /// It cannot be used: such a node does not begin.
+    /// The policy cannot be used: the node does not begin.
     pub(crate) fn open(state: Option<PathBuf>, member: Option<Arc<Member>>) -> anyhow::Result<Self> {
         let found = find(state.as_deref())?;
         if let Some(PolicyFile { path, .. }) = &found {
@@ -153,12 +153,12 @@ impl ExecutionPolicy {
         self.0.member.as_deref()
     }
 
-    /// Returns the policy that held when a program was started last, or the node.
+    /// Returns the policy that applied when the last program was started, or when the node began.
     pub(crate) fn in_use(&self) -> Option<PolicyInUse> {
         self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns with which limits and rights a program is started. Blocks.
+    /// Returns the limits and rights with which a program is started. Blocks.
     ///
     /// # Errors
     /// It cannot be started, or the policy does not admit it: with the rule, the file and the line. That is in the audit log.

@@ -23,7 +23,7 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::task::{AbortHandle, JoinSet};
 
-/// The pause before a watch is repeated that the database has ended: its disk has failed, or there are too many
+/// The pause before a watch that the database has ended is repeated: the disk has failed, or there are too many
 /// watches.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// The first number of calls for programs; those of command lines are below, and those of the node itself above.

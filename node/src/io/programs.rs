@@ -27,7 +27,7 @@ pub(crate) const VERSION_VARIABLE: &str = "DCA_VERSION";
 /// How long an executable may take for an answer.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
-/// Why an executable's controller types are not known.
+/// Why the controller types of an executable could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramsError {
     /// The program cannot be run.
@@ -196,7 +196,7 @@ pub struct Answer {
 
 fn run(mut command: Command, within: Duration) -> io::Result<Answer> {
     let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
-    // Names this very child, also once the thread has seen its end.
+    // This descriptor still names this child after the thread has seen its end.
     let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
     let (heard_tx, heard) = sync_channel(1);
     let hearing = move || drop(heard_tx.send(hear(child)));

@@ -6,10 +6,10 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
-/// How soon interfaces that are up have been found.
+/// How long it takes to find the interfaces that are up.
 const FOUND_WITHIN: Duration = Duration::from_millis(500);
 
-/// Says that the node is ready, which it is not before others can find it, if they are to.
+/// Announces that the node is ready. If other hosts are to find the node, it is only ready once they can.
 pub(super) fn announce(peers: &Peers, reach: &Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
     if matches!(reach, Reach::Host) {
         ready.send_replace(true);

@@ -43,7 +43,7 @@ use std::time::Duration;
 
 pub(crate) use sockets::remove_sockets;
 
-/// How long a node that was killed may take to be gone.
+/// How long a node that was killed may take to end.
 const LEAVING: Duration = Duration::from_secs(3);
 
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
@@ -68,8 +68,8 @@ pub(crate) const PROGRAMS: &str = "programs";
 /// The file with the credentials that visitors show to programs of other hosts.
 pub const VISITORS: &str = "visitors";
 
-/// How the name of the folder ends that has the sockets of programs of another user; the node's name comes first. Names of nodes have no
-/// `+`.
+/// The end of the name of the folder with the sockets of programs of another user; the node's name comes first. Names of nodes have
+/// no `+`.
 const OTHERS: &str = "+u";
 /// The file there with the programs' credentials for the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
@@ -99,7 +99,7 @@ pub enum RunDirError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// A file is in its place.
+    /// A file is in the place of the folder.
     #[error(transparent)]
     Folder(#[from] FolderError),
     /// The folder belongs to another user, so its sockets cannot be trusted.
@@ -443,7 +443,7 @@ pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
         (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
             Err(unusable(why))
         }
-        // A fault of an existing folder is more helpful than that it cannot be made.
+        // The fault of an existing folder is a more helpful reason than that the folder cannot be made.
         (checked, made) => checked.and_then(|()| made.map_err(unusable)),
     }
 }
@@ -536,7 +536,7 @@ mod tests {
         assert!(error.contains(&made.to_string()), "{error}: {made}");
     }
 
-    /// As the kernel removes a killed node while its successor starts.
+    /// A killed node is still being removed by the kernel while its successor starts.
     #[test]
     fn a_holder_that_is_leaving_is_waited_for() {
         let base = std::env::temp_dir().join(format!("dca-leaving-{}", std::process::id()));

@@ -1,6 +1,6 @@
 //! The notices of a node to the service manager that has started it: ready, leaving, and alive.
 //!
-//! The manager names a socket and an interval in the environment; where it does not, nothing is said. Source: sd_notify(3),
+//! The manager names a socket and an interval in the environment. If it does not, the node sends no notices. Source: sd_notify(3),
 //! sd_watchdog_enabled(3).
 
 use comms::logic::time::Time;
@@ -12,7 +12,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many signs of life are given in the time in which the manager wants one.
+/// How many signs of life the node gives in the time in which the manager expects one.
 const SIGNS_PER_INTERVAL: u32 = 3;
 
 /// The service manager of this process, if it has one.
@@ -50,7 +50,7 @@ impl ServiceManager {
         Ok(Self { socket: Some(Arc::new(socket)), every, due: every.map(|_| Time::ZERO) })
     }
 
-    /// Says that the node can be called.
+    /// Reports that the node can be called.
     pub fn ready(&self, name: &str) {
         self.tell(&format!("READY=1\nSTATUS=the node `{name}` is ready"));
     }
@@ -65,7 +65,7 @@ impl ServiceManager {
         self.due
     }
 
-    /// Says that the loop of the node turns.
+    /// Reports that the loop of the node is alive.
     pub fn turn(&mut self, now: Time) {
         self.tell("WATCHDOG=1");
         self.due = self.every.map(|every| now + every);

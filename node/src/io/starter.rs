@@ -38,13 +38,13 @@ pub(crate) enum Job {
     Start(Box<Start>),
     /// A program that a killed node has left.
     Adopt(Box<Adopted>),
-    /// No program of this deployment will connect any more; its folder, and that of the node.
+    /// No program of this deployment will connect any more. The fields are the folder of the deployment and that of the node.
     Close {
         deployment: Deployment,
         folder: PathBuf,
         node: PathBuf,
     },
-    /// Its output is no longer needed.
+    /// The output of the deployment with this folder is no longer needed.
     Remove(PathBuf),
     /// The shim of the program with this folder has not ended it in time.
     Kill(PathBuf),
@@ -59,7 +59,7 @@ pub(crate) struct Start {
     pub(crate) shim: ShimStart,
     /// Why it cannot be started, if so.
     pub(crate) obstacle: Option<String>,
-    /// Where programs of its deployment connect, if it does.
+    /// The socket where the program connects, if it does.
     pub(crate) control: Option<PathBuf>,
     /// The folder of the node.
     pub(crate) node: PathBuf,
@@ -136,13 +136,13 @@ impl Starter {
                     self.database.forget(&deployment);
                     let ended = self.listeners.extract_if(.., |(of, _), _| *of == deployment);
                     ended.for_each(|(_, listener)| listener.abort());
-                    // In this task, so that no other program is started in its folder at the same time.
+                    // This runs in this task, so that no other program is started in the folder at the same time.
                     let removing = tokio::task::spawn_blocking(move || run_dir::remove_sockets(&node, &folder));
                     if let Err(error) = removing.await {
                         tracing::error!(%error, "the sockets of a deployment cannot be removed");
                     }
                 }
-                // In this task, so that no other program is started in its folder at the same time.
+                // This runs in this task, so that no other program is started in the folder at the same time.
                 Job::Kill(dir) => {
                     if let Err(error) = tokio::task::spawn_blocking(move || leftovers::kill_shim(&dir)).await {
                         tracing::error!(%error, "a shim cannot be killed");
@@ -161,7 +161,7 @@ impl Starter {
     fn adopt(&mut self, adopted: Adopted) {
         let Start { process, order, shim, control, node, .. } = &adopted.start;
         self.database.connect(order);
-        // Its socket to the node was given to it at its start.
+        // The program got its socket to the node at its start.
         let user = run_dir::user_of(node, &shim.dir);
         let control = control.as_ref().map(|path| user.map_or_else(|| path.clone(), |_| run_dir::other(node, path)));
         let at = (process.deployment.clone(), control.unwrap_or_default());
@@ -224,7 +224,7 @@ impl Starter {
         }
     }
 
-    /// Starts the shim of a program, if the policy of this host admits it: that is asked before its secrets are opened.
+    /// Starts the shim of a program, if the policy of this host admits the program. The policy is checked before the secrets are opened.
     async fn try_start(
         &mut self,
         order: SpawnOrder,

@@ -89,7 +89,7 @@ impl Reader {
                 };
                 (self.is_aside, self.file) = (is_aside, Some(next));
                 if is_aside {
-                    // Between the two others may have been put aside and removed.
+                    // Between these two files, others may have been put aside and removed.
                     return Ok(format!("\n{GAP}\n").into_bytes());
                 }
             } else if self.is_current(this) {
@@ -99,7 +99,7 @@ impl Reader {
                 }
                 return Ok(Vec::new());
             } else {
-                // It was put aside, perhaps after something was added that has not been read: once more.
+                // The file was put aside, perhaps after an addition that was not read yet: it is read once more.
                 self.is_aside = true;
             }
         }
@@ -173,14 +173,14 @@ async fn send(
     let mut interval = tokio::time::interval(LOOK_EVERY);
     loop {
         if caller.waiting() > BACKLOG_MAX {
-            // The caller takes it more slowly than it is written: the files can wait, but this node's memory must not
-            // grow.
+            // The caller takes the output more slowly than the programs write it. The files can wait, but this node's memory must
+            // not grow.
             tokio::select! {
                 _ = interval.tick() => continue,
                 () = caller.closed() => return,
             }
         }
-        // In this order: output written before the end is found after it.
+        // The end is looked for first, so that all output from before the end is found afterwards.
         let is_over = over.is_over();
         let reading = tokio::task::spawn_blocking(move || {
             let found = readers.iter_mut().map(|(index, reader)| (*index, reader.read())).collect::<Vec<_>>();

@@ -14,7 +14,7 @@ pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     }
 }
 
-/// Takes in such sets, and returns all that this node holds.
+/// Takes in sets of revocations, and returns all sets that this node holds.
 pub(super) fn revocations(member: Option<&Member>, told: &[Vec<u8>]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     match member.tell_revoked(told) {
@@ -32,7 +32,7 @@ pub(super) fn renew_user(member: Option<&Member>, ask: &[u8]) -> Answer {
     }
 }
 
-/// Says which team it is.
+/// Returns the team of this node, for users.
 pub(super) fn team(member: &Member) -> TeamOfNode {
     let (id, name) = (member.team().id().0, member.team().name().to_string());
     TeamOfNode { id, name, node: member.name().to_string() }

@@ -1,4 +1,4 @@
-//! Machines by number, with an index of their deadlines: an input about one of them needs no walk over all of them.
+//! Machines by number, with an index of their deadlines: an input about one machine needs no walk over all machines.
 
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -17,13 +17,13 @@ pub trait Timed {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct TimedMap<T> {
     all: BTreeMap<u32, T>,
-    /// The deadline of each that has one.
+    /// The deadline of each machine that has one.
     due: BTreeSet<(Time, u32)>,
-    /// The same by number.
+    /// The same deadlines by number.
     deadlines: BTreeMap<u32, Time>,
     /// The machines that are not over.
     unfinished: BTreeSet<u32>,
-    /// How many machines were looked at, all in all, but for [`TimedMap::iter`]: a test holds it against the number of inputs.
+    /// How many machines were looked at in total, except by [`TimedMap::iter`]: a test compares it with the number of inputs.
     #[serde(skip)]
     visits: u64,
 }

@@ -1,5 +1,5 @@
-//! The durations of a node that have to fit together. Each stands where it is used; this page says in which order they are, and
-//! why. The compiler refuses a change that breaks it.
+//! The durations of a node that have to fit together. Each is defined where it is used; this file has their order, and the
+//! reasons. The compiler refuses a change that breaks this order.
 //!
 //! ```text
 //! a node that answers no more    asked again every 1 s ─▶ silent for 2.5 s ─▶ missing, 1 s after its last answer ─▶ lost 5 s later

@@ -72,12 +72,12 @@ pub fn is_untouched(text: &str) -> bool {
     u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(rest.as_bytes()))
 }
 
-/// Returns whether the node of one unit takes over what that of another has left: they have one name, one user and the same folders.
+/// Returns whether the node of one unit takes over the remains of the other's node: they have one name, one user and the same folders.
 pub fn takes_over(unit: &str, before: &str) -> bool {
     identity(unit) == identity(before)
 }
 
-/// Returns what tells a node from others on its machine, as the unit has it.
+/// Returns the properties in the unit that distinguish a node from others on its machine.
 fn identity(unit: &str) -> [Option<&str>; 5] {
     let line = |name: &str| unit.lines().find_map(|line| line.strip_prefix(name));
     let command = line("ExecStart=").unwrap_or_default();
@@ -85,7 +85,7 @@ fn identity(unit: &str) -> [Option<&str>; 5] {
     [value(" --name "), value(" --run-dir "), value(" --state "), value(" --boot-id "), line("User=")]
 }
 
-/// Returns a word that systemd takes for itself. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
+/// Returns a word in the form that systemd takes literally. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
 fn quoted(word: &str) -> String {
     let word = specifiers(word).replace('\\', "\\\\").replace('"', "\\\"").replace('$', "$$");
     let is_plain = !word.is_empty() && !word.contains([' ', '\t', ';', '\'', '"', '\\']);

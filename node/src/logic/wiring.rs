@@ -1,4 +1,4 @@
-//! Works out which program dials which: the links of one program, from the plan and from the reports of all programs.
+//! Determines which program dials which other one: the links of one program, from the plan and the reports of all programs.
 //!
 //! A wire is dialled from the consumer to the producer, a device from the program that needs it to the one that owns its
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The facts of a deployment once every program has reported.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Registrations {
-    /// By leaf.
+    /// The facts by leaf.
     pub facts: BTreeMap<u32, LeafFacts>,
     /// The machine of each host, in the plan's order.
     pub machines: Vec<String>,
@@ -125,7 +125,7 @@ fn seal(plan: &Plan, Deployment { name, epoch }: &Deployment, wire: u32) -> u32 
     (1 << 31) | (hash & (u32::MAX >> 2))
 }
 
-/// Returns which programs are at the other ends of the wires of `leaf`, by their keys; none if it has no keys.
+/// Returns the programs at the other ends of the wires of `leaf`, with their keys; none if `leaf` has no keys.
 pub fn partners(
     plan: &Plan,
     deployment: &Deployment,
@@ -203,7 +203,7 @@ pub fn relink(plan: &Plan, registrations: &Registrations, dialer: u32, moved: u3
 /// tries every way in turn.
 pub fn observe(registrations: &Registrations, leaf: u32) -> Option<Dial> {
     let location = registrations.facts.get(&leaf)?.location.as_ref()?;
-    // An observer has no wire, so the direct path is none of its business.
+    // An observer has no wire, so it does not get the direct path.
     let locators = location.local.iter().chain(&location.remote).filter(|locator| !Place::is_meant(locator));
     let locators = locators.cloned().collect();
     Some(Dial { session: location.session.clone(), locators })
@@ -349,7 +349,7 @@ process main() {
         }
     }
 
-    /// In a team both ends of a wire know each other, by the keys that they have now.
+    /// In a team, both ends of a wire know each other by their present keys.
     #[test]
     fn both_ends_know_the_keys_of_each_other() {
         let plan = plan();
@@ -432,7 +432,7 @@ process main() {
         }
     }
 
-    /// A process of another deployment is called there, under a number that no wire has there.
+    /// A process of another deployment is called in that deployment, under a number that none of its wires has.
     #[test]
     fn a_call_of_another_deployment_goes_to_its_process() {
         let text = r#"

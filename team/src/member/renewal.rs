@@ -27,8 +27,8 @@ pub(super) struct Vouched {
 }
 
 impl Member {
-    /// Makes an identity for visitors from this machine, and writes it to a file whose place they are told; writes the
-    /// credentials of its programs to another file. Both are rewritten when this node's certificate is renewed.
+    /// Makes an identity for visitors from this machine, and writes it to a file whose path the visitors get. Writes
+    /// the credentials of its programs to another file. Both are rewritten when this node's certificate is renewed.
     ///
     /// # Errors
     /// The disk refuses, or the system has no random bytes.
@@ -73,8 +73,8 @@ impl Member {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Vouches for a program that this node has started, by the public keys that it has made; returns what shows that to others. Nothing
-    /// if they are none.
+    /// Vouches for a program that this node has started, by the public keys that it has made; returns the proof for others. Nothing
+    /// if the bytes are not keys.
     pub fn vouch_for(&self, keys: &[u8], program: &str) -> Option<Vec<u8>> {
         let newest = self.newest().clone();
         let key = ProgramKeys::signing_of(keys)?;
@@ -83,7 +83,7 @@ impl Member {
 
     /// Returns its credential, with the newest renewal.
     pub(super) fn newest(&self) -> MutexGuard<'_, Credential> {
-        // It is exchanged as a whole.
+        // The credential is replaced as a whole.
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

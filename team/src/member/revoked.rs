@@ -79,7 +79,7 @@ impl Member {
     /// The reasons of [`Self::revoke()`], for any set; the other sets are still taken in.
     pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
         let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
-        // Each is taken in, even if others fail.
+        // Each set is taken in, even if others fail.
         let mut all = Ok(());
         for set in told {
             all = all.and(taken(set).map(drop));

@@ -267,7 +267,7 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     drop(deployed.ended(SOON));
     let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
     let received = trace.signal("main/monitor", "received");
-    // What else the machine does slows some seconds down, and attacks would slow down all of them.
+    // Other work of the machine slows some seconds down. Attacks would slow down all of them.
     let seconds =
         (0..3).map(|second| attacked.0 + Duration::from_secs(second)).map(|from| (from, from + Duration::from_secs(1)));
     let before = rate(&received, quiet);

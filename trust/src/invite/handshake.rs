@@ -130,7 +130,7 @@ impl Joiner {
     pub fn welcomed(self, welcome: Welcome, now: UnixTime) -> Result<(SecretKeys, Team, Credential), JoinError> {
         let offer = *self.offer.ok_or(JoinError::Unexpected)?;
         let claims = welcome.certificate.claims();
-        // The inviter may have given another name, not another kind.
+        // The inviter may have given another name, but not another kind.
         if claims.keys != *self.keys.public() || welcome.certificate.kind() != crate::role::Kind::Node {
             return Err(JoinError::NotOurs);
         }

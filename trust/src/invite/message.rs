@@ -30,20 +30,20 @@ pub struct Offer {
     pub inviter: Option<Credential>,
     /// A random number.
     pub nonce: [u8; 32],
-    /// Over both numbers and the team, by the inviter.
+    /// The signature of the inviter over both numbers and the team.
     pub signature: [u8; SIGNATURE_LEN],
 }
 
 /// Joiner to inviter: these are my keys, and this is the secret.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Proof {
-    /// The name it would like.
+    /// The name that the robot would like.
     pub name: Name,
     /// Its keys.
     pub keys: PublicKeys,
     /// The secret, sealed to the inviter, for this conversation only.
     pub sealed: Sealed,
-    /// Over all earlier messages, by the joiner: it has the secret keys.
+    /// The signature of the joiner over all earlier messages. It proves that the joiner has the secret keys.
     pub signature: [u8; SIGNATURE_LEN],
 }
 
@@ -65,7 +65,7 @@ pub enum Message {
     Proof(Box<Proof>),
     /// Welcome.
     Welcome(Box<Welcome>),
-    /// No, and why not is for the inviter's log alone.
+    /// The robot is refused. The reason is only in the inviter's log.
     Refused,
 }
 

@@ -1,4 +1,4 @@
-//! Which numbers of requests were used: of each signer the highest, and which of the 1024 up to it.
+//! The used numbers of requests: for each signer the highest one, and which of the 1024 numbers up to it were used.
 
 use crate::identity::KeyId;
 use crate::wire::{FormError, Reader, Writer};
@@ -114,7 +114,7 @@ impl Replays {
     /// Reads a record that was written.
     ///
     /// # Errors
-    /// It is no such record. Then nothing of this signer may be accepted: its numbers are not known.
+    /// The bytes are not such a record. Then no request of this signer may be accepted, because its numbers are unknown.
     pub fn restore(&mut self, write: &ReplayWrite) -> Result<(), FormError> {
         self.0.insert(write.signer, Window::from_bytes(&write.bytes)?);
         Ok(())
@@ -125,7 +125,7 @@ impl Replays {
         self.0.iter().map(|(signer, window)| ReplayWrite { signer: *signer, bytes: window.to_bytes() })
     }
 
-    /// Forgets a signer, which nothing can be accepted of any more: it is revoked, or its certificate has ended for good.
+    /// Forgets a signer of which no request can be accepted any more: it is revoked, or its certificate has ended for good.
     pub fn forget(&mut self, signer: &KeyId) {
         self.0.remove(signer);
     }

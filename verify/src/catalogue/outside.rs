@@ -83,7 +83,7 @@ fn around(model: &Model<'_>) -> Vec<Option<usize>> {
 
 fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limits: &Limits<'_>) -> Outside {
     if suspect.part != 0 && around[suspect.part].is_none() {
-        // Nothing runs it.
+        // No part runs this one.
         return Outside::Ends;
     }
     let mut stuck = Outside::Stuck(None);

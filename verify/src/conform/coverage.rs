@@ -13,9 +13,9 @@ pub struct Coverage {
     pub group: String,
     /// How many of its states the run was in, and how many there are.
     pub states: (usize, usize),
-    /// The same of its transitions.
+    /// How many of its transitions the run took, and how many there are.
     pub transitions: (usize, usize),
-    /// The same of the states that only a failure leads to.
+    /// How many of the states that only a failure leads to the run was in, and how many there are.
     pub fault_states: (usize, usize),
     /// The members whose failure was never seen.
     pub never_failed: Vec<String>,

@@ -23,7 +23,7 @@ pub(super) struct Struck {
     pub(super) seat: Option<MemberRef>,
 }
 
-/// A fault, or two, in all states that they can happen in.
+/// A fault, or two faults, in all states in which they can happen.
 pub(super) struct Case<'c, 'm, 'a> {
     times: &'c Times<'m, 'a>,
     system: &'c System<'a>,
@@ -248,13 +248,13 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .collect()
     }
 
-    /// The program that this fault makes hang, if it does.
+    /// The program that hangs because of this fault, if there is one.
     fn hung(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault)?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Hang).then_some(seat)
     }
 
-    /// The program that this fault has started again, if it does.
+    /// The program that is started again after this fault, if there is one.
     fn restarted(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault).filter(|seat| self.system.is_restarted(*seat))?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Crash).then_some(seat)

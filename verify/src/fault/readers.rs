@@ -10,7 +10,7 @@ use language::algebra::Activity;
 use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// For each state, whether something is so there.
+/// For each state, whether a property holds there.
 type InStates = Vec<bool>;
 
 /// The wires of a system, and the states in which their readers lose something.
@@ -21,7 +21,7 @@ pub(super) struct Readers<'c, 'a> {
     lines: OnceCell<Vec<Line>>,
     /// For each program that sends, and each state: whether data of it is read there or later.
     heard: RefCell<BTreeMap<u32, InStates>>,
-    /// For each input, and each state: whether its program runs there or later without a sender, if it never does without a fault.
+    /// For each input and each state: whether its program runs there or later without a sender, although it never does without a fault.
     missed: RefCell<BTreeMap<(u32, String), Option<InStates>>>,
 }
 
@@ -42,7 +42,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         heard.get(state as usize).copied().unwrap_or(false)
     }
 
-    /// Whether something works on without a sender that is gone, at once or after a state, and never does without a fault.
+    /// Whether a program runs without its lost sender, in a state or later, although it never does so without a fault.
     pub(super) fn miss(&self, gone: &[u32], settled: &Frame, state: u32) -> bool {
         let model = self.system.model;
         let of_gone = |line: &&Line| gone.contains(&model.plan.wires[line.wire as usize].from.leaf);

@@ -20,7 +20,7 @@ pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
     }
 }
 
-/// After this many answers without a pause between them, something is retried for ever.
+/// After this many answers without a pause in between, a process counts as retried for ever.
 const ANSWERS_MAX: usize = 2000;
 
 /// The state after a fault has settled.

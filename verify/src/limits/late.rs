@@ -11,14 +11,14 @@ use language::{Code, Span};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long something may still run.
+/// How long a process may still run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Left {
-    /// Nothing is known that stops it.
+    /// No limit is known that stops it.
     Free,
     /// It is stopped once `limit` has passed, of which at least `used` have passed.
     Within { limit: Duration, used: Duration },
-    /// It never starts: it would once `used` have passed. `cause` is the node before which that shows.
+    /// It never starts, because it would start only after `used`. `cause` is the node at which this shows.
     Over { limit: Duration, used: Duration, cause: usize },
 }
 
@@ -65,7 +65,7 @@ struct Try {
     group: u32,
     member: u32,
     left: Left,
-    /// Set if it begins in time, but the try that it belongs to ends too late: the least end of that try, and its node.
+    /// Set if the step begins in time, but its try ends too late: the least end of this try, and its node.
     too_late: Option<(Duration, usize)>,
 }
 
@@ -128,7 +128,7 @@ struct Walk<'w, 'm, 'a> {
     source: &'w Group,
     /// The number of the next node.
     node: usize,
-    /// If it ends too late: the least time to its end, and the number of its node.
+    /// Set if the try ends too late: the least time to its end, and the number of its node.
     too_late: Option<(Duration, usize)>,
     tries: &'w mut Tries,
     lefts: &'w mut Vec<Option<Left>>,

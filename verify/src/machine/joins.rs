@@ -1,7 +1,7 @@
 //! The rules of operators with many operands: `,` `&` `any` `at least` `#` and `::`.
 //!
-//! Phases: 1 the operands start, one after the other; 2 they run; 3 those that still run are stopped, one after the other; 4 the
-//! node waits until all of them have confirmed.
+//! Phases: 1 the operands start, one after the other; 2 they run; 3 the operands that still run are stopped, one after the other;
+//! 4 the node waits until all of them have confirmed.
 
 use super::writer::{ABORTED, DONE, HALT, IDLE, Node, REPORT, RUNS, START, STOP, STOPPED, Sets, WEIGH, Writer};
 use super::{Term, Test, Var};
@@ -21,7 +21,7 @@ struct Join {
 
 /// The effect of ended operands on a node that waits for some of them.
 struct Count {
-    /// How many ends it waits for.
+    /// How many ends the node waits for.
     open: Var,
     /// Whether it will abort.
     is_bad: Var,

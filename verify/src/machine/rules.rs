@@ -6,11 +6,11 @@ use super::{Term, Test};
 use crate::story::seconds;
 use language::plan::{Expression, Given, Group, MemberKind};
 
-/// How the second of two follows the first.
+/// How the second of two operands follows the first.
 struct Turn {
-    /// After which outcome of the first.
+    /// The outcome of the first after which the second follows.
     after: u32,
-    /// With which value.
+    /// The value with which the second starts.
     given: Term,
     /// Whether the first follows again.
     is_loop: bool,
@@ -24,7 +24,7 @@ impl Writer<'_> {
             Expression::Run { member, .. } => self.run(node, *member),
             Expression::Skip => self.rule(node, START, &[], self.reports(node, DONE)),
             Expression::Fail(_) => self.rule(node, START, &[], self.reports(node, ABORTED)),
-            // Plans with activities and with `else match` are refused before.
+            // Plans with activities or `else match` were already refused.
             Expression::Never | Expression::Chart(_) | Expression::Catch { .. } => self.lasting(node),
             Expression::Wait(after) => {
                 let word = self.timer(seconds(*after));

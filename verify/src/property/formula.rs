@@ -36,7 +36,7 @@ impl Question<'_, '_, '_> {
         self.proved()
     }
 
-    /// Nothing if it does.
+    /// Returns nothing if the formula holds.
     fn part_holds(&self, formula: &Formula) -> Option<Finding> {
         let mut parts = Parts::default();
         let (holds, fails) = parts.add(formula);

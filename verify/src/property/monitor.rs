@@ -19,7 +19,7 @@ use language::sites::{Consequence, ProcessRef, Property, Sentence};
 /// How many steps of a story are told: the last ones.
 const TOLD_MAX: usize = 12;
 
-/// Says of each sentence whether it held; `records` has the steps of each group.
+/// Returns for each sentence whether it held; `records` has the steps of each group.
 pub(crate) fn check(model: &Model<'_>, records: &[Vec<Steps>]) -> Vec<Finding> {
     let is_said = |property: &&Property| !matches!(property.sentence, Sentence::Assume(..));
     model.sites.properties.iter().filter(is_said).map(|property| monitor(model, property, records)).collect()
@@ -89,7 +89,7 @@ enum Wanted {
     Unbroken(Breaks),
 }
 
-/// The same while a run is followed.
+/// The state of such a sentence while a run is followed.
 enum Eye<'w> {
     Watch(Watch<'w>),
     Formula(Followed<'w>),

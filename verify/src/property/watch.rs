@@ -26,14 +26,14 @@ pub(super) enum Goal {
     Then(Option<Occurrence>, Occurrence),
     /// Owed from the event, or the fault, on: the other.
     Owed(Option<Occurrence>, Occurrence),
-    /// Owed while the first, which has the fault, is active, and until then: that the second runs no more.
+    /// Owed once the fault has struck the first while it is active: that the second no longer runs.
     Ending(ProcessRef, ProcessRef),
     /// Owed from the start on.
     Sometime(Occurrence),
 }
 
 impl Goal {
-    /// The processes of which it counts when they begin, and not only that they are active.
+    /// The processes whose beginning counts, and not only that they are active.
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
@@ -50,7 +50,7 @@ impl Goal {
         events.into_iter().filter(|event| event.kind == EventKind::Started).map(|event| event.who).collect()
     }
 
-    /// Whether something that has to come has not come yet.
+    /// Whether the goal is owed, and has not been reached yet.
     pub(super) fn is_owed(&self, frame: &Frame) -> bool {
         let note = frame.notes.first().copied().unwrap_or(0);
         match self {

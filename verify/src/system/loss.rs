@@ -68,7 +68,7 @@ pub(super) struct Rift {
     taken: Vec<BTreeMap<u32, BTreeSet<String>>>,
     /// The groups for which something is taken further out.
     below: BTreeSet<u32>,
-    /// The hosts that have to note the loss, since it means something to them.
+    /// The hosts that have to note the loss, because it matters to them.
     concerned: Vec<u32>,
 }
 
@@ -215,7 +215,7 @@ impl System<'_> {
             || self.flags(frame, member_ref) & HELD != 0
     }
 
-    /// Whether nothing is heard of a member, and its supervisor does not know yet why.
+    /// Whether a member is silent, and its supervisor does not know why yet.
     pub(super) fn is_unheard(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.is_severed(frame, seat) && !self.is_refused(frame, seat)
     }

@@ -30,7 +30,7 @@ pub(super) enum Blow {
     Stop(usize),
     /// It is an activity, and is told that the host of this number is lost.
     News(usize, u32),
-    /// A member has failed for it that ran, or that was already being stopped.
+    /// A member that ran, or was already being stopped, has failed for this unit.
     End(usize, u32, Activity),
     /// A member has stopped, and no confirmation arrives.
     Tell(usize, u32),
@@ -376,7 +376,7 @@ impl Reaction<'_, '_> {
         if self.system.model.parts[self.system.units[inner].part].is_piece {
             self.queue.push_back((inner, Event::Stop));
         } else if self.system.waits_for_ever(self.frame, MemberRef { unit, member }) {
-            // It has never begun.
+            // The member has never begun.
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
         } else if !self.system.is_severed(self.frame, MemberRef { unit, member }) {
             // A member that has already ended has nothing to stop.

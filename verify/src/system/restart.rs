@@ -15,7 +15,7 @@ use language::automaton::Failure;
 use language::plan::{LeafKind, MemberKind, Restart, Strategy};
 use std::time::Duration;
 
-/// So often is one program started again within [`WINDOW`].
+/// How often one program is started again within [`WINDOW`].
 const RESTARTS_MAX: u32 = 5;
 const WINDOW: Duration = Duration::from_secs(60);
 
@@ -160,7 +160,7 @@ impl System<'_> {
         self.flags_of(frame, seat) & AWAY != 0
     }
 
-    /// The same of a place that is known.
+    /// The same for a known place of notes.
     pub(crate) fn notes_away(frame: &Frame, place: usize) -> bool {
         frame.restarts[place] & AWAY != 0
     }

@@ -222,7 +222,7 @@ impl DataSession {
     /// Calls as [`DataSession::call`] does, and waits for the result.
     ///
     /// # Errors
-    /// The reason why there is no result.
+    /// The reason, if the call has no result.
     pub fn call_and_wait(&self, keys: &ObjectKeys, way: &CallWay, call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
         let (result_tx, result) = sync_channel(1);
         // The receiver is gone only if the wait below has ended.

@@ -180,7 +180,7 @@ impl Inlets {
             Timespec { tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX), tv_nsec: left.subsec_nanos().into() }
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal has interrupted the wait, or there was no memory for a moment.
+            // A signal has interrupted the wait, or memory was short for a moment.
             return Ready { is_called: false, has_arrived: false };
         }
         let mut is_ready = ready.iter().map(|one| !one.revents().is_empty());

@@ -135,7 +135,7 @@ impl Server {
             tv_nsec: left.subsec_nanos().into(),
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal has interrupted the wait, or there was no memory for a moment.
+            // A signal has interrupted the wait, or memory was short for a moment.
             return;
         }
         let ready: Vec<PollFlags> = ready.iter().map(PollFd::revents).collect();

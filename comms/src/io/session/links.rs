@@ -1,8 +1,8 @@
 //! The table of links of a session: the links that stand, by zenoh's events, and the places where a lost link is dialled again.
 //!
-//! A place that the program was told, where a link has stood, or that has shown the key of its session, is dialled first and stays.
-//! Any other place was only said on the network, where anybody can say anything. So a sender has few places, a place that has failed is
-//! left alone for a while, and it makes room for a place that was not tried yet.
+//! A place is dialled first, and stays in the table, if the program was told it, if a link has stood there, or if it has shown the
+//! key of its session. Any other place was only announced on the network, where any host can announce anything. So a sender may
+//! have few places, and a place that has failed is not dialled for a while and makes room for a place that was not tried yet.
 
 use super::patience;
 use crate::logic::time::Time;
@@ -16,7 +16,7 @@ use zenoh::config::Locator;
 const PROPOSED_MAX: usize = 16;
 /// How many of these places may come from one sender.
 const PROPOSED_BY_ONE_MAX: usize = 2;
-/// How many places of one session are remembered where a link has stood, or that the program was told.
+/// How many places of one session are remembered that the program was told, or where a link has stood.
 const KNOWN_MAX: usize = 8;
 /// How long a place that has failed once is not dialled; the time doubles with each further failure.
 const LEFT_ALONE: Duration = Duration::from_secs(1);

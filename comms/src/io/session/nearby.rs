@@ -1,8 +1,8 @@
 //! Finds the other nodes of this network by the scouting of Zenoh, and announces this one.
 //!
 //! Each node sends a `Hello` on every interface now and then, by multicast, and answers a `Scout` with one. A session that receives
-//! a `Hello` dials the address that the datagram came from. Interfaces are looked at again all the time: what comes up later is used,
-//! what goes is left. Zenoh's own scouting reads the interfaces once, and knows IPv4 alone.
+//! a `Hello` dials the address that the datagram came from. The interfaces are checked all the time: one that comes up later
+//! is used as well, and the group is left on one that goes. Zenoh's own scouting reads the interfaces once, and knows IPv4 alone.
 //!
 //! Nothing here is believed: a datagram only proposes a place to dial.
 

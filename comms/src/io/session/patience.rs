@@ -1,6 +1,6 @@
 //! The time that a TCP link may carry nothing before the system gives it up.
 //!
-//! Zenoh gives a silent link up after its lease, which is the same for all links and has to suit the longest way. The system
+//! Zenoh gives a silent link up after its lease, which is the same for all links and has to suit the slowest link. The system
 //! knows better: it sees which bytes have arrived. Zenoh keeps its sockets to itself, so they are found among this process's
 //! descriptors by their two ends.
 

@@ -1,5 +1,5 @@
 //! Typed values of the database, as a program has them. The database keeps a tag and bytes, [`Stored`]; both forms are
-//! described in `dbmanager::logic::view::value`, whose bytes these are.
+//! described in `dbmanager::logic::view::value`, and the bytes are the same.
 
 use super::Stored;
 use crate::logic::bytes::Bytes;

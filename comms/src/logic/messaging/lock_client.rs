@@ -2,8 +2,8 @@
 //!
 //! The client believes that it holds the lock for less time than the server does: the client counts the remaining time
 //! from when it *sent* the answered request, the server from when it received the request. The client may still be
-//! wrong, because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries the fencing number, and the
-//! resource looks at that.
+//! wrong, because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries
+//! the fencing number, and the resource looks at that.
 
 use super::wire::{Denied, LockAnswer, LockRequest};
 use crate::logic::time::Time;

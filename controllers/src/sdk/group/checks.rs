@@ -13,7 +13,7 @@ pub(super) struct Layout {
     pub(super) members: Vec<Place>,
     /// By the name of an input of the group, the inputs of members that have it.
     pub(super) inputs: BTreeMap<&'static str, Vec<(usize, &'static str)>>,
-    /// Whose they are.
+    /// The member of each export, and below of each call.
     pub(super) exports: BTreeMap<&'static str, usize>,
     pub(super) calls: BTreeMap<&'static str, usize>,
 }
@@ -28,7 +28,7 @@ pub(super) struct Place {
     pub(super) outputs: BTreeMap<&'static str, Outlet>,
 }
 
-/// Where all values of an output go.
+/// The destinations of the values of an output.
 pub(super) struct Outlet {
     pub(super) targets: Vec<Target>,
     /// Its place among those that lead to other members.
@@ -80,7 +80,7 @@ impl Layout {
     /// Makes idle members.
     ///
     /// # Errors
-    /// Says which does not take its arguments, and why.
+    /// Names the member that does not take its arguments, and the reason.
     pub(super) fn make(&self, arguments: &Arguments) -> Result<Vec<Box<dyn Module>>, String> {
         let make = |place: &Place| (place.make)(arguments).map_err(|why| format!("`{}`: {why}", place.name));
         self.members.iter().map(make).collect()
@@ -272,7 +272,7 @@ impl<'a> Joints<'a> {
     }
 }
 
-/// Whether values of the one are values of the other: the name, and the fields where both say them.
+/// Whether values of one type are values of the other: the names are equal, and also the fields if both types declare them.
 fn fit(one: &PortInterface, other: &PortInterface) -> bool {
     let both_say = !one.fields.is_empty() && !other.fields.is_empty();
     one.type_name == other.type_name && (!both_say || one.fields == other.fields)

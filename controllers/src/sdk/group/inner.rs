@@ -28,7 +28,7 @@ impl InnerTaps {
         }
     }
 
-    /// Shows what was kept, and asks who looks from now on.
+    /// Shows the kept values, and asks which outputs are watched from now on.
     pub(super) fn show(&mut self, outlets: &mut dyn Outlets) {
         if !self.heard.is_empty() {
             outlets.show_inner(&mut self.values, &mut self.heard);
@@ -36,7 +36,7 @@ impl InnerTaps {
         }
     }
 
-    /// Forgets what was not shown.
+    /// Forgets the values that were not shown.
     pub(super) fn clear(&mut self) {
         self.values.clear();
     }

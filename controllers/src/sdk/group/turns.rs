@@ -1,4 +1,4 @@
-//! A group that runs: its members in turns, what they send in memory.
+//! A running group: its members calculate in turns, and send values in memory.
 
 use super::checks::{Layout, Outlet, Target};
 use super::inner::InnerTaps;
@@ -121,7 +121,7 @@ impl GroupModule {
         }
     }
 
-    /// Returns what the end of a member is for the group.
+    /// Returns what the end of a member means for the group.
     fn ending(&self, at: usize, progress: Progress) -> Progress {
         let Some(place) = self.layout.members.get(at) else { return progress };
         match progress {
@@ -181,7 +181,7 @@ impl Module for GroupModule {
     fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String> {
         let members = self.layout.make(&arguments)?;
         if running {
-            // All of them or none: what one member would take now, another one may not.
+            // Either all members take the new arguments or none does: one member may refuse what another one takes.
             self.next = Some(arguments);
             return Ok(Configured::Later);
         }
@@ -196,7 +196,7 @@ impl Module for GroupModule {
             let progress = self.members.get_mut(at).and_then(|member| member.calculate(&place.schedule, now));
             let Some(progress) = progress else { continue };
             self.pass(at, now);
-            // The first that ends, ends the group, once the turn is over.
+            // The first member that ends also ends the group, once the turn is over.
             if all == Progress::Continue {
                 all = self.ending(at, progress);
             }

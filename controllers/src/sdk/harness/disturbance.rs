@@ -11,11 +11,11 @@ pub struct Disturbance {
     pub transfer_jitter: Duration,
     /// The chance that a calculation is held up.
     pub hold_chance: f64,
-    /// For up to how long, evenly spread from a third of it.
+    /// The longest such delay; delays are evenly spread from a third of it.
     pub hold_max: Duration,
     /// The chance that a sample is lost.
     pub drop_chance: f64,
-    /// Where the chances come from.
+    /// The seed of the random numbers.
     pub seed: u64,
 }
 

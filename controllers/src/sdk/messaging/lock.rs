@@ -16,12 +16,12 @@ const ASKED_MAX: usize = 256;
 /// The lock in front of a resource of this controller. A field, for which the controller exports a procedure that answers later:
 /// `exports.procedure_later("arm", "...", |robot: &mut Robot, request, reply| robot.arm.ask(request, reply)).idle()`.
 ///
-/// Its numbers go on from the time since the host was started, so that those of a program that was started again are greater.
-/// They mean something at this resource only.
+/// Its numbers continue from the time since the host was started, so that a program that was started again has greater numbers.
+/// The numbers have a meaning at this resource only.
 #[derive(Debug)]
 pub struct Lock {
     settings: LockSettings,
-    /// From the first calculation on.
+    /// The lock; it exists from the first calculation on.
     lock: Option<ResourceLock>,
     asked: Vec<(LockRequest, Reply<LockAnswer>)>,
     now: Time,
@@ -135,17 +135,17 @@ impl LockUser {
         Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None, holder: String::new() })
     }
 
-    /// Wants the lock, from the next [`LockUser::work`] on.
+    /// Requests the lock, from the next [`LockUser::work`] on.
     pub fn want(&mut self, priority: u8) {
         self.inputs.push(ClientInput::Want(priority));
     }
 
-    /// Lets go of it, or waits no more, with the next [`LockUser::work`].
+    /// Releases the lock, or stops waiting for it, with the next [`LockUser::work`].
     pub fn let_go(&mut self) {
         self.inputs.push(ClientInput::Drop);
     }
 
-    /// Asks, renews and hears. Called once in each calculation, at least four times a lease.
+    /// Sends requests and renewals, and takes answers. Called once in each calculation, at least four times a lease.
     pub fn work(&mut self, now: Time, calls: &mut Calls<LockRequest, LockAnswer>) {
         let mut effects = Vec::new();
         while let Some((number, answer)) = calls.answer() {
@@ -192,7 +192,7 @@ impl LockUser {
         self.inputs.is_empty() && self.client.is_idle()
     }
 
-    /// Returns why the lock was lost, or was not to be had, since it was wanted last.
+    /// Returns why the lock was lost or refused since it was last requested.
     pub const fn lost(&self) -> Option<Denied> {
         self.lost
     }

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// How long an answer of a queue is waited for before the message is sent again.
 const TRY_WITHIN: Duration = Duration::from_millis(250);
-/// How many messages of a client are on their way.
+/// How many messages of a client may be in transit.
 const SENDING_MAX: usize = 32;
 
 /// Receives messages, and gives them out by priority. A field of a controller, which exports a procedure for it:
@@ -26,7 +26,7 @@ const SENDING_MAX: usize = 32;
 #[derive(Debug)]
 pub struct Queue<T> {
     queue: MessageQueue,
-    /// When the controller looked last.
+    /// The time at which the controller last looked.
     now: Time,
     of: PhantomData<fn() -> T>,
 }
@@ -66,7 +66,7 @@ impl<T: Message> Queue<T> {
         self.queue.receive(self.now, message)
     }
 
-    /// Receives a message for a resource: only who holds its lock is listened to.
+    /// Receives a message for a resource: only messages of the lock's holder are accepted.
     pub fn receive_under(&mut self, lock: &mut Lock, message: QueueMessage) -> Receipt {
         match lock.admit(message.fence) {
             Ok(()) => self.receive(message),
@@ -78,7 +78,7 @@ impl<T: Message> Queue<T> {
     pub fn take(&mut self, now: Time) -> Option<Taken<T>> {
         self.now = now;
         while let Some(QueueMessage { header, fence, data, .. }) = self.queue.take() {
-            // It was read once when it was received.
+            // The message was already decoded once when it was received.
             if let Ok(data) = postcard::from_bytes(&data) {
                 return Some(Taken { header, fence, data });
             }
@@ -159,15 +159,15 @@ impl EncodedMessage {
 /// How sending a message ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SendEnd {
-    /// It is in the queue, or was.
+    /// The message is in the queue, or was taken from it.
     Accepted,
     /// The queue has turned it away.
     Rejected(Rejected),
     /// No queue is available: nothing is connected, the program has none of this name, or its process does not run.
     Unknown(ObjectError),
-    /// Nobody has answered in time: whether it is in the queue is not known.
+    /// No answer came in time: it is unknown whether the message is in the queue.
     Deadline,
-    /// The same, and the last word was that its program is gone.
+    /// The same, and the last try found that the program of the queue is gone.
     Gone,
 }
 

@@ -21,13 +21,13 @@ pub enum RequestFailure {
     /// No queue is available: it was not carried out.
     #[error("there is no queue: {0}")]
     Unknown(ObjectError),
-    /// Its program was gone, whenever it was to be handed in: whether it was received is not known.
+    /// The program of the queue was gone at each try: it is unknown whether the request was received.
     #[error("who answers is gone")]
     Gone,
     /// The time is over. Whether it was carried out is not known.
     #[error("no answer came in time")]
     Deadline,
-    /// Too many are open, or it is too long: it was not sent.
+    /// Too many requests are open, or this one is too long: it was not sent.
     #[error("it was not sent: {0}")]
     NotSent(String),
 }
@@ -35,7 +35,7 @@ pub enum RequestFailure {
 /// How a request ended: with its answer, or with the reason why there is none.
 pub type Answered<R> = Result<Taken<R>, RequestFailure>;
 
-/// Asks who has a queue of requests, and takes the answers in a queue of its own. A field of a controller, beside
+/// Sends requests to another process's queue, and takes the answers in its own queue. A field of a controller, beside
 /// `#[calls("Questions")] questions: Calls<QueueMessage, Receipt>`; the answers come through a procedure that it exports:
 /// `exports.procedure("Answers", "...", |robot: &mut Robot, message| Ok(robot.planner.receive(message)))`.
 ///
@@ -51,8 +51,8 @@ pub struct Requester<Q, R> {
 }
 
 impl<Q: Message, R: Message> Requester<Q, R> {
-    /// Returns one that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]), to which answers
-    /// go. As many answers wait as there may be requests.
+    /// Returns a requester that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]),
+    /// to which answers go. As many answers wait as there may be requests.
     ///
     /// # Errors
     /// If the system gives no random number for its life.
@@ -106,7 +106,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
                 SendEnd::Unknown(error) => RequestFailure::Unknown(error),
                 SendEnd::Gone => RequestFailure::Gone,
             };
-            // An answer that has come says more.
+            // An answer that has already come says more than this result.
             if self.open.received(marker, None).is_some() {
                 self.ends.push_back((marker, Err(failure)));
             }
@@ -117,7 +117,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
             match self.open.replied(now, reply) {
                 Some((marker, RequestEnd::Reply(_))) => self.ends.push_back((marker, Ok(taken))),
                 Some((marker, RequestEnd::Failed(_))) => self.ends.push_back((marker, Err(RequestFailure::Deadline))),
-                // Too late, or twice.
+                // The answer came too late, or twice.
                 None => {}
             }
         }
@@ -142,7 +142,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
     }
 }
 
-/// Sends answers to those who have asked: beside a field `#[calls("Answers")] answers: Calls<QueueMessage, Receipt>`, which the spec
+/// Sends answers to the senders of requests: beside a field `#[calls("Answers")] answers: Calls<QueueMessage, Receipt>`, which the spec
 /// connects with the queue of answers of each of them.
 #[derive(Debug)]
 pub struct Replier<R> {
@@ -150,7 +150,7 @@ pub struct Replier<R> {
 }
 
 impl<R: Message> Replier<R> {
-    /// Returns one that has answered nothing. `instance` is the path of this process.
+    /// Returns a replier that has answered nothing. `instance` is the path of this process.
     ///
     /// # Errors
     /// If the system gives no random number for its life.

@@ -25,14 +25,14 @@ use std::time::Duration;
 
 /// How many subscribers ask between two calculations at most.
 const ASKED_MAX: usize = 512;
-/// How many subscribers that were dropped wait to be told of.
+/// How many dropped subscribers wait to be reported.
 const DROPPED_MAX: usize = 256;
 /// How long a subscriber waits for an answer: longer than a router waits for a message.
 const ASK_WITHIN: Duration = Duration::from_secs(3);
 /// The pause after a subscription that was refused, or did not reach the router.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// A subscriber that is ready for its next message; also what became of the last one.
+/// The call of a subscriber that is ready for its next message; it also has the result of the last one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
     /// The name of the subscriber, for people.
@@ -41,7 +41,7 @@ pub struct Subscription {
     pub life: u64,
     /// The type that it takes.
     pub type_name: String,
-    /// It wants what one of these takes; everything if there is none.
+    /// The subscriber wants the messages that one of these filters takes; all messages if there are none.
     pub filters: Vec<Filter>,
     /// The number of the last delivery that it has, and its result.
     pub last: Option<(u64, Receipt)>,
@@ -75,7 +75,7 @@ impl Message for RouterStatus {
     const TYPE: &'static str = "RouterStatus";
 }
 
-/// Sends each message to all who have subscribed and whose filters take its header. A field of a controller, which exports a
+/// Sends each message to all subscribers whose filters take its header. A field of a controller, which exports a
 /// procedure for it: `exports.procedure_later("News", "...", |desk: &mut Desk, subscription, reply| desk.news.ask(subscription, reply))`.
 ///
 /// A slow subscriber fills its own outbox, whose oldest message is dropped, and delays no other. A subscriber that is
@@ -103,7 +103,7 @@ pub struct Dropped {
     pub name: String,
     /// The reason.
     pub why: Gone,
-    /// How many messages that were for it were lost.
+    /// How many messages for this subscriber were lost.
     pub lost: u64,
 }
 
@@ -213,7 +213,7 @@ impl<T: Message> Router<T> {
         let request = RouterRequest::Subscribe { queue: key.clone(), type_name, filters };
         match self.handle(now, RouterInput::Request(request)) {
             Some(RouterAnswer::Refused(refusal)) => reply.send(Delivery::Refused(refusal)),
-            // It is told at once that it is in the register.
+            // The subscriber is told at once that it is in the register.
             Some(RouterAnswer::Subscribed { is_known: false, .. }) => reply.send(Delivery::Nothing),
             Some(RouterAnswer::Subscribed { .. } | RouterAnswer::Unsubscribed | RouterAnswer::Status(_)) | None => {
                 self.open.insert(key, (reply, now));
@@ -253,11 +253,11 @@ fn name_of(key: &str) -> &str {
 /// Whether a router sends to a user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subscribed {
-    /// It is not known yet.
+    /// This is not known yet.
     Asking,
-    /// It does.
+    /// The router sends to the user.
     Yes,
-    /// It does not, and says why.
+    /// The router does not send, and gives the reason.
     Refused(RouterRefusal),
     /// No router is available, or it did not answer.
     Unknown(ObjectError),
@@ -273,7 +273,7 @@ pub struct RouterUser {
     /// The number of the call that is open, and when it is not waited for any more.
     open: Option<(u64, Time)>,
     last: Option<(u64, Receipt)>,
-    /// When it asks next.
+    /// The time of the next question.
     due: Time,
     state: Subscribed,
 }
@@ -316,7 +316,7 @@ impl RouterUser {
         }
     }
 
-    /// Wants other messages from now on.
+    /// Requests other messages from now on.
     pub fn set_filters(&mut self, filters: Vec<Filter>) {
         self.filters = filters;
     }

@@ -1,4 +1,4 @@
-//! Both ends of a wire say of which type its values are, before any goes over it: two programs that were built from different
+//! Both ends of a wire compare the type of its values before the first value: two programs that were built from different
 //! definitions are refused, instead of misreading each other.
 //!
 //! The consumer first answers queries for its type, and then subscribes. So once its producer sees a subscriber, it can
@@ -13,10 +13,10 @@ use comms::logic::object::TypeForm;
 use comms::logic::{codec, key};
 use std::time::Duration;
 
-/// How long a consumer has to say what it takes: it has just said that it listens.
+/// How long a consumer has to name its type: it has just reported that it listens.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 
-/// Answers on a wire's key what an input takes.
+/// Answers on a wire's key with the type of an input.
 pub(super) fn declare(
     session: &DataSession,
     keyring: Option<&Keyring>,
@@ -29,10 +29,10 @@ pub(super) fn declare(
     answer_with(session, &key::wire_type(wire), sealer, move || form.clone())
 }
 
-/// Asks the consumer of a wire what it takes.
+/// Asks the consumer of a wire for its type.
 ///
 /// # Errors
-/// If that is not what the output sends; both definitions are shown.
+/// If this type differs from that of the output; both definitions are shown.
 pub(super) fn check(
     session: &DataSession,
     keyring: Option<&Keyring>,

@@ -23,7 +23,7 @@ use std::time::Duration;
 
 /// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
 const PANICKED: i32 = 101;
-/// How often the node is told what wires have lost.
+/// How often the node is told the losses of wires.
 const LOSSES_EVERY: Duration = Duration::from_millis(500);
 /// How many calls of others are carried out before the loop looks whether a calculation is due.
 const CALLS_AT_ONCE: usize = 16;
@@ -60,7 +60,7 @@ pub(super) struct Cycle {
     lost: u64,
     /// Values that inputs have refused in this activation, because a number in them was not finite.
     refused: u64,
-    /// When the node is told next what wires have lost.
+    /// When the node is told the losses of wires next.
     losses_due: Time,
     leaving: bool,
 }
@@ -196,7 +196,7 @@ impl Cycle {
         }
     }
 
-    /// New parameters are never a reason to end: what the controller does not like, it does without.
+    /// New parameters are never a reason to end: the controller goes on without the ones that it refuses.
     fn configure(&mut self, arguments: Arguments) {
         let running = !matches!(self.phase, Phase::Idle);
         match self.call(|module| module.configure(arguments, running)) {
@@ -394,7 +394,7 @@ impl Cycle {
         }
     }
 
-    /// Tells the node now and then what wires have lost; a node that is lost is told when there is one again.
+    /// Tells the node regularly the losses of wires. If the node is lost, the next node is told.
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;

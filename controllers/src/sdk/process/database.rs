@@ -52,7 +52,7 @@ impl DatabaseLine {
         Self { notices, open: Mutex::default() }
     }
 
-    /// Does what an activation wants; never waits.
+    /// Carries out an order of an activation; never waits.
     pub(super) fn order(&self, activation: u32, order: DatabaseOrder, inbox: &Inbox) {
         let mut open = self.open();
         match order {
@@ -85,7 +85,7 @@ impl DatabaseLine {
     /// Takes an answer of the node.
     pub(super) fn take(&self, id: u64, answer: DatabaseAnswer, inbox: &Inbox) {
         let mut open = self.open();
-        // To one that is not wanted any more.
+        // The answer belongs to a request that is no longer wanted.
         let Some(asked) = open.requests.get(&id) else { return };
         let (activation, number) = (asked.activation, asked.number);
         if !answer.is_part() {
@@ -112,7 +112,7 @@ impl DatabaseLine {
         }
     }
 
-    /// The activation is over, and wants nothing any more.
+    /// The activation is over: its requests are dropped.
     pub(super) fn cancel_all(&self) {
         for (id, asked) in std::mem::take(&mut self.open().requests) {
             if asked.watch.is_some() {

@@ -1,4 +1,4 @@
-//! The links of a program to devices and to people: they are open always, and no wires of a spec.
+//! The links of a program to devices and to people. They are always open, and are not wires of a spec.
 
 use super::inbox::{Hold, Inbox};
 use super::keyring::Keyring;
@@ -23,7 +23,7 @@ pub(super) struct Devices {
     serving: Serving,
 }
 
-/// An output to a device, or of one.
+/// An output to a device of another program, or an output of a device that this program owns.
 #[derive(Debug)]
 struct DeviceOutput {
     port: &'static str,

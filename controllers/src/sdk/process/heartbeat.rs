@@ -35,7 +35,7 @@ pub(super) enum Spends {
 }
 
 impl Heartbeat {
-    /// Says what the loop does from now on; only the loop calls this.
+    /// Notes what the loop does from now on; only the loop calls this.
     pub(super) fn enter(&self, spends: Spends) {
         let round = self.state.load(Ordering::Relaxed) >> 2;
         self.state.store((round + 1) << 2 | spends as u64, Ordering::Release);

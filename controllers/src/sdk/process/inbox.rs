@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
-/// How many samples wait for one input; its oldest gives way, so that one busy input cannot push out another's.
+/// How many samples wait for one input. A further sample replaces the oldest of this input, so no busy input affects others.
 const SAMPLES_MAX: usize = 64;
 /// How many commands wait; a controller that has not taken so many is stuck.
 const COMMANDS_MAX: usize = 64;
@@ -52,7 +52,7 @@ pub(super) struct Arrived {
 }
 
 impl Arrived {
-    /// Hands it to a module, from where it lies.
+    /// Hands the sample to a module, directly from its place in memory.
     pub(super) fn deliver(&self, module: &mut dyn Module) -> Result<Delivery, DeliveryError> {
         match &self.value {
             Value::Own(bytes) => module.deliver(self.port, bytes, self.at),
@@ -171,14 +171,14 @@ pub(super) struct Inbox {
     wakeup: Wakeup,
     /// The arrivals over direct paths, which the loop reads by itself.
     inlets: OnceLock<Arc<Inlets>>,
-    /// Whether that was done by the last wait, and nothing was taken since.
+    /// Whether the last wait has read the arrivals, and nothing was taken since.
     has_read: AtomicBool,
     /// Whether the controller wants a calculation for something that is not from a port.
     is_called: AtomicBool,
 }
 
 impl Inbox {
-    /// Has the loop read what comes over direct paths; to be called before it begins.
+    /// Lets the loop read the arrivals over direct paths; to be called before the loop begins.
     pub(super) fn read_from(&self, inlets: &Arc<Inlets>) {
         self.inlets.get_or_init(|| Arc::clone(inlets));
     }
@@ -225,7 +225,7 @@ impl Inbox {
         room
     }
 
-    /// Takes a sample that no switch has a say in.
+    /// Takes a sample that no switch affects.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
         self.lock().push(Sample { port, value: bytes.into(), wire: None, hold });
         self.wake();
@@ -344,7 +344,7 @@ impl Inbox {
         std::mem::take(&mut self.lock().answers)
     }
 
-    /// Returns what each wire has lost and each input has refused since the program began, if that is news for the node.
+    /// Returns the losses of each wire and the refusals of each input since the program began, if the node does not know them yet.
     pub(super) fn take_losses(&self) -> Option<Notice> {
         let losses = &mut self.lock().losses;
         std::mem::take(&mut losses.is_news).then(|| Notice::Losses {
@@ -360,13 +360,13 @@ impl Inbox {
         losses.is_news = true;
     }
 
-    /// Notes that something has come over a wire which its other end has not sealed.
+    /// Notes that a message without the seal of the other end has come over a wire.
     pub(super) fn refuse(&self, wire: u32, why: Refusal, from: Option<String>) {
         self.lock().refusals.note(now(), wire, why, from);
         self.wake();
     }
 
-    /// Notes that another program is at the other end of a wire now.
+    /// Notes that the program at the other end of a wire has changed.
     pub(super) fn partner_changed(&self, wire: u32) {
         self.lock().refusals.changed(wire);
     }
@@ -378,7 +378,7 @@ impl Inbox {
         (!wires.is_empty()).then_some(Notice::Refused { wires })
     }
 
-    /// Has another node told of all losses.
+    /// Makes sure that another node is told of all losses.
     pub(super) fn tell_losses_again(&self) {
         let losses = &mut self.lock().losses;
         losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty();
@@ -421,13 +421,13 @@ impl Inbox {
         self.lock().items.iter().map(count).sum()
     }
 
-    /// Says that the cycle runs no more.
+    /// Notes that the cycle has ended.
     pub(super) fn leave(&self) {
         self.lock().left = true;
         self.has_left.notify_all();
     }
 
-    /// Waits until the cycle runs no more; its own limits bound that.
+    /// Waits until the cycle has ended; the limits of the cycle bound this wait.
     pub(super) fn wait_left(&self) {
         let waiting = self.has_left.wait_while(self.lock(), |waiting| !waiting.left);
         drop(waiting.unwrap_or_else(PoisonError::into_inner));
@@ -508,7 +508,7 @@ mod tests {
         assert_eq!(Hold::of(&Shape::default()), Hold::default());
     }
 
-    /// A link has lost numbers 2 to 4; then one gives way in a full queue.
+    /// A link has lost numbers 2 to 4; then one value is replaced in a full queue.
     #[test]
     fn what_a_link_has_lost_is_counted_before_what_comes_after_it() {
         let inbox = Inbox::default();

@@ -48,7 +48,7 @@ impl Use {
 /// The keys, and the objects that seal with them.
 #[derive(Debug)]
 pub(super) struct Keyring {
-    /// Has the keys, and judges who only visits.
+    /// The identity with the keys. It also judges visitors.
     identity: Arc<ProgramIdentity>,
     counter: SealCounter,
     inbox: Arc<Inbox>,
@@ -76,7 +76,7 @@ struct State {
     /// By device and key.
     vouchers: BTreeMap<(String, String), Arc<Voucher>>,
     gates: BTreeMap<(String, String), Arc<DeviceGate>>,
-    /// Opens samples of a device from one of the programs that share it, by the keys of both: none is accepted twice.
+    /// Opens samples of a device from one of the programs that share it, by the keys of both. No sample is accepted twice.
     senders: BTreeMap<(String, Vec<u8>), Arc<Opener>>,
 }
 
@@ -93,7 +93,7 @@ impl Keyring {
         &self.warrants
     }
 
-    /// Takes what the node has signed for the keys.
+    /// Takes the node's signature on the keys.
     pub(super) fn take_delegation(&self, delegation: &[u8]) {
         self.identity.take_delegation(delegation);
     }
@@ -103,7 +103,7 @@ impl Keyring {
         self.identity.keys().public().to_vec()
     }
 
-    /// Takes who is at the other ends of wires, in the place of those before.
+    /// Takes the programs at the other ends of wires; they replace the previous programs.
     pub(super) fn take(&self, partners: Vec<Partner>) {
         self.identity.let_in(partners.iter().map(|partner| &*partner.keys));
         let mut state = self.state();
@@ -151,7 +151,7 @@ impl Keyring {
         Some(WireSecrets { shown: secret(Sealing::Here)?, expected: secret(Sealing::There)? })
     }
 
-    /// Returns what vouches for samples of a device to those who share it. `key` is that of the samples.
+    /// Returns the voucher for samples of a device to the programs that share it. `key` is that of the samples.
     pub(super) fn voucher(&self, device: &str, key: &str) -> Arc<Voucher> {
         let mut state = self.state();
         let voucher = Arc::new(Voucher::default());
@@ -160,7 +160,7 @@ impl Keyring {
         voucher
     }
 
-    /// Returns what lets in the samples of a device that those who share it send.
+    /// Returns the gate that lets in the samples of a device from the programs that share it.
     pub(super) fn device_gate(&self, device: &str, key: &str) -> Arc<DeviceGate> {
         let mut state = self.state();
         let inbox = Arc::clone(&self.inbox);
@@ -191,12 +191,12 @@ impl Keyring {
         partners.into_iter().filter_map(sender).collect()
     }
 
-    /// Returns what seals one use of a wire for its other end. `key` is that of the wire, or of the calls.
+    /// Returns the sealer for one use of a wire. `key` is that of the wire, or of the calls.
     pub(super) fn sealer(&self, wire: u32, used: Use, key: &str) -> Arc<Sealer> {
         self.sealer_in(&mut self.state(), wire, used, key)
     }
 
-    /// Returns what opens one use of a wire that its other end has sealed.
+    /// Returns the opener for one use of a wire, which the other end has sealed.
     pub(super) fn opener(&self, wire: u32, used: Use, key: &str) -> Arc<Opener> {
         self.opener_in(&mut self.state(), wire, used, key)
     }
@@ -211,7 +211,7 @@ impl Keyring {
         }
     }
 
-    /// Returns who may call this program on these keys: those at the other ends of its wires, and visitors.
+    /// Returns the gate for calls on these keys: it lets in the programs at the other ends of wires, and visitors.
     pub(super) fn gate(&self, keys: &ObjectKeys) -> Arc<CallGate> {
         let (identity, inbox) = (Arc::clone(&self.identity), Arc::clone(&self.inbox));
         let visits = move |proof: &Proof, digest: &Digest| identity.visit_problem(proof, digest);
@@ -222,7 +222,7 @@ impl Keyring {
         gate
     }
 
-    /// Lets those call who are at the other ends of wires.
+    /// Lets the programs at the other ends of wires call.
     fn admit(&self, state: &mut State) {
         let Some(Serving { keys, gate }) = state.serving.take() else { return };
         let mut callers = Vec::new();

@@ -21,9 +21,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long another program has to be reached: to dial takes four times there and back, on a long link 3 s each.
+/// How long a program may take to reach another one: dialling takes four round trips, of 3 s each on a long link.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
-/// How long all others have together when this program was started again: some may be gone for good.
+/// How long this program waits for all others together after a restart: some of them may be gone for good.
 const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
 /// The orders of the node: the wires and devices to link.
@@ -70,16 +70,16 @@ struct PendingConfig {
     shapes: BTreeMap<u32, Shape>,
     /// Its calls of others.
     calls: Vec<CallRoute>,
-    /// Whether the others run already.
+    /// Whether the other programs run already.
     rejoins: bool,
 }
 
-/// How long others are waited for.
+/// How long this program waits for others.
 #[derive(Clone, Copy, Debug)]
 enum DialBudget {
-    /// So long for each; without one of them the links are not made.
+    /// This time for each program; if one of them is missing, no links are made.
     Each(Duration),
-    /// Until then for all of them; what is not there then is linked when it comes.
+    /// Until this time for all of them together; a program that is missing then is linked when it comes.
     Until(Time),
 }
 
@@ -94,7 +94,7 @@ impl Links {
         self.keyring.as_deref()
     }
 
-    /// Takes who is at the other ends of wires, in a team.
+    /// Takes the programs at the other ends of wires, in a team.
     pub(super) fn take_partners(&self, partners: Vec<Partner>) {
         if let Some(keyring) = self.keyring() {
             keyring.take(partners);
@@ -107,7 +107,7 @@ impl Links {
         self.told().shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
     }
 
-    /// Notes what the program calls.
+    /// Notes the calls that the program makes.
     pub(super) fn call(&self, calls: Vec<CallRoute>) {
         self.told().calls = calls;
     }
@@ -278,7 +278,7 @@ impl Links {
         }
     }
 
-    /// Sends a long value of an output that is encoded right into memory, if all who are to have it now share that.
+    /// Sends a long value of an output that is encoded right into memory, if all its present receivers share that memory.
     fn send_filled(&self, port: &str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {
         let (mut made, now) = (self.lock(), now());
         let Made { wires, memories, devices, .. } = &mut *made;
@@ -308,7 +308,7 @@ impl Links {
         self.lock().fetches.values().cloned().collect()
     }
 
-    /// Returns whether something is heard directly from the program with this session.
+    /// Returns whether some wire from the program with this session takes the direct path.
     pub(super) fn hears_directly(&self, session: &str) -> bool {
         self.lock().inputs.values().any(|(_, hearing)| hearing.of_producer(session))
     }

@@ -1,5 +1,5 @@
-//! The program's line to its node, which outlives every channel: a node that was killed and started again is looked for,
-//! and told what it has missed.
+//! The program's line to its node, which outlives every channel: the program looks for a node that was killed and started
+//! again, and sends it the messages that it has missed.
 //!
 //! Both sides count the messages they send and take since the program's start. Invariant: an order that was taken is
 //! obeyed, and counted, before the next one is taken; a notice is kept before it is sent. So each message in transit
@@ -24,7 +24,7 @@ const FIRST_WITHIN: Duration = Duration::from_secs(60);
 const DIAL_FIRST: Duration = Duration::from_millis(5);
 /// The longest pause between two tries. A node also has this long to accept the connection.
 const DIAL_EVERY: Duration = Duration::from_millis(100);
-/// How long a node has to answer before it is dialled once more: it may be suspended, or another one in its place.
+/// How long a node has to answer before it is dialled once more: it may be suspended, or replaced by another node.
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 /// How many notices are kept at most: those about messages of an activity, 144, and room for others.
 const KEPT_MAX: usize = 256;
@@ -160,7 +160,7 @@ impl NoticeLog {
         Ok(Some(log.channels))
     }
 
-    /// Says something now, if there is something; a node that is not there does not hear it.
+    /// Sends a notice now, if there is one; without a node the notice is lost.
     pub(super) fn tell(&self, notice: Option<Notice>) {
         notice.into_iter().for_each(|notice| drop(self.send_now(&notice)));
     }
@@ -188,7 +188,7 @@ impl NoticeLog {
         self.lock().channel = None;
     }
 
-    /// Goes on with a node that has so many notices.
+    /// Continues with a node that already has so many notices.
     fn attach(&self, channel: NoticeSender, has: u64) -> Result<(), NotFound> {
         let mut log = self.lock();
         let Some(missed) = log.kept.after(has) else {
@@ -238,7 +238,7 @@ impl NodeLine {
     pub(super) fn next(&mut self) -> Result<Order, LineError> {
         loop {
             match self.receiver.recv() {
-                // The answer to nothing that was asked.
+                // This answer belongs to no question.
                 Ok(Some(Order::Resumed { .. })) => continue,
                 Ok(Some(order)) => {
                     self.orders += u64::from(order.is_counted());

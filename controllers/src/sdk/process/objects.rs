@@ -1,7 +1,7 @@
 //! The exports of a program, and its calls of others: between its loop and its data session.
 //!
-//! Calls that arrive wait in the inbox of the loop. Calls of its own go out on a thread for it, since a link that takes nothing
-//! may hold up who sends.
+//! Calls that arrive wait in the inbox of the loop. A separate thread sends the program's own calls, since a link that takes
+//! nothing may block the sender.
 
 use super::inbox::Inbox;
 use super::keyring::Keyring;
@@ -120,7 +120,7 @@ impl Served {
 }
 
 impl Callers {
-    /// Takes the routes of all calls, in the place of those before; the new ones are closed.
+    /// Takes the routes of all calls; they replace the previous routes, and new routes are closed.
     pub(super) fn take(
         &self,
         session: &Arc<DataSession>,
@@ -168,7 +168,7 @@ impl Callers {
         }
     }
 
-    /// Does what the loop wants done about a call; never waits.
+    /// Carries out an order of the loop about a call; never waits.
     pub(super) fn order(&self, activation: u32, call: &'static str, order: CallOrder, inbox: &Inbox) {
         let (job, number) = match order {
             CallOrder::Cancel { number } => (Job::Cancel((activation, call, number)), number),
@@ -193,10 +193,10 @@ impl Callers {
         }
     }
 
-    /// Waits for no answer any more.
+    /// Stops waiting for any answer.
     pub(super) fn cancel_all(&self) {
         if let Some(jobs) = &*self.jobs() {
-            // If the queue is full, calls end with their time.
+            // If the queue is full, the calls end when their time is over.
             jobs.try_send(Job::CancelAll).unwrap_or_default();
         }
     }

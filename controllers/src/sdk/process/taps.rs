@@ -88,7 +88,7 @@ impl Taps {
     }
 }
 
-/// Returns what the program says of its outputs.
+/// Returns the program's description of its outputs.
 fn described(interface: &Interface) -> Outputs {
     let output = |name: &str, type_name: &str, fields: &str| OutputType {
         name: name.to_owned(),

@@ -45,7 +45,7 @@ impl Warrants {
         self.notices.get_or_init(|| notices.clone());
     }
 
-    /// Lets a call in that needs no user, and asks the node about any other. Never waits.
+    /// Lets in a call that needs no user's right, and asks the node about any other call. Never waits.
     pub(super) fn admit(&self, key: &str, access: Access, mut incoming: IncomingCall, session: &Weak<DataSession>) {
         let warrant = incoming.call.warrant.take();
         if !incoming.is_visit || access == Access::Look {
@@ -80,7 +80,7 @@ impl Warrants {
         }
     }
 
-    /// Takes what the node says.
+    /// Takes the judgement of the node.
     pub(super) fn judged(&self, number: u64, refusal: Option<String>) {
         let Some(Waiting { incoming, session, .. }) = self.open().calls.remove(&number) else { return };
         match refusal {
@@ -102,7 +102,7 @@ impl Warrants {
     }
 }
 
-/// Why a call is refused whose node is away.
+/// Why a call is refused while the node is away.
 const NO_NODE: &str = "the node of this program is away, and cannot say whether you may call it; try again";
 
 fn refuse(incoming: IncomingCall, reason: String) {

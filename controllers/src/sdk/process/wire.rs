@@ -23,7 +23,7 @@ use std::time::Duration;
 const DIRECT_WITHIN: Duration = Duration::from_secs(2);
 /// How long an answer to a consumer that fetches may take: as long as a silent link stands.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
-/// How many questions of one wire may be on their way.
+/// How many questions of one wire may be in transit.
 const ASKED_MAX: usize = 8;
 
 /// An output's way to one consumer.
@@ -32,7 +32,7 @@ pub(super) struct Wire {
     pub(super) port: &'static str,
     pub(super) flow: Flow,
     pub(super) way: Transport,
-    /// Shows people what is for the consumer alone, in a team.
+    /// Shows the values, which are sealed for the consumer, to people, in a team.
     seen: Option<Publisher>,
 }
 
@@ -45,14 +45,14 @@ impl Wire {
         }
     }
 
-    /// Returns whether all that its values go to is a consumer on this host.
+    /// Returns whether a consumer on this host is the only receiver of its values.
     pub(super) fn is_direct(&self) -> bool {
         let Transport::Push(Push { publisher, outlet }) = &self.way else { return false };
         let is_connected = outlet.as_ref().is_some_and(Outlet::is_connected);
         is_connected && !publisher.is_heard_over_zenoh() && !self.is_seen() && !self.flow.is_latched()
     }
 
-    /// Returns whether people look at what is sealed for the consumer.
+    /// Returns whether people watch the values that are sealed for the consumer.
     fn is_seen(&self) -> bool {
         self.seen.as_ref().is_some_and(Publisher::is_heard)
     }
@@ -90,7 +90,7 @@ impl Push {
         self.outlet.as_ref().is_some_and(|outlet| outlet.send(parcel, number)) && !self.publisher.is_heard_over_zenoh()
     }
 
-    /// Looks whether the consumer takes what this output sends.
+    /// Checks whether the consumer takes the type that this output sends.
     ///
     /// # Errors
     /// If it does not; both definitions are shown.
@@ -109,7 +109,7 @@ impl Push {
 }
 
 impl Transport {
-    /// Says a word between the values of a wire that is pushed.
+    /// Sends a boundary between the values of a pushed wire.
     pub(super) fn mark(&self, boundary: &Boundary, number: u32) {
         let Self::Push(Push { publisher, outlet }) = self else { return };
         if !outlet.as_ref().is_some_and(|outlet| outlet.mark(boundary, number))
@@ -163,7 +163,7 @@ impl Fetch {
     fn newest(&self, until: Time) -> Option<Vec<u8>> {
         let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         for index in (0..asked.len()).rev() {
-            // The last one has the time that there is; those before it have had theirs.
+            // Only the last question still has time; the earlier ones have used theirs.
             let until = if index + 1 == asked.len() { until } else { Time::ZERO };
             match asked[index].answer_by(until) {
                 None => {}
@@ -233,7 +233,7 @@ pub(super) struct DirectInput {
 }
 
 impl WireInput {
-    /// Hears a wire: directly if its producer is on the same host and takes it within that time, else over zenoh.
+    /// Subscribes to a wire: directly if its producer is on the same host and accepts in time, otherwise over zenoh.
     pub(super) fn of(
         ways: Ways<'_>,
         incoming: &Incoming,
@@ -253,7 +253,7 @@ impl WireInput {
         matches!(self, Self::Direct(hearing) if hearing.incoming.producer.session == session)
     }
 
-    /// Hears the same wire from a producer that was started again.
+    /// Subscribes to the same wire at a producer that was started again.
     pub(super) fn from(self, ways: Ways<'_>, found: &Dial) -> Result<Self, String> {
         let Self::Direct(hearing) = self else { return Ok(self) };
         let DirectInput { mut incoming, input, hold, inlet } = *hearing;
@@ -330,7 +330,7 @@ pub(super) fn wire(
     Ok(Wire { port, flow: Flow::new(shape), way, seen: seen.map_err(failed)? })
 }
 
-/// Answers who fetches; in a team for the other end alone.
+/// Answers fetches; in a team only the other end can read the answers.
 pub(super) fn answer_with(
     session: &DataSession,
     key: &str,

@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 pub(super) const DATA: &str = "records.redb";
 /// The records, by name.
 const RECORDS: TableDefinition<'static, &[u8], &[u8]> = TableDefinition::new("records");
-/// The owner of the store, its layout, its number, and the number of lives in which it was written to.
+/// The program whose store this is, the layout, the number of the store, and in how many lives it was written to.
 const GUARD: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("dca-dbmanager");
 const LAYOUT: (&str, &[u8]) = ("layout", b"1");
 const LIFE: &str = "life";

@@ -25,7 +25,7 @@ pub(super) const DATA: &str = "db";
 const PIECE_SIZE: usize = 4 << 10;
 /// Bytes of the store that sled may keep in memory. The replica has all of it in memory anyway.
 const CACHE_SIZE: u64 = 4 << 20;
-/// The owner of the store and its layout. No record has such a name: names of records begin with their length.
+/// The program whose store this is, and the layout. No record has such a name: names of records begin with their length.
 const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"2");
 /// The name of the record of the store's identity and the number of its lives.
 const LIFE: &[u8] = b"\xff\xfflife";

@@ -14,7 +14,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// How far the dates of a robot may be ahead of those that others know, since it has written much that never left it.
+/// How far the dates of a robot may be ahead of those that others know: it may have written many local keys, which never leave it.
 const TICKS_MAX_MS: u64 = 1000;
 
 /// How many epochs of dates a transaction may skip: a robot that is admitted again may have begun some alone.

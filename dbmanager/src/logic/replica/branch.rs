@@ -53,8 +53,8 @@ pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)
     }
 }
 
-/// A peer says that the two mean different transactions, and too little of the log is kept here to tell which of `hashes` those are.
-/// Then each that cannot be told may be one of them. The peer with the smaller origin says up to where it has those chains.
+/// A peer reports that the two mean different transactions, and too little of the log is kept here to tell which of `hashes` differ.
+/// Then each transaction that cannot be compared may be one of them. The peer with the smaller origin says up to where it has those chains.
 fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let (log, me) = (ledger.log(), ledger.identity.origin());
     let untold = hashes.iter().map(|(dot, _)| *dot).filter(|dot| dot.origin != me && log.hash(*dot).is_none());

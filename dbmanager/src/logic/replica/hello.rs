@@ -93,8 +93,8 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
 
 /// Returns whether this replica gives up its own team for that of `from`, which was begun elsewhere under the same name.
 ///
-/// Only the one member of a team does: of two with several members an operator decides. A founder gives way to a replica that
-/// was admitted, else the larger origin does: of two that are alone exactly one.
+/// Only a replica that is alone in its team gives way: between teams with several members an operator decides. A founder gives
+/// way to a replica that was admitted; otherwise the larger origin gives way. So of two lone replicas exactly one gives way.
 fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
     let (me, members) = (ledger.identity.origin(), ledger.contents().members());
     let rank = |origin: ReplicaId, sponsors: &[ReplicaId]| (sponsors.is_empty(), origin);

@@ -1,7 +1,7 @@
 //! The replica id under which a replica writes, and the one under which it wants to be admitted.
 //!
-//! *State.* The part of it on the disk, and the knowledge of this start: up to which number others mean the same
-//! transactions by its numbers.
+//! *State.* The identity on the disk, and the knowledge since this start: up to which number other replicas mean the same
+//! transactions by the numbers of this replica.
 //!
 //! *One sponsor for one origin.* A sponsor counts a newcomer as a replica that begins with its state. So a newcomer
 //! that gets no answer and asks another sponsor asks for another origin, and reports that it has given up the first:
@@ -23,14 +23,14 @@ pub(super) struct Identity {
     record: IdentityRecord,
     /// A random number for this start.
     boot: u64,
-    /// Up to where others are known to mean the same by the own numbers, as this start has seen.
+    /// The number up to which others are known to mean the same by the own numbers, as seen since this start.
     proven: u64,
     /// Whether the record has changed since it was written.
     changed: bool,
 }
 
 impl Identity {
-    /// Goes on as what the store says, or begins if it is empty.
+    /// Continues with the identity in the store, or begins a new one if the store is empty.
     pub(super) fn open(
         robot: &str,
         stored: Option<IdentityRecord>,
@@ -63,12 +63,12 @@ impl Identity {
         self.boot
     }
 
-    /// Returns what it wants to be admitted as; `None` once it was.
+    /// Returns the origin under which it wants to be admitted; `None` once it was admitted.
     pub(super) fn joining(&self) -> Option<ReplicaId> {
         self.record.joining
     }
 
-    /// Returns whom it has asked for that.
+    /// Returns the sponsor that it has asked for admission.
     pub(super) fn asked(&self) -> Option<ReplicaId> {
         self.record.asked
     }
@@ -78,19 +78,19 @@ impl Identity {
         &self.record.past
     }
 
-    /// Returns up to where others surely mean the same by the own numbers.
+    /// Returns the number up to which others surely mean the same by the own numbers.
     pub(super) fn proven(&self) -> u64 {
         self.proven.max(self.record.known_by_peers)
     }
 
-    /// Returns what a sponsor is asked for, if it is to be asked.
+    /// Returns the request for admission, if a sponsor is to be asked.
     pub(super) fn join(&self) -> Option<Join> {
         let replaces = || self.record.past.iter().map(|past| past.origin).collect();
         let join = |origin| Join { origin, robot: self.record.robot.clone(), replaces: replaces(), claim: None };
         self.record.joining.map(join)
     }
 
-    /// Writes down what has changed.
+    /// Writes the record, if it has changed.
     pub(super) fn write(&mut self, batch: &mut Batch) {
         if std::mem::take(&mut self.changed) {
             batch.identity(&self.record);
@@ -112,20 +112,20 @@ impl Identity {
         from
     }
 
-    /// Goes on as the origin that it wanted to be admitted as.
+    /// Continues under the origin as which it was admitted.
     pub(super) fn admitted(&mut self, joining: ReplicaId) {
         let record = &mut self.record;
         record.origin = joining;
         (record.joining, record.asked, record.known_by_peers) = (None, None, 0);
         self.proven = 0;
-        // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
+        // Every later sponsor is told of these origins: only a team that was also given up may have known of them.
         record.past.iter_mut().for_each(|past| (past.known_by_peers, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = record.past.len().saturating_sub(PAST_MAX);
         record.past.drain(..surplus);
         self.changed = true;
     }
 
-    /// Is a member without having been admitted.
+    /// Makes the replica a member without an admission.
     pub(super) fn founds(&mut self) {
         (self.record.joining, self.record.asked) = (None, None);
         self.record.past.clear();
@@ -145,7 +145,7 @@ impl Identity {
         self.changed = true;
     }
 
-    /// The origin that it asked `from` for was retired meanwhile: it wants another one. Returns whether it was so.
+    /// The origin that it requested from `from` has been retired since, so it requests another one. Returns whether that was so.
     pub(super) fn wants_another(&mut self, from: ReplicaId, random: &mut Random) -> bool {
         let Some(joining) = self.record.joining.filter(|_| self.record.asked == Some(from)) else { return false };
         self.record.past.push(Past { origin: joining, ..Past::default() });
@@ -154,7 +154,7 @@ impl Identity {
         true
     }
 
-    /// Knows that an origin has used numbers twice, without having written under it.
+    /// Remembers that an origin, under which this replica has not written, has used numbers twice.
     pub(super) fn knows_forked(&mut self, origin: ReplicaId) {
         if !self.is_forked(origin) {
             self.record.past.push(Past { origin, twice: true, ..Past::default() });
@@ -167,8 +167,8 @@ impl Identity {
         self.record.past.iter().any(|past| past.origin == origin && past.twice)
     }
 
-    /// Remembers that others have all own transactions up to `head`. That one says so of a number is not enough: it may know
-    /// another transaction by it, if the store was set back.
+    /// Remembers that others have all own transactions up to `head`. A report of the number alone is not enough: if the store
+    /// was set back, the other replica may know a different transaction by this number.
     pub(super) fn set_known_by_peers(&mut self, head: u64) {
         if head > self.record.known_by_peers && self.record.joining.is_none() {
             self.record.known_by_peers = head;
@@ -176,7 +176,7 @@ impl Identity {
         }
     }
 
-    /// Somebody has shown that it means the same by the own numbers up to `seq`.
+    /// A replica has shown that it means the same by the own numbers up to `seq`.
     pub(super) fn proves(&mut self, seq: u64) {
         self.proven = self.proven.max(seq);
     }

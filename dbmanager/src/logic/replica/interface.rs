@@ -14,13 +14,13 @@ use std::time::Duration;
 pub struct Config {
     /// Name of the robot.
     pub robot: String,
-    /// From real randomness: origins are made of it.
+    /// Random bits of the system, from which origins are made.
     pub seed: u64,
     /// How many bytes of transactions are kept although everybody has them.
     pub log_size: usize,
 }
 
-/// How far a transaction has to have got.
+/// The acknowledgement level: how far a transaction has to get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AckLevel {
     /// On the disk of this robot.
@@ -55,7 +55,7 @@ pub enum Input {
     Commit(Vec<CommitRequest>, Wall),
     /// A message has arrived.
     Received(ReplicaId, Message, Wall),
-    /// Somebody has come, or come back: it is told at once what is here.
+    /// A peer has arrived, or returned: it is told of the state here at once.
     Appeared(Wall),
     /// An operator: this is the first member of a team.
     Found(Wall),
@@ -96,7 +96,7 @@ pub enum Alarm {
     Diverged(ReplicaId),
     /// A peer writes a format that this program cannot read.
     NeedsUpgrade(u8),
-    /// A peer sent what no peer sends.
+    /// A peer has sent a message that no correct peer sends.
     Malformed(ReplicaId),
     /// A peer has passed on a transaction that breaks the rules. It is left out.
     Forged {
@@ -107,9 +107,9 @@ pub enum Alarm {
     },
     /// The replica of this robot belongs to another team of the same name; told at each of its hellos.
     OtherTeam(ReplicaId, String),
-    /// We have to begin under a new origin.
+    /// This replica has to begin under a new origin.
     Rejoining {
-        /// The one given up.
+        /// The origin that was given up.
         from: ReplicaId,
     },
 }
@@ -119,7 +119,7 @@ pub enum Alarm {
 pub enum Effect {
     /// Write this, and return only when it is on the disk.
     Persist(Batch),
-    /// Send this to everybody.
+    /// Send this to all replicas.
     Broadcast(Message),
     /// Send this to one.
     Send(ReplicaId, Message),

@@ -59,13 +59,13 @@ impl Ledger {
         })
     }
 
-    /// Signs what it writes from now on, and takes over what others have signed.
+    /// Signs its transactions from now on, and takes over only signed transactions of others.
     pub(super) fn sign_with(&mut self, notary: Arc<dyn Notary>) {
         self.pipeline.sign_with(Arc::clone(&notary));
         self.authors.check_with(notary);
     }
 
-    /// Returns what a sponsor is asked for, if it is to be asked.
+    /// Returns the request for admission, if a sponsor is to be asked.
     pub(super) fn join(&self) -> Option<Join> {
         let join = self.identity.join()?;
         let claim = self.authors.claim(join.origin, &join.replaces);
@@ -93,7 +93,7 @@ impl Ledger {
         self.contents.members().active().filter(|(origin, _)| *origin != self.identity.origin())
     }
 
-    /// Returns what is here, applied or buffered.
+    /// Returns the transactions that are here, applied or buffered.
     pub(super) fn have(&self) -> VersionVector {
         self.pending.with(self.contents.log())
     }
@@ -102,7 +102,7 @@ impl Ledger {
         self.acks.stable(self.identity.origin(), self.log().vector(), self.contents.members())
     }
 
-    /// Puts what is to be written before what was decided because of it.
+    /// Puts the waiting writes before the effects that depend on them.
     pub(super) fn persist(&mut self, after: Vec<Effect>, effects: &mut Vec<Effect>) {
         self.identity.write(&mut self.batch);
         if self.batch.is_empty() {
@@ -184,7 +184,7 @@ impl Ledger {
                 }
                 Err(NotTaken::Codec(CodecError::Format { format })) => {
                     effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    // Nobody here can tell who has written it: its own origin passes it on.
+                    // This replica cannot tell who has written the transaction: only its own origin may pass it on.
                     let is_theirs = encoded.split().is_ok_and(|(header, _)| header.stamp.origin == from);
                     missing |= self.authors.notary().is_some() && !is_theirs || !self.buffer(&encoded);
                 }
@@ -200,7 +200,7 @@ impl Ledger {
         missing
     }
 
-    /// Applies what a peer has written after the head that is known here; returns whether something is missing.
+    /// Applies the transactions that a peer has written after the head known here; returns whether some are missing.
     pub(super) fn receive_delta(
         &mut self,
         now: Time,
@@ -240,7 +240,7 @@ impl Ledger {
         self.pending.buffer(encoded, self.contents.log(), &mut self.batch)
     }
 
-    /// Applies what can be read by now, and forgets what has come in another way.
+    /// Applies the buffered transactions that can be read by now, and drops those that have come in another way.
     pub(super) fn release(&mut self, now: Time, effects: &mut Vec<Effect>) {
         if !self.is_member() {
             return;
@@ -282,7 +282,7 @@ impl Ledger {
         Ok((txn.dot(), encoded))
     }
 
-    /// Writes what never leaves the robot.
+    /// Writes local keys, which never leave the robot.
     pub(super) fn commit_local(&mut self, now: Time, draft: &Draft, level: &AckLevel) -> Result<Dot, TxnError> {
         self.pipeline.write_local(now, draft, level, &self.contents, &mut self.batch)
     }
@@ -310,7 +310,7 @@ impl Ledger {
         name
     }
 
-    /// Commits what the database itself writes, and tells others.
+    /// Commits a change of the database itself, and tells others.
     pub(super) fn commit_system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
         let before = self.own_head();
         match self.commit(now, change) {
@@ -333,7 +333,7 @@ impl Ledger {
         }
     }
 
-    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
+    /// Begins a new epoch. Every replica that sees a transaction of the new epoch continues in it, even after a restart.
     pub(super) fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
         if self.pipeline.heal() {
             self.commit_system(now, Change::system("heal the clocks", Vec::new()), effects);
@@ -347,7 +347,7 @@ impl Ledger {
         self.log().head(self.identity.origin()).cloned().unwrap_or_default()
     }
 
-    /// Tells others of new transactions and the head before them, unless they are long: those are pulled.
+    /// Pushes new transactions and the head before them to others. Long transactions are not pushed: others pull them.
     pub(super) fn push(&mut self, before: Head, txns: Vec<EncodedTxn>, effects: &mut Vec<Effect>) {
         if txns.is_empty() || !self.is_member() {
             return;
@@ -365,8 +365,8 @@ impl Ledger {
         std::mem::take(&mut self.changed)
     }
 
-    /// Takes over the state of a peer, and applies what is here and beyond it once more; who is admitted by that commits what else
-    /// it had. Returns the new names of transactions.
+    /// Takes over the state of a peer, and applies again the transactions that are only here. A replica that is admitted by this
+    /// state then commits its remaining changes. Returns the new names of transactions.
     pub(super) fn install(&mut self, now: Time, whole: Downloaded, effects: &mut Vec<Effect>) -> BTreeMap<Dot, Dot> {
         let (from, vector, joining) = (whole.from, whole.manifest.vector(), self.identity.joining());
         let log = Log::new(whole.manifest.heads.into_iter().collect());
@@ -402,7 +402,7 @@ impl Ledger {
         self.pipeline.move_to(joining);
         let mut names = BTreeMap::new();
         let Some(arrivals) = arrivals else { return names };
-        // The first has the sponsor's version vector as its context, so that none of the others is longer for that.
+        // The first transaction has the sponsor's version vector as its context, so that the others need not repeat it.
         self.commit_system(now, Change::system("come back", Vec::new()), effects);
         for (from, rest) in arrivals.rests {
             let name = self.commit_again(now, rest, effects);
@@ -425,8 +425,8 @@ impl Ledger {
         if self.acks.drops(&stable) {
             self.contents.drop_deleted(&stable, &mut self.batch);
         }
-        // By the own numbers others may mean what they know from before a set-back; that shows as long as the
-        // transactions are here.
+        // Others may know different transactions by the own numbers, from before a set-back. That can be noticed as long as
+        // the transactions are here.
         let (me, proven) = (self.identity.origin(), self.identity.proven());
         if stable.get(me) > proven && self.contents.members().active().nth(1).is_some() {
             stable = stable.without(me);

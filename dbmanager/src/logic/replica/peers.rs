@@ -30,7 +30,7 @@ pub(super) struct PeerTable {
     /// The number of the last pull.
     number: u32,
     hello_at: Time,
-    /// Between the last two hellos; at the beginning none.
+    /// The time between the last two hellos; zero at the beginning.
     hello_period: Duration,
 }
 
@@ -40,7 +40,7 @@ struct Peer {
     ahead: bool,
     /// When the peer may be asked again.
     ask_at: Time,
-    /// An answer is waited for until then.
+    /// The time until which an answer is waited for.
     pulling: Option<Time>,
     /// The pull that the peer has not answered yet, in time or not.
     asked: Option<Asked>,
@@ -48,11 +48,11 @@ struct Peer {
     announced: Option<Time>,
     /// The pull that was sent while that answer is on its way.
     next: Option<Asked>,
-    /// How much it is asked for.
+    /// How much the peer is asked for at a time.
     pace: Pace,
-    /// How often it has not answered since it last did.
+    /// How often the peer has not answered since its last answer.
     silences: u32,
-    /// How many states of it in a row were of no use.
+    /// How many states of the peer in a row were of no use.
     dropped: u32,
     /// The newest format it reads, once it has said so.
     format: Option<u8>,
@@ -63,7 +63,7 @@ struct Peer {
 struct Asked {
     number: u32,
     at: Time,
-    /// Whether the answer to the pull before it was on its way.
+    /// Whether the answer to the previous pull was in transit.
     follows: bool,
 }
 
@@ -77,9 +77,9 @@ pub(super) struct Asking {
 /// The answer to a pull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Answered {
-    /// Whether it was waited for.
+    /// Whether the answer came in time.
     pub(super) in_time: bool,
-    /// Whether the answer before it was on its way when it was asked for.
+    /// Whether the previous answer was in transit when this one was asked for.
     pub(super) follows: bool,
 }
 
@@ -94,7 +94,7 @@ impl PeerTable {
         self.peers.values().filter_map(due).chain([self.hello_at]).min().unwrap_or(self.hello_at)
     }
 
-    /// Something is new here: others hear of it soon.
+    /// Something has changed here: others are told soon.
     pub(super) fn changed(&mut self, now: Time) {
         self.hello_period = HELLO_PERIOD_MIN;
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD_MIN);
@@ -185,7 +185,7 @@ impl PeerTable {
         }
     }
 
-    /// A peer has pushed what does not fit yet: what was before it may be on its way.
+    /// A peer has pushed a transaction that does not fit yet: its predecessor may be in transit.
     pub(super) fn pushed_early(&mut self, now: Time, origin: ReplicaId) {
         self.ahead(origin, now + PULL_AFTER_PUSH);
     }
@@ -203,14 +203,14 @@ impl PeerTable {
         let Some(peer) = self.peers.get_mut(&origin) else { return repeated };
         let is_to = |asked: &Asked| number.is_none_or(|number| number == asked.number);
         if peer.next.as_ref().is_some_and(is_to) {
-            // The answer before it is lost, or this one ends the exchange.
+            // The previous answer is lost, or this answer ends the exchange.
             (peer.asked, peer.announced) = (peer.next.take(), None);
         } else if peer.pulling.is_some() && !peer.asked.as_ref().is_some_and(is_to) {
             return repeated;
         }
         (peer.ahead, peer.silences) = (false, 0);
         let (in_time, asked, announced) = (peer.pulling.take().is_some(), peer.asked.take(), peer.announced.take());
-        // A late answer also shows how long the way is.
+        // A late answer also shows the delay of the link.
         match (asked, announced, full) {
             (Some(asked), Some(at), Some(bytes)) => peer.pace.timed(bytes, at.since(asked.at), now.since(at)),
             (Some(asked), None, Some(bytes)) => peer.pace.arrived(bytes, now.since(asked.at)),
@@ -328,13 +328,13 @@ mod tests {
         assert!((7500..=8000).contains(&size), "{size} bytes are on their way for a round trip and a quarter");
         assert_eq!(table.answered(at(2655), A, Some(second), Some(4096)), answered(true));
         assert_eq!(table.answered(at(4000), A, Some(third), None), answered(true), "it is the last one");
-        // The first of two is lost.
+        // The first of two answers is lost.
         table.ahead(A, at(5000));
         let first = table.asked(at(5000), A).number;
         let second = table.announced(at(6000), A, first).unwrap().number;
         assert_eq!(table.answered(at(7000), A, Some(second), None), answered(true));
         assert_eq!(table.pulling(), 0);
-        // A link that is new has lost what was on the way.
+        // A new link has lost everything that was in transit.
         table.ahead(A, at(8000));
         let first = table.asked(at(8000), A).number;
         table.announced(at(8100), A, first);

@@ -41,7 +41,7 @@ impl PendingTxns {
         pending
     }
 
-    /// Returns what is buffered and beyond `vector`, about `size_max` bytes of it, and whether there is more.
+    /// Returns the buffered transactions beyond `vector`, about `size_max` bytes of them, and whether there are more.
     pub(super) fn beyond(&self, vector: &VersionVector, size_max: usize) -> (Vec<EncodedTxn>, bool) {
         let (mut txns, mut size) = (Vec::new(), 0);
         for (_, encoded) in self.txns.values().filter(|(dot, _)| !vector.contains(*dot)) {
@@ -63,7 +63,7 @@ impl PendingTxns {
         self.heads.iter().map(|(origin, (seq, _))| (*origin, *seq)).collect()
     }
 
-    /// Returns what is here, applied to `log` or buffered.
+    /// Returns the transactions that are here, applied to `log` or buffered.
     pub(super) fn with(&self, log: &Log) -> VersionVector {
         let mut vector = log.vector().clone();
         vector.join(&self.vector());

@@ -4,19 +4,19 @@
 //! itself: the own transactions, and those of origins that are not members. [`merge`] finds them, and explains why
 //! nothing is lost or hidden; here they become changes, which the replica commits under the admitted origin.
 //!
-//! The last of these transactions says up to where the old origins were rebased. So whoever comes back later with the
-//! same does not rebase it once more, and an old name leads to a new one
+//! The last of these transactions says up to where the old origins were rebased. So a replica that returns later with the
+//! same transactions does not rebase them again, and an old name leads to a new one
 //! ([`Replica::name_of`](super::Replica::name_of)): to the transaction with which all that is left of it has arrived.
-//! If two come back at a time, with sponsors that do not hear of each other, both rebase it: the copies have one
-//! timestamp, and count as one among conflicts.
+//! If two replicas return at the same time, with sponsors that do not hear of each other, both rebase the transaction: the
+//! copies have one timestamp, and count as one among conflicts.
 //!
-//! *Deletions.* Some replicas may have dropped deletions that the one who comes back had not seen, since it did not count any
-//! more. Each that was dropped anywhere before the admission was known was so with the sponsor's consent, hence is within
-//! the sponsor's version vector, which is in the context of all that is rebased: and deletions in there are taken away.
+//! *Deletions.* Some replicas may have dropped deletions that the returning replica had not seen, because that replica no longer
+//! counted. Each deletion that was dropped anywhere before the admission was known was dropped with the sponsor's consent. So it
+//! is within the sponsor's version vector, which is in the context of all that is rebased, and deletions in there are taken away.
 //!
-//! *What does not come along.* The records of the old team (`sys/members` and the like): who retired whom there is not asked
-//! here. Values that were overwritten before anybody here saw them; their transactions come along without writes, as long as
-//! the log has them: who, when and why.
+//! *What does not come along.* The records of the old team (`sys/members` and the like), because its retirements do not matter
+//! here. Also values that were overwritten before any replica here saw them: their transactions come along without writes, as
+//! long as the log has their author, time and reason.
 
 use super::commit::Change;
 use super::contents::Contents;
@@ -34,7 +34,7 @@ use std::collections::BTreeSet;
 pub(super) struct Arrivals {
     /// The remaining part of each transaction, with the dot that it had; none for a deletion that had been dropped.
     pub(super) rests: Vec<(Option<Dot>, Rest)>,
-    /// The writes that say up to where the old origins were rebased.
+    /// The writes that record up to where the old origins were rebased.
     pub(super) records: Vec<Write>,
 }
 
@@ -91,7 +91,7 @@ fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
 }
 
 impl Rest {
-    /// Returns what to commit.
+    /// Returns the change to commit.
     pub(super) fn change(&self) -> Change {
         let takes: BTreeSet<Dot> = self.writes.iter().flat_map(|(_, takes)| takes).copied().collect();
         Change {

@@ -28,7 +28,7 @@ pub(super) fn pull(ledger: &Ledger, from: ReplicaId, pull: &Pull) -> Vec<Action>
         return vec![Action::send(from, behind)];
     }
     let mut actions = Vec::new();
-    // Of two that were admitted by others that are gone neither knows the other: it is answered, but does not count.
+    // If two members were admitted by sponsors that are gone, neither knows the other. Such a peer is answered, but does not count.
     if ledger.contents().members().is_active(from) {
         actions.push(Action::Has(pull.vector.clone()));
     }
@@ -75,7 +75,7 @@ fn admission(ledger: &Ledger, from: ReplicaId, join: &Join) -> Vec<Action> {
     vec![Action::Commit(Change::system("admit", writes)), Action::Offer]
 }
 
-/// Checks that who wants to join has claimed the origin under its own name.
+/// Checks that the joining replica has claimed the origin under its own name.
 fn claimed(notary: &dyn Notary, join: &Join, claim: &[u8]) -> Result<(), String> {
     let claim = Claim::from_bytes(claim).ok_or_else(|| format!("`{}` joins without a claim", join.robot))?;
     let holder = claim.check(notary, join.origin)?;

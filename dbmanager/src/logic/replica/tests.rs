@@ -388,7 +388,7 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     team.input(0, Input::Retire(dot.origin, WALL));
     team.run(120);
     let retired = |team: &Team, node: usize| team.replicas[node].members().retired(dot.origin).is_some();
-    // The other one has passed on by then what it cannot read.
+    // By then, the other replica has passed on the transactions that it cannot read.
     assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
     assert!(!team.replicas[1].ledger.pending().vector().is_empty());
 }

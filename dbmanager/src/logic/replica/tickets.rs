@@ -6,7 +6,7 @@ use crate::logic::version_vector::{Dot, ReplicaId};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most tickets that wait; whoever comes later hears at once that it is pending.
+/// The most tickets that wait. A caller that comes later is told at once that its transaction is pending.
 const WAITING_MAX: usize = 1024;
 
 /// The transaction that a caller waits for.
@@ -29,7 +29,7 @@ impl Tickets {
         self.0.values().map(|waiting| waiting.until).min()
     }
 
-    /// Lets a caller wait; returns whether there is a place, and time.
+    /// Lets a caller wait; returns whether there is room for it and its time is not over.
     pub(super) fn wait(&mut self, now: Time, ticket: u64, waiting: Waiting) -> bool {
         let waits = self.0.len() < WAITING_MAX && waiting.until > now;
         if waits {
@@ -38,7 +38,7 @@ impl Tickets {
         waits
     }
 
-    /// Tells callers how far their transactions have got by now, and whose time is over.
+    /// Answers the callers whose transactions have reached their level, or whose time is over.
     pub(super) fn settle(&mut self, now: Time, reached: impl Fn(Dot, &AckLevel) -> bool, effects: &mut Vec<Effect>) {
         self.0.retain(|ticket, Waiting { dot, level, until }| {
             let answer = if reached(*dot, level) {
@@ -53,7 +53,7 @@ impl Tickets {
         });
     }
 
-    /// Gives the transactions that are waited for their new names.
+    /// Gives new names to the transactions that callers wait for.
     pub(super) fn rename(&mut self, names: &BTreeMap<Dot, Dot>) {
         for Waiting { dot, .. } in self.0.values_mut() {
             *dot = names.get(dot).copied().unwrap_or(*dot);

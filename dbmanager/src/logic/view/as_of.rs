@@ -24,14 +24,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use thiserror::Error;
 
-/// The most states that are kept to work others out from.
+/// The most states that are kept, from which other states are computed.
 const CHECKPOINTS_MAX: usize = 16;
-/// After how many transactions at least another one is kept.
+/// The least number of transactions between two kept states.
 const CHECKPOINT_PERIOD: usize = 1024;
 /// Of how many transactions in the log another one is kept: what the log drops with its oldest takes no more than that along.
 const CHECKPOINT_SHARE: usize = 8;
 
-/// A state from which later ones can be worked out.
+/// A state from which later ones can be computed.
 #[derive(Clone, Debug, Default)]
 pub struct Base {
     /// The last transaction of each origin in it.
@@ -40,7 +40,7 @@ pub struct Base {
     pub state: State,
 }
 
-/// Some states that were the present one, the oldest first, while the log still goes on from the first of them.
+/// Some former states, the oldest first. The log still has every transaction after the first of them.
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoints(VecDeque<Base>);
 
@@ -62,7 +62,7 @@ pub enum AsOfError {
         super::token::token(missing)
     )]
     Ahead {
-        /// Up to which transactions.
+        /// The transactions up to which the log would have to reach.
         missing: VersionVector,
     },
     /// No such robot is known here.
@@ -132,7 +132,7 @@ impl Checkpoints {
         }
         self.0.push_back(Base { heads: past.log.heads().clone(), state: past.state.clone() });
         if self.0.len() > CHECKPOINTS_MAX {
-            // Every second one, but not the oldest: it says how far back one can look.
+            // Every second state is dropped, but not the oldest, which limits how far back users can look.
             let mut index = 0_usize;
             self.0.retain(|_| {
                 index += 1;

@@ -57,7 +57,7 @@ pub struct Race {
     pub seen: String,
     /// The last of these transactions.
     pub relied: Party,
-    /// The condition; none if it was a write that relied on no other robot having been granted a prefix of the key.
+    /// The condition; none for a write that only assumed that no other robot was granted a prefix of the key.
     pub condition: Option<Condition>,
     /// The transactions that had changed or granted it.
     pub changed: Party,
@@ -88,7 +88,7 @@ struct Touch {
 /// The transactions that relied on a key, each with those that had changed it: of each origin the first and the last.
 type Unsettled = BTreeMap<Dot, (Option<Condition>, BTreeMap<ReplicaId, [Dot; 2]>)>;
 
-/// Notes that a transaction relied on what another had changed.
+/// Notes that a transaction relied on a key that another transaction had changed.
 fn note(unsettled: &mut Unsettled, relied: Dot, condition: Option<Condition>, changed: Dot) {
     let (_, of) = unsettled.entry(relied).or_insert_with(|| (condition, BTreeMap::new()));
     let [first, last] = of.entry(changed.origin).or_insert([changed; 2]);
@@ -102,7 +102,7 @@ struct Granted {
     names: BTreeSet<Dot>,
     stamp: Timestamp,
     robot: Option<String>,
-    /// Nothing if only what was rebased from another life is left of it.
+    /// Nothing if only its rebased part from another life is left.
     seen: Option<VersionVector>,
 }
 
@@ -112,7 +112,7 @@ type Grants = BTreeMap<String, BTreeMap<Timestamp, Granted>>;
 /// How many hexadecimal digits name the set of transactions seen: enough that different sets never have the same.
 const SEEN_DIGITS: usize = 12;
 
-/// Returns a name for these writes at a key, in any order: whoever settles them says by it which ones they have seen.
+/// Returns a name for these writes at a key, in any order. A client that settles a conflict gives it to show which writes it saw.
 pub fn seen(writes: impl IntoIterator<Item = Dot>) -> String {
     let mut digest = blake3::Hasher::new();
     for dot in writes.into_iter().collect::<BTreeSet<Dot>>() {
@@ -200,7 +200,7 @@ impl Past<'_> {
         races.into_iter().filter_map(|(key, unsettled)| self.race(key, &unsettled)).collect()
     }
 
-    /// Returns the race at a key, told by the last of those who relied on it.
+    /// Returns the race at a key, described by the last transaction that relied on it.
     fn race(&self, key: Key, unsettled: &Unsettled) -> Option<Race> {
         let count = u64::try_from(unsettled.len()).unwrap_or(u64::MAX);
         let (relied, (condition, changed)) = unsettled.last_key_value()?;
@@ -274,7 +274,7 @@ fn granted(txn: &Txn) -> impl Iterator<Item = (&str, Option<String>)> {
     txn.writes.iter().filter_map(|Write { key, value }| Some((owner::prefix(key)?, owner::read(value.as_ref()?)?.1)))
 }
 
-/// Returns what a transaction has to do with each key.
+/// Returns how a transaction touches each key.
 fn touched(txn: &Txn) -> BTreeMap<&Key, Touch> {
     let (dot, from, stamp) = (txn.dot(), txn.rebase.as_ref().and_then(|rebase| rebase.from), txn.written());
     let mut touched: BTreeMap<&Key, Touch> = BTreeMap::new();
@@ -288,7 +288,7 @@ fn touched(txn: &Txn) -> BTreeMap<&Key, Touch> {
     touched
 }
 
-/// Takes out what a write to a key has seen both sides of.
+/// Removes the races at a key of which a write has seen both sides.
 fn settle(races: &mut BTreeMap<Key, Unsettled>, key: &Key, over: &dyn Fn(Dot) -> bool) {
     let Some(unsettled) = races.get_mut(key) else { return };
     for (_, (_, changed)) in unsettled.iter_mut().filter(|(relied, _)| over(**relied)) {

@@ -18,7 +18,7 @@ pub struct Draft {
 /// The new owner of a prefix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
-    /// Its owner, or anybody if it has none, gives it to a robot, or releases it.
+    /// The owner of the prefix, or any robot if it has no owner, gives it to a robot, or releases it.
     Give(Option<String>),
     /// An operator takes it from its owner, and gives it to a robot.
     TakeOver(String),
@@ -48,7 +48,7 @@ pub enum TxnError {
     /// Too many writes or conditions, or a long reason.
     #[error("a transaction has {count} {what}, more than {limit}{}", way_out(what))]
     Limit {
-        /// Of what there is too much.
+        /// The kind of thing of which there is too much.
         what: &'static str,
         /// How much.
         count: usize,
@@ -63,9 +63,9 @@ pub enum TxnError {
     NotOwner {
         /// The key.
         key: Key,
-        /// Whose it is.
+        /// The owner of the prefix.
         owner: String,
-        /// Since which grant.
+        /// The term of the owner's grant.
         term: u64,
     },
     /// The namespace is not written by transactions.
@@ -77,7 +77,7 @@ pub enum TxnError {
     /// The clock has no timestamp left.
     #[error("the clock has come to its end: a peer has sent a timestamp that no correct clock can have issued")]
     Clock,
-    /// Nobody of the team would take it over.
+    /// No member of the team would take it over.
     #[error("nothing was written: {why}")]
     Unproven {
         /// Why, for a person.
@@ -91,7 +91,7 @@ pub enum TxnError {
     },
 }
 
-/// Says what to do about too much of something.
+/// Returns the advice for too much of something.
 fn way_out(what: &str) -> &'static str {
     match what {
         "writes" => "; write them in several transactions, as `dca db import` does with a long file",
@@ -139,7 +139,7 @@ impl Draft {
         self.grants.iter()
     }
 
-    /// Returns whether it writes what never leaves the robot, and nothing else.
+    /// Returns whether it only writes local keys, which never leave the robot.
     pub fn is_local(&self) -> bool {
         let local = |key: &Key| key.namespace() == Namespace::Local;
         self.grants.is_empty() && !self.writes.is_empty() && self.writes.keys().all(local)

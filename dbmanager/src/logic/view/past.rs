@@ -6,8 +6,8 @@
 //! from the sum. Such a part is never a kept transaction: transactions are dropped in the order of application, and the
 //! transactions that a dropped one had seen were applied before it.
 //!
-//! A transaction that was rebased from another life of its replica has lost its context. Of such a one it is only
-//! known which versions it took away and which it required; what else it had seen may be shown as concurrent.
+//! A transaction that was rebased from another life of its replica has lost its context. For such a transaction,
+//! only the versions that it took away or required are known. Others that it had seen may be shown as concurrent.
 
 use super::value::Datum;
 use crate::logic::clock::{Quality, Timestamp, Wall};
@@ -92,12 +92,12 @@ pub enum Keys {
 pub struct Filter {
     /// The keys.
     pub keys: Keys,
-    /// Only what this robot did.
+    /// Only the transactions of this robot.
     pub by: Option<String>,
     /// Only changes at or after this time, in milliseconds since 1970. A change without a date counts if it may have
     /// been made then.
     pub from: Option<u64>,
-    /// Only what was done before this time, likewise.
+    /// Only changes before this time, likewise.
     pub until: Option<u64>,
     /// Only the last so many.
     pub limit: usize,
@@ -175,7 +175,7 @@ impl When {
 }
 
 impl Past<'_> {
-    /// Returns what was asked for, in the order in which it became visible here.
+    /// Returns the requested transactions, in the order in which they became visible here.
     pub fn history(&self, filter: &Filter) -> Vec<HistoryEntry> {
         let mut history: VecDeque<HistoryEntry> = VecDeque::new();
         let mut writers: BTreeMap<Key, BTreeMap<ReplicaId, Vec<Dot>>> = BTreeMap::new();

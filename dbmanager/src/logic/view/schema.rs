@@ -15,8 +15,8 @@
 //! doc = "largest force of the gripper"
 //! ```
 //!
-//! Of several that match a key, the one with the longest pattern counts, and of these the one whose first `+` comes
-//! last.
+//! If several schemas match a key, the one with the longest pattern counts. If several have the longest, the one whose first
+//! `+` comes last counts.
 //!
 //! *A schema is advice to writers.* It is checked before a commit, when the writer can still correct the value. Stored
 //! values are never refused or rewritten: they may come from a robot that had not heard of the schema, and a replica
@@ -148,7 +148,7 @@ impl Schema {
         Ok(())
     }
 
-    /// Checks that what it says of itself agrees with the rest of it.
+    /// Checks that the fields of the schema agree with each other.
     fn check_own(&self) -> Result<(), SchemaError> {
         if let (Some(min), Some(max)) = (&self.min, &self.max)
             && check::compare(min, max) == Some(Ordering::Greater)
@@ -181,7 +181,7 @@ impl Schemas {
         schemas
     }
 
-    /// Returns what is at the place of a schema and is none.
+    /// Returns the values that stand in the place of a schema and are not schemas.
     pub fn malformed(&self) -> &[(Key, SchemaError)] {
         &self.malformed
     }
@@ -202,7 +202,7 @@ impl Schemas {
         matching.max_by_key(|(pattern, _)| rank(pattern)).map(|(_, schema)| schema)
     }
 
-    /// Returns the value that a reader of a key takes: what is there, or the default.
+    /// Returns the value that a reader of a key takes: the present value, or the default.
     pub fn read(&self, state: &State, key: &Key) -> Option<Datum> {
         let stored = state.get(key).and_then(|version| version.value.as_ref()).map(Datum::of);
         stored.or_else(|| self.find(key)?.default.clone())

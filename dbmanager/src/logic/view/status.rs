@@ -1,7 +1,7 @@
 //! The lag of other replicas, in transactions, bytes and time.
 //!
-//! A member that lacks something keeps old things from being forgotten (see [`collect`](crate::logic::gc)): what
-//! it lacks has to be there when it comes back. The oldest transaction it lacks says since when that is so.
+//! A member that lacks transactions keeps old data from being removed (see [`collect`](crate::logic::gc)): these
+//! transactions have to be there when it returns. The oldest of them shows since when that is so.
 
 use super::past::{Past, When};
 use crate::logic::version_vector::{Dot, VersionVector};
@@ -21,7 +21,7 @@ pub struct Lag {
 }
 
 impl Past<'_> {
-    /// Returns what of the transactions here is not within a version vector.
+    /// Returns the transactions here that are not within a version vector.
     pub fn lag(&self, vector: &VersionVector) -> Lag {
         let here = self.log.vector();
         let transactions = here.beyond(vector).iter().map(|(origin, seq)| seq - vector.get(origin)).sum();

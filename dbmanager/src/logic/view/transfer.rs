@@ -16,8 +16,8 @@
 //! value that a read of the key shows; a concurrent one is a comment. The database's own records (`sys/`) and local
 //! ones (`local/`) are left out, unless requested.
 //!
-//! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.
-//! A file that was cut off does not end as one that is whole, so nothing is deleted because it is not in it.
+//! An import writes the values that differ. An unchanged file changes nothing; above all it settles no conflict. A file
+//! that was cut off lacks the last line of a whole file, so no key is deleted because the file lacks it.
 
 use super::as_of::Difference;
 use super::past::Keys;
@@ -137,7 +137,7 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
     Ok(import)
 }
 
-/// Returns which keys a file is about: how they begin.
+/// Returns the prefix of the keys that a file is about.
 ///
 /// # Errors
 /// If it is no such file, with the place.

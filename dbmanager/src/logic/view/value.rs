@@ -54,7 +54,7 @@ pub enum Datum {
     List(Vec<Self>),
     /// Values by name.
     Table(BTreeMap<String, Self>),
-    /// An envelope that not everybody can open.
+    /// An envelope that only some readers can open.
     Sealed(Vec<u8>),
     /// Something that this program cannot read.
     Opaque {

@@ -229,7 +229,7 @@ impl Carrying<'_> {
             (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, Chain::Conditional, is_calm),
             (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, Chain::Otherwise, is_calm),
             (Kind::Chart, Kind::Chart) if old.chart == new.chart => {
-                // Its runs may have changed all the same, and their timers are theirs.
+                // Only the timers of the states stay. The runs of the states may have changed, and have timers of their own.
                 let own = old.chart.iter().flat_map(|chart| (0..).zip(&chart.timed)).map(|(timer, _)| (timer, timer));
                 self.draft.timers.extend(own);
                 self.place_operands(o, n, is_calm)

@@ -148,7 +148,7 @@ fn values_with_names_are_kept_by_their_names() {
     assert_eq!(value(&truth, &with("var mode: 0..1 = 0;")), Err(other));
 }
 
-/// The states and their timers are the same, and what they run is not.
+/// The states and their timers stay the same, and the runs of the states change.
 #[test]
 fn a_run_gets_and_loses_timers() {
     let runs = [

@@ -18,7 +18,7 @@ pub(super) struct LedgerFile {
     /// None before the first write if the file cannot be continued, and after a failed write: it is then unknown which
     /// part is on the disk, so the next write makes a new file.
     file: Option<File>,
-    /// How many bytes of records it takes before a new file is begun.
+    /// How many more bytes of records fit before a new file is begun.
     room: usize,
 }
 
@@ -36,7 +36,7 @@ impl LedgerFile {
                 path.display()
             )
         })?;
-        // A disk that takes nothing now may take something later: a new file.
+        // A disk that takes nothing now may take a new file later.
         let file = if is_whole { file::appended(&path, Privacy::Own).ok() } else { None };
         Ok((Self { file, room: ENTRIES_MAX, ..none(path) }, ledger))
     }
@@ -126,7 +126,7 @@ mod tests {
         let one = gate(1);
         file.keep(&one).unwrap();
         assert_eq!(read(&path), *one.lock().unwrap().ledger());
-        // It continues the existing file.
+        // The ledger continues the existing file.
         let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
         let before = std::fs::read(&path).unwrap();
         let two = gate(2);

@@ -1,7 +1,7 @@
 //! Sends beats to the hosts that matter, and drops links to lost hosts.
 //!
 //! A cut of a link without traffic goes unnoticed, and idle nodes rarely send anything. So a node sends a beat each 250
-//! ms to the hosts that something here depends on. A beat has no content: the system notices when it does not arrive,
+//! ms to the hosts that something here depends on. A beat has no content: the system notices when a beat does not arrive,
 //! see `comms/src/io/session/patience.rs`.
 
 use comms::io::session::Session;
@@ -12,7 +12,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
-/// How often: with the patience of a new link a cut is noticed after 1.9 s.
+/// The time between two beats. With the patience of a new link, a cut is noticed after 1.9 s.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// How many sessions of other nodes are remembered.
 const SESSIONS_MAX: usize = 1024;

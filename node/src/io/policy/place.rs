@@ -35,7 +35,7 @@ impl PolicyFile {
 /// Returns whether a user owns a file, or may write to it or to a folder above it, where links are resolved.
 fn can_change(path: &Path, user: &Account) -> bool {
     let real = fs::canonicalize(path).unwrap_or_else(|_gone| path.to_owned());
-    // Also the folders of the link, which could be made to lead elsewhere.
+    // The folders of the link count as well: a user with write access there could make it lead elsewhere.
     let folders = real.ancestors().skip(1).chain(path.ancestors().skip(1));
     let of = |path: &Path| fs::metadata(path).ok();
     let file = of(&real).is_some_and(|file| user.uid == ROOT || file.uid() == user.uid || writes(&file, user));

@@ -2,7 +2,7 @@
 
 /// How much of a deployment's name is in the name of its folder, in bytes.
 pub(super) const NAME_MAX: usize = 24;
-/// How much of that a hash takes, where the name is not there as a whole.
+/// How many of these bytes a hash takes, if the name is not there as a whole.
 const HASH_LENGTH: usize = 8;
 
 /// Returns the folder name of a deployment. A name comes from the network: it must not lead elsewhere, and sockets need

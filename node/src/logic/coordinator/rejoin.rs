@@ -6,7 +6,8 @@
 //!   └──── Failed: it is told `Release` until it has confirmed ◀┘
 //! ```
 //! Rejoining activates nothing. The processes that ran there have failed, and the expression decides. But the next activation finds
-//! its program, so `retry` and `;;` continue after a host was away. The host itself tells the others where its programs are, and they open their wires again.
+//! its program, so `retry` and `;;` continue after a host was away. The host itself tells the others where its programs are, and
+//! they open their wires again.
 //!
 //! A host that refuses is asked again, less and less often. While a change is made, no host is asked.
 

@@ -1,4 +1,4 @@
-//! The members of a group, one record each: whether it runs, as which program, and what it has left behind.
+//! The members of a group, one record each: whether the member runs, as which program, and its last value and failure.
 //!
 //! ```text
 //! Idle ─the algebra activates it─▶ Waiting ─wires, pace and fences allow it─▶ Active ─it has ended─▶ Idle
@@ -43,7 +43,7 @@ enum Run {
     Active(u32),
 }
 
-/// What is known of one member.
+/// The state of one member, as its supervisor knows it.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Member {
     run: Run,
@@ -284,7 +284,7 @@ mod tests {
         assert!(members.take_ready(at(500), |_| true).is_empty());
         members.confirm(&[4].into());
         assert_eq!(members.deadline(|_| true), Some(at(10)));
-        assert_eq!(members.deadline(|_| false), None, "nobody knows when a fence opens");
+        assert_eq!(members.deadline(|_| false), None, "no time is known at which a fence opens");
         assert!(members.take_ready(at(500), |_| false).is_empty());
         members.hold(true);
         assert!(members.take_ready(at(500), |_| true).is_empty() && members.deadline(|_| true).is_none());

@@ -49,7 +49,7 @@ pub(super) struct Probation {
     was_activated: bool,
     /// The end of the probation; nothing before the program is up, and during its first `Init`.
     until: Option<Time>,
-    /// Whether the program was added: there is no previous program to go back to.
+    /// Whether the program was added, and so has no predecessor to go back to.
     is_new: bool,
 }
 

@@ -212,19 +212,19 @@ pub struct SetsSwitched {
     pub took: Duration,
     /// Values that were sent over closed wires and have not arrived, or found no room while they were held back.
     pub lost: u64,
-    /// Values that came over wires that had been given up, and were dropped.
+    /// Values that were dropped because they came over wires that had been given up.
     pub late: u64,
-    /// Absolute paths of programs that have not confirmed in time; they do it once they can.
+    /// Absolute paths of programs that have not confirmed in time; they switch once they can.
     pub unconfirmed: Vec<String>,
 }
 
 impl SetsSwitched {
-    /// Returns whether every value has arrived, in its order, and everybody has confirmed.
+    /// Returns whether every value has arrived in its order, and every program has confirmed.
     pub fn is_smooth(&self) -> bool {
         (self.lost, self.late) == (0, 0) && self.unconfirmed.is_empty()
     }
 
-    /// Returns how it went, for a person.
+    /// Returns the result of the switch, for a person.
     pub fn text(&self) -> String {
         let list = |sets: &[String]| if sets.is_empty() { "nothing".to_owned() } else { sets.join(", ") };
         let mut text = format!(
@@ -246,7 +246,7 @@ impl SetsSwitched {
 }
 
 impl Change {
-    /// Returns why a process waits that was to be activated, in words that follow its name.
+    /// Returns why a process that was to be activated waits, in words that follow its name.
     pub fn held_text(&self) -> Option<String> {
         if let Self::Held { resource, host } = self {
             return Some(format!("waits for `{resource}`: the host `{host}` is lost and may still use it"));
@@ -260,17 +260,17 @@ impl Change {
     }
 }
 
-/// How a reason ends that is the loss of a host.
+/// The end of a reason that is the loss of a host.
 const UNREACHED: &str = "could not be reached any more";
 
-/// Returns the reason against something that a host was lost.
+/// Returns the reason that a host was lost.
 pub fn unreached(host: &str) -> String {
     format!("host `{host}` {UNREACHED}")
 }
 
 const UNREACHABLE: &str = "cannot be reached; start `dca-node";
 
-/// Returns the reason why a deployment cannot begin whose host is lost.
+/// Returns the reason why a deployment with a lost host cannot begin.
 pub fn unreachable(host: &str) -> String {
     format!("host `{host}` {UNREACHABLE} --name {host}` on it, in the same team or with `--insecure-lan`")
 }

@@ -74,7 +74,7 @@ pub struct TeamOfNode {
 }
 
 impl ToParticipant {
-    /// Returns whether a node of a team does it only with a user's signature.
+    /// Returns whether a node of a team carries out the order only with a user's signature.
     pub const fn starts(&self) -> bool {
         matches!(
             self,
@@ -85,7 +85,7 @@ impl ToParticipant {
         )
     }
 
-    /// Adds the request by which it is given, if it starts something and there is one.
+    /// Adds the user's request to an order that starts something, if there is a request.
     #[must_use]
     pub fn signed(self, by: Option<&Signed>) -> Self {
         let Some(by) = by.filter(|_| self.starts()) else { return self };
@@ -101,7 +101,7 @@ impl ToParticipant {
         Self::Ordered(Box::new(Ordered { by: by.clone(), order }))
     }
 
-    /// Returns it without the request; nothing if that has no plan where one is needed.
+    /// Returns the order without the request; nothing if the order needs a plan and the request has none.
     pub fn plain(self) -> Option<Self> {
         let Self::Ordered(ordered) = self else { return Some(self) };
         match ordered.order {

@@ -26,7 +26,7 @@ pub struct NodeStatus {
     /// The means by which it keeps hold of its programs.
     #[serde(default)]
     pub containment: Containment,
-    /// Whom it lets come over the network.
+    /// The peers that it accepts over the network.
     #[serde(default)]
     pub network: Network,
     /// The user who has stopped everything, if there is one.
@@ -35,7 +35,7 @@ pub struct NodeStatus {
     /// The execution policy that holds there, if one does.
     #[serde(default)]
     pub policy: Option<PolicyInUse>,
-    /// Other nodes that it has reached recently, and that do not answer. A known node is always either there or here.
+    /// Other nodes that it has reached recently, and that do not answer. Each known node is in one of the two lists.
     #[serde(default)]
     pub missing: Vec<String>,
     /// Deployments with their home here that have not begun.
@@ -83,7 +83,7 @@ impl fmt::Display for WaitingDeployment {
     }
 }
 
-/// The execution policy of a node, as it was when a program was started last.
+/// The execution policy of a node, as it was when the last program was started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PolicyInUse {
     /// Its file.
@@ -98,14 +98,14 @@ impl fmt::Display for PolicyInUse {
     }
 }
 
-/// Whom a node lets come over the network.
+/// The peers that a node accepts over the network.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Network {
     /// None: it stays on its own machine.
     #[default]
     Host,
-    /// Everybody.
+    /// All nodes.
     Insecure,
     /// The nodes of its team.
     Team {

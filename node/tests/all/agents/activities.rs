@@ -321,7 +321,7 @@ fn a_node_that_is_started_again_still_waits_for_the_answer() {
     assert_eq!(said(&world, call).iter().filter(|said| said.starts_with("asks")).count(), 1);
 }
 
-/// Who has read the question before the change does not answer the one after it.
+/// An answer to the question before the change is no answer to the question after it.
 #[test]
 fn a_question_that_changes_is_asked_under_a_new_number() {
     let mut world = World::new(&["c1", "c2"]);

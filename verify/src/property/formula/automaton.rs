@@ -120,7 +120,7 @@ pub(super) struct State {
     /// The atoms that have to be true at its position, and those that have to be false.
     is_true: u32,
     is_false: u32,
-    /// The `p U q` of which it is a state that counts, by their numbers.
+    /// The numbers of the `p U q` for which visits to this state count.
     pub(super) fulfils: u32,
     /// Whether nothing is owed from the next position on: every run that gets here is accepted.
     pub(super) is_free: bool,

@@ -9,7 +9,7 @@ use crate::explore::{Graph, Limits, Reached};
 use crate::system::Label;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// As many transitions are taken between two questions about the budget.
+/// How many transitions are taken between two checks of the budget.
 const TURN: usize = 4096;
 /// A longer cycle, on which all possible events happen, is not told; a shorter one is.
 const ROUND_MAX: usize = 16;
@@ -23,7 +23,7 @@ pub(super) struct Seen<'s> {
     pub(super) events: u32,
     /// For each state its configuration. Two states of one configuration may differ in the last event.
     pub(super) configurations: &'s [u32],
-    /// Whether a transition has to be taken again and again, where it may be.
+    /// Whether a transition has to be taken again and again, if it is possible again and again.
     pub(super) is_natural: &'s dyn Fn(Label) -> bool,
 }
 
@@ -181,8 +181,8 @@ impl Product {
 
     /// The nodes of a strongly connected part that is accepted and fair, the nearest first.
     ///
-    /// A part in which something is left out that may happen again and again is looked at again without the configurations
-    /// in which that is so.
+    /// If a part leaves out an event that may happen again and again, the part is searched again without the configurations
+    /// in which this event is possible.
     fn fair(&self, seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) -> Result<Option<Vec<u32>>, Reached> {
         let all: Vec<u32> = (0..u32::try_from(self.nodes.len()).unwrap_or(u32::MAX)).collect();
         let (mut open, mut best) = (vec![all], None::<Vec<u32>>);
@@ -250,7 +250,7 @@ impl Product {
         search.parts
     }
 
-    /// A way around through an accepted and fair part; all that has to happen does on it, if it is not too long for a reader.
+    /// A cycle through an accepted and fair part. Every event that has to happen is on it, if that is not too long for a reader.
     fn around(&self, seen: &Seen<'_>, automaton: &Automaton, entry: u32, part: &[u32]) -> Vec<Label> {
         let mut wanted: BTreeSet<(u32, u32)> = BTreeSet::new();
         for &node in part {

@@ -11,11 +11,11 @@ use std::collections::BTreeSet;
 #[derive(Debug, Default)]
 pub(in crate::property) struct Breaks {
     parts: Vec<(Parts, Automaton)>,
-    /// Whether some part promises something, or is too large: a run does not decide it.
+    /// Whether some part promises an event, or is too large. A run does not decide such a part.
     pub(in crate::property) is_partial: bool,
 }
 
-/// The same while a run is followed.
+/// The state of these parts while a run is followed.
 pub(in crate::property) struct Followed<'b> {
     parts: Vec<(Letters<'b>, &'b Automaton, BTreeSet<u16>)>,
     /// Whether the next position is the first.

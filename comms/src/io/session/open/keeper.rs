@@ -247,7 +247,7 @@ async fn make(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<()
     enter(dialler, id, shown(dialler, id, locators).await?).await
 }
 
-/// A place that answers, and in a team has shown who is there.
+/// A place that answers, and in a team has proved whose it is.
 struct Shown {
     locator: Locator,
     /// The way of the link: a tunnel, in a team.

@@ -1,9 +1,9 @@
 //! Finds links on which zenoh's table and zenoh's events disagree, and makes them agree.
 //!
-//! Zenoh keeps its sessions in a table by peer, and deletes an entry by the peer alone. A session that is deleted twice, as when two of
-//! its links end at once, so takes the entry of the next session away: that one still receives, and can send nothing, for ever. The
-//! event of a loss may also come after that of the next session. Seen with zenoh 1.10.2; eclipse-zenoh/zenoh#1886 and #2806 are of the
-//! same kind.
+//! Zenoh keeps its sessions in a table by peer, and deletes an entry by the peer alone. If a session is deleted twice, for example
+//! because two of its links end at once, the second deletion removes the entry of the next session. That session still receives,
+//! but can never send. The event of a loss may also come after the event of the next session. Seen with zenoh 1.10.2;
+//! eclipse-zenoh/zenoh#1886 and #2806 are of the same kind.
 
 use super::super::links::lock;
 use super::super::patience;

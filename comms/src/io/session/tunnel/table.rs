@@ -22,7 +22,7 @@ pub(super) struct Standing {
     pub(super) key: PublicKey,
     pub(super) credential: Vec<u8>,
     pub(super) ends: Ends,
-    /// Ends the tunnel when it is notified.
+    /// A notification ends the tunnel.
     pub(super) end: Arc<Notify>,
 }
 

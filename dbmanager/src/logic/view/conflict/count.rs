@@ -1,8 +1,8 @@
 //! The number of keys with races, for callers that ask again and again.
 //!
-//! To find races is to read the whole log, which may have a million transactions. Only a transaction with conditions or grants can
-//! be in one. So the number is kept for as long as the log is the same, and while there is no such transaction only what is new
-//! is read.
+//! Finding races means reading the whole log, which may have a million transactions. Only a transaction with conditions or grants
+//! can be in a race. So the number is kept as long as the log is unchanged. While the log has no such transaction, only the new
+//! transactions are read.
 
 use super::{Race, granted};
 use crate::logic::key::Key;
