@@ -67,7 +67,7 @@ impl RandomRun {
         let run = Duration::from_millis(RUN_MIN + self.next() % (RUN_MAX - RUN_MIN));
         let fault = self.next();
         if fault % 100 < self.faults {
-            let is_crash = fault / 100 % 4 == 0;
+            let is_crash = (fault / 100).is_multiple_of(4);
             return (run, if is_crash { Ending::Crashed } else { Ending::Aborted("a fault by chance".to_owned()) });
         }
         let Some(outcomes) = self.outcomes.get(path) else { return (run, Ending::Done) };

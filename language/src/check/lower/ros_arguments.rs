@@ -150,7 +150,7 @@ mod tests {
         node("a: Number[], b: Rate[2]", "a = [1, 2], b = [3, 4]", &["a=[1.0, 2.0]", "b=[3.0, 4.0]"]);
         node("a: Truth[]", "a = [true, false]", &["a=[true, false]"]);
         node("a, b, c", "a = [1, 2], b = [1, 2.5], c = [\"1\"]", &["a=[1, 2]", "b=[1.0, 2.5]", "c=[\"1\"]"]);
-        // ROS 2 has no empty list: it could not tell of what.
+        // ROS 2 does not know the type of an empty list, and refuses it.
         node("a: Text[]", "a = []", &[]);
         node("g: Grasp", "g = { names = [\"on\"] }", &["g.force=2.0", "g.names=[\"on\"]"]);
         node("g: Grasp[]", "g = [{ names = [\"1\"] }]", &["g.0.force=2.0", "g.0.names=[\"1\"]"]);
@@ -163,7 +163,7 @@ mod tests {
              internal_event_actions{ nav } }";
         let compiled = compile(&Source::new("a.dca", text), &[], &Options::named("a"));
         let told: Vec<&str> = compiled.diagnostics.iter().map(|found| found.message.as_str()).collect();
-        assert_eq!(told, ["nothing says what the parameter is called that gets this value"]);
+        assert_eq!(told, ["the name of the parameter for this value is not known"]);
     }
 
     #[test]

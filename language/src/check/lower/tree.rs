@@ -362,8 +362,7 @@ fn kind_of(instance: &Instance) -> String {
 }
 
 fn nameless(span: Span) -> Diagnostic {
-    let diagnostic =
-        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets this value");
+    let diagnostic = Diagnostic::new(Code::E0216, span, "the name of the parameter for this value is not known");
     diagnostic.help("give it by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`")
 }
 
