@@ -28,7 +28,7 @@ pub(crate) use parameters::Parameters;
 pub(crate) use peer::{Endpoint, user};
 pub(crate) use protocol::{GivenValue, ParameterValue};
 pub(crate) use socket::{Ended, Socket};
-pub(crate) use viewer::Moment;
+pub(crate) use viewer::Arrival;
 
 use crate::logic::record::Form;
 

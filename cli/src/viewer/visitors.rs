@@ -87,12 +87,12 @@ impl Visitors {
 /// Returns the failure that a server cannot listen, with a way out.
 fn unheard(option: &str, address: SocketAddr, error: &io::Error) -> anyhow::Error {
     let free = SocketAddr::new(address.ip(), 0);
-    let hint = match error.kind() {
-        ErrorKind::AddrInUse => {
-            format!("another program listens there, perhaps another view; `{option} {free}` takes a free port")
-        }
-        ErrorKind::PermissionDenied => format!("ports below 1024 are for root; `{option} {free}` takes a free port"),
-        _ => format!("`{option} {free}` takes a free port"),
+    let reason = if error.kind() == ErrorKind::AddrInUse {
+        "another program listens there, perhaps another view; "
+    } else if error.kind() == ErrorKind::PermissionDenied {
+        "ports below 1024 are for root; "
+    } else {
+        ""
     };
-    anyhow!("cannot listen on `{address}`: {}; {hint}", cause(error))
+    anyhow!("cannot listen on `{address}`: {}; {reason}`{option} {free}` takes a free port", cause(error))
 }

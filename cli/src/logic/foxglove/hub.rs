@@ -11,7 +11,7 @@ use super::order::{Answer, Given, Order, Ticket, read as read_order};
 use super::outbox::Frame;
 use super::protocol::{self, Call, Control, Level, ParameterValue, Request, Subscription};
 use super::recording::{Played, Recording};
-use super::viewer::{Moment, NewValue, ORDERS_MAX, Viewer};
+use super::viewer::{Arrival, NewValue, ORDERS_MAX, Viewer};
 use super::{JSON, ProgramName};
 use crate::logic::record::{Entry, LOG, Rows, Timeline, log_schema};
 use comms::logic::object::Exports;
@@ -126,7 +126,7 @@ impl Hub {
     }
 
     /// Takes a message of a client in.
-    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Moment) {
+    pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Arrival) {
         let now = at.time;
         let request = match frame {
             Frame::Text(text) => protocol::read_text(text),
@@ -323,7 +323,7 @@ impl Hub {
     }
 
     /// Takes a value of an output in. It is encoded only if a client wants it.
-    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Moment) {
+    pub(crate) fn value(&mut self, source: &Source, tapped: Tapped, at: Arrival) {
         let Some(program) = source.program() else { return };
         let wants = |channel| self.viewers.values().any(|viewer| viewer.wants(channel, at.time));
         let mission = self.missions.get(&program.mission);
@@ -335,7 +335,7 @@ impl Hub {
     }
 
     /// Takes samples of the signals of a program in. So many messages before them were left out.
-    pub(crate) fn signals(&mut self, program: &ProgramName, samples: Vec<Signals>, lost: u64, at: Moment) {
+    pub(crate) fn signals(&mut self, program: &ProgramName, samples: Vec<Signals>, lost: u64, at: Arrival) {
         for (sample, lost) in samples.into_iter().zip(std::iter::once(lost).chain(std::iter::repeat(0))) {
             self.publish_of(&program.mission, at, |mission, catalog| {
                 let published = mission.signals(&program.path, sample, at.since_1970, catalog)?;
@@ -347,7 +347,7 @@ impl Hub {
     fn publish_of(
         &mut self,
         mission: &MissionId,
-        at: Moment,
+        at: Arrival,
         take: impl FnOnce(&mut LiveMission, &mut Catalog) -> Option<Published>,
     ) {
         // A channel is compared only if there may be a new one: values come often.
@@ -409,7 +409,7 @@ impl Hub {
         self.catalog.channels.retain(|_, channel| channel.source != Source::State(id.clone()));
     }
 
-    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Moment) {
+    fn subscribe(&mut self, number: u64, subscriptions: &[Subscription], at: Arrival) {
         let Some(viewer) = self.viewers.get_mut(&number) else { return };
         let (mut refused, mut first) = (0_usize, None);
         for subscription in subscriptions {
@@ -437,7 +437,7 @@ impl Hub {
                 Source::Output { .. } | Source::Signals(_) => {}
                 Source::Recorded(_) => {
                     let last = self.recording.as_ref().and_then(|recording| recording.last(channel.id));
-                    last.iter().for_each(|message| send(message.at, &message.data));
+                    last.iter().for_each(|message| send(message.at, message.data));
                 }
             }
         }
@@ -501,7 +501,7 @@ impl Hub {
             let Some(topic) = self.catalog.channels.get(&channel).map(|channel| &channel.topic) else { continue };
             for viewer in self.viewers.values_mut() {
                 let value = NewValue { channel, topic, arrived: None, lost: 0 };
-                viewer.put(value, |subscription| protocol::data(subscription, message.at, &message.data));
+                viewer.put(value, |subscription| protocol::data(subscription, message.at, message.data));
             }
         }
         for (number, viewer) in &mut self.viewers {

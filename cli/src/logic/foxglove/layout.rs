@@ -243,14 +243,13 @@ mod tests {
 
     /// Returns all panels that have a place.
     fn placed(layout: &Value, found: &mut BTreeSet<String>) {
-        match layout {
-            Value::String(panel) => assert!(found.insert(panel.clone()), "{panel} is placed twice"),
-            split => {
-                assert!(split["splitPercentage"].as_u64().is_some_and(|share| (1..100).contains(&share)), "{split}");
-                placed(&split["first"], found);
-                placed(&split["second"], found);
-            }
+        if let Value::String(panel) = layout {
+            assert!(found.insert(panel.clone()), "{panel} is placed twice");
+            return;
         }
+        assert!(layout["splitPercentage"].as_u64().is_some_and(|share| (1..100).contains(&share)), "{layout}");
+        placed(&layout["first"], found);
+        placed(&layout["second"], found);
     }
 
     #[test]

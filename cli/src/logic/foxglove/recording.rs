@@ -207,15 +207,15 @@ fn schemas() -> [Value; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::foxglove::Moment;
+    use crate::logic::foxglove::Arrival;
     use crate::logic::foxglove::hub::Hub;
     use crate::logic::foxglove::outbox::Frame;
     use crate::logic::record::{RecordedMessage, RecordedTopic};
 
     const BEGIN: Duration = Duration::from_secs(1_800_000_000);
 
-    fn at(millis: u64) -> Moment {
-        Moment { time: Time::ZERO + Duration::from_millis(millis), since_1970: BEGIN }
+    fn at(millis: u64) -> Arrival {
+        Arrival { time: Time::ZERO + Duration::from_millis(millis), since_1970: BEGIN }
     }
 
     /// A record of 10 s: `/a` each second, and `/b` once, after 2.5 s.
@@ -279,7 +279,7 @@ mod tests {
 
         /// Plays in steps up to a moment, and returns what the client has got.
         fn play(&mut self, from: u64, to: u64) -> Received {
-            (from..=to).step_by(20).for_each(|millis| self.hub.play(at(millis).now));
+            (from..=to).step_by(20).for_each(|millis| self.hub.play(at(millis).time));
             self.got()
         }
 
@@ -335,7 +335,7 @@ mod tests {
         let mut bench = Bench::new();
         bench.subscribe(0, 9, 1);
         bench.subscribe(0, 8, 2);
-        (0..=1000).step_by(20).for_each(|millis| bench.hub.play(at(millis).now));
+        (0..=1000).step_by(20).for_each(|millis| bench.hub.play(at(millis).time));
         bench.control(1000, 0, Some(6500));
         let got = bench.got();
         assert_eq!(got.values, values(&[(8, "2500"), (9, "6000")]));

@@ -16,7 +16,7 @@ pub(super) const ORDERS_MAX: usize = 16;
 
 /// A moment on the clock of this machine, which never goes back, and since 1970.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Moment {
+pub(crate) struct Arrival {
     pub(crate) time: Time,
     pub(crate) since_1970: Duration,
 }

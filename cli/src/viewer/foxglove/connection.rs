@@ -231,7 +231,7 @@ fn fill(socket: &mut Socket, shared: &Shared, viewer: u64, now: Time) -> Result<
 /// Takes bytes of a client in.
 fn take(socket: &mut Socket, bytes: &[u8], shared: &Shared, viewer: u64) -> Result<(), Ended> {
     let mut hub = shared.hub();
-    let at = super::robots::moment();
+    let at = super::robots::arrival();
     let taken = socket.take(bytes, |frame| hub.take(viewer, &frame, at));
     drop(hub);
     shared.asked.notify_one();

@@ -8,7 +8,7 @@ use crate::io::observer::samples;
 use crate::io::taps::Taps;
 use crate::io::value_queue::SharedQueue;
 use crate::live::Live;
-use crate::logic::foxglove::{Hub, Moment, ParameterValue, ProgramName, Source};
+use crate::logic::foxglove::{Arrival, Hub, ParameterValue, ProgramName, Source};
 use crate::logic::value_queue::Queued;
 use crate::object::exports_of;
 use crate::outputs::Outputs as Written;
@@ -56,7 +56,7 @@ pub(super) enum News {
 /// A value of an output, or samples of the signals of a program, and when they arrived.
 pub(super) struct Arrived {
     content: Content,
-    at: Moment,
+    at: Arrival,
 }
 
 enum Content {
@@ -383,7 +383,7 @@ async fn hear_source(taps: Arc<Taps>, source: Source, values: Values, ended: one
             let key = key::tap(&program.mission.deployment.name, &program.path, output);
             let take = move |bytes: Cow<'_, [u8]>| {
                 if let Ok(tapped) = codec::decode(&bytes) {
-                    values.push(&source, bytes.len(), Arrived { content: Content::Value(tapped), at: moment() });
+                    values.push(&source, bytes.len(), Arrived { content: Content::Value(tapped), at: arrival() });
                 }
             };
             hold(&taps, key, take, ended).await;
@@ -394,7 +394,7 @@ async fn hear_source(taps: Arc<Taps>, source: Source, values: Values, ended: one
             let take = move |bytes: Cow<'_, [u8]>| {
                 let samples = samples(&path, &bytes, clock::now()).into_iter().map(|sample| sample.signals);
                 let content = Content::Signals(samples.collect());
-                values.push(&source, bytes.len(), Arrived { content, at: moment() });
+                values.push(&source, bytes.len(), Arrived { content, at: arrival() });
             };
             hold(&taps, key, take, ended).await;
         }
@@ -403,8 +403,8 @@ async fn hear_source(taps: Arc<Taps>, source: Source, values: Values, ended: one
 }
 
 /// Returns the present moment.
-pub(super) fn moment() -> Moment {
-    Moment { time: clock::now(), since_1970: clock::unix_time() }
+pub(super) fn arrival() -> Arrival {
+    Arrival { time: clock::now(), since_1970: clock::unix_time() }
 }
 
 /// Hears a key until the other end of `ended` is dropped.

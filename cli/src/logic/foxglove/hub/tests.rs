@@ -14,7 +14,7 @@ use serde_json::json;
 use view::{Fleet, Input};
 
 const SINCE_1970: Duration = Duration::from_secs(1_800_000_000);
-const NOW: Moment = Moment { time: Time::ZERO, since_1970: SINCE_1970 };
+const NOW: Arrival = Arrival { time: Time::ZERO, since_1970: SINCE_1970 };
 
 fn at(millis: u64) -> Time {
     Time::ZERO + Duration::from_secs(1000) + Duration::from_millis(millis)
@@ -507,22 +507,22 @@ fn a_new_subscription_begins_with_new_values_and_without_old_losses() {
     bench.hub.described(&program("main/a"), &outputs(&[("Out", "Odd", "")]), exports(&[]));
     let source = output("main/a", "Out");
     let (first, topic) = (bench.client, "/ports/main/a/Out");
-    let moment = |millis| Moment { time: at(millis), since_1970: SINCE_1970 };
+    let arrival = |millis| Arrival { time: at(millis), since_1970: SINCE_1970 };
     let channel = bench.channels()[topic];
     let subscribe = |bench: &mut Bench, millis| {
         let request = json!({ "op": "subscribe", "subscriptions": [{ "id": 1, "channelId": channel }] });
-        bench.hub.take(bench.client, &Frame::Text(request.to_string()), moment(millis));
+        bench.hub.take(bench.client, &Frame::Text(request.to_string()), arrival(millis));
     };
     subscribe(&mut bench, 0);
-    bench.hub.value(&source, tapped(1, vec![1]), moment(10));
+    bench.hub.value(&source, tapped(1, vec![1]), arrival(10));
     bench.client = bench.hub.enter().unwrap();
     let second = bench.client;
     subscribe(&mut bench, 100);
     // These arrived before the second client has subscribed, and waited.
-    bench.hub.value(&source, tapped(2, vec![2]), moment(20));
-    bench.hub.value(&source, tapped(9, vec![3]), moment(99));
-    bench.hub.value(&source, tapped(12, vec![4]), moment(101));
-    bench.hub.value(&source, tapped(14, vec![5]), moment(102));
+    bench.hub.value(&source, tapped(2, vec![2]), arrival(20));
+    bench.hub.value(&source, tapped(9, vec![3]), arrival(99));
+    bench.hub.value(&source, tapped(12, vec![4]), arrival(101));
+    bench.hub.value(&source, tapped(14, vec![5]), arrival(102));
     let mut received = |client| {
         bench.client = client;
         let (words, values) = bench.received();
