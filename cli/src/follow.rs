@@ -35,9 +35,8 @@ use tokio::sync::mpsc;
 const OBSERVED_MAX: usize = 4096;
 /// How many values of ports wait to be recorded, which may be large; more are left out.
 const PORTS_MAX: usize = 64;
-/// How long the home node has to be back when its answers are cut off. A service manager starts it again in this time, even on a
-/// busy machine. Other hosts of the deployment may count it as lost before.
-const BACK_WITHIN: Duration = Duration::from_secs(10);
+/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
+const BACK_WITHIN: Duration = Duration::from_secs(5);
 /// How long its streams have to last for the home to count as back; a later cut is then a new one.
 const STEADY: Duration = Duration::from_secs(1);
 /// How often it is looked for, once it was not there.
