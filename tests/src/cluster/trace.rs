@@ -169,6 +169,18 @@ pub fn window(act: impl FnOnce()) -> (Time, Time) {
     (began, now())
 }
 
+/// Returns the greatest rate of a whole second. Other work of the machine slows some seconds down, and a lasting cause slows
+/// down all of them.
+pub fn best_second(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
+    let second = Duration::from_secs(1);
+    let begins = std::iter::successors(Some(from), |begin| Some(*begin + second));
+    let seconds = begins.map(|begin| (begin, begin + second)).take_while(|(_, end)| *end <= to);
+    let has_rate = |(begin, end): &(Time, Time)| {
+        samples.iter().filter(|sample| (*begin..*end).contains(&sample.stamp)).count() > 1
+    };
+    seconds.filter(has_rate).map(|second| rate(samples, second)).fold(0.0, f64::max)
+}
+
 /// Returns by how much a count grew each second, between two times on the clock of the hosts.
 ///
 /// # Panics
