@@ -100,7 +100,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let here = cluster.here();
     let instances = [("well", "none", "watchdog 500 ms; restart transient;"), ("hangs", "none", "watchdog 500 ms;")];
     let node = here.node("c1", &[]);
-    let _deployed = here.dca(&["deploy", &spec(&cluster, &instances, "well, hangs else skip")]);
+    let deployed = here.dca(&["deploy", &spec(&cluster, &instances, "well, hangs else skip")]);
     wait_until(SOON, || are_running(&here, 2)).expect("they run");
     let before = states(&here)["main/well"].pid;
     node.signal(Signal::KILL);
@@ -121,6 +121,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let ended = mission.ended(SOON);
     assert!(ended.err.contains("hangs aborted: its loop has not come round for 0.5 s"), "{ended}");
     assert!(!ended.err.contains("well died"), "{ended}");
+    drop(deployed.ended(SOON));
     end(&cluster, node);
 }
 
