@@ -19,7 +19,7 @@ const UNKNOWN: &str = "its stop could not be confirmed: the hand may still press
 const HOLDS: [(u64, f64); 4] = [(50, 0.4), (150, 0.1), (300, 0.05), (300, 0.15)];
 
 fn late(seed: u64) -> Disturbance {
-    let (hold_ms, hold_chance) = HOLDS[usize::try_from(seed).unwrap() % HOLDS.len()];
+    let (hold_ms, hold_chance) = HOLDS[usize::try_from(seed).unwrap_or(0) % HOLDS.len()];
     let (transfer_jitter, hold_max) = (Duration::from_millis(20), Duration::from_millis(hold_ms));
     Disturbance { transfer_jitter, hold_chance, hold_max, drop_chance: 0.02, seed, ..Disturbance::NONE }
 }
@@ -87,14 +87,12 @@ fn check(cases: &[Case], seeds: std::ops::Range<u64>) {
     for case in cases {
         for seed in seeds.clone() {
             let (force, fastest, why) = end(case, seed);
-            println!("{:?} {seed}: {force:.1} N, {fastest:.4} rad/s, {why}", case.trouble);
             let is_unknown = why.contains(UNKNOWN);
             assert!(force <= LEFT_MAX || is_unknown, "{case:?}, seed {seed}: {force:.1} N are left: {why}");
             assert!(fastest < 0.02 || is_unknown, "{case:?}, seed {seed}: {fastest} rad/s: {why}");
             (flown, unknown) = (flown + 1, unknown + usize::from(is_unknown));
         }
     }
-    println!("{unknown} of {flown} could not be confirmed");
     assert!(4 * unknown <= flown, "{unknown} of {flown} could not be confirmed");
 }
 

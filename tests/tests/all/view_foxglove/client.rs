@@ -136,10 +136,8 @@ impl Client {
     /// Returns the next state of a record with this status.
     pub(super) fn playback(&mut self, wanted: u8) -> Playback {
         let is_it = |message: &Message| matches!(message, Message::Playback(state) if state.status == wanted);
-        match self.until(is_it) {
-            Message::Playback(state) => state,
-            other => unreachable!("only states are waited for: {other:?}"),
-        }
+        let Message::Playback(state) = self.until(is_it) else { unreachable!("only states are waited for") };
+        state
     }
 
     /// As [`Client::call`], for a result that takes longer.
@@ -150,18 +148,16 @@ impl Client {
 
     /// Returns the next message in text of a kind.
     pub(super) fn word(&mut self, op: &str) -> Value {
-        match self.until(|message| matches!(message, Message::Word(word) if word["op"] == op)) {
-            Message::Word(word) => word,
-            other => unreachable!("only words are waited for: {other:?}"),
-        }
+        let is_it = |message: &Message| matches!(message, Message::Word(word) if word["op"] == op);
+        let Message::Word(word) = self.until(is_it) else { unreachable!("only words are waited for") };
+        word
     }
 
     /// Returns the next value of a subscription.
     pub(super) fn value(&mut self, id: u32) -> Value {
-        match self.until(|message| matches!(message, Message::Value { subscription, .. } if *subscription == id)) {
-            Message::Value { value, .. } => value,
-            other => unreachable!("only values are waited for: {other:?}"),
-        }
+        let is_it = |message: &Message| matches!(message, Message::Value { subscription, .. } if *subscription == id);
+        let Message::Value { value, .. } = self.until(is_it) else { unreachable!("only values are waited for") };
+        value
     }
 
     /// Waits for a channel.

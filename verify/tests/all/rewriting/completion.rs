@@ -268,6 +268,24 @@ impl Reference {
         self.inside(conf, &mut |this, inner| this.grant(inner, number), &|conf| waits(conf, number))
     }
 
+    /// The same for `#`: the outcome of one operand ends all others.
+    fn in_operands(
+        &mut self,
+        mut of: Vec<Conf>,
+        act: &mut dyn FnMut(&mut Self, Conf) -> Next,
+        is_it: &dyn Fn(&Conf) -> bool,
+    ) -> Next {
+        let at = of.iter().position(is_it).expect("the part is in one operand");
+        let part = of.remove(at);
+        match act(self, part) {
+            Ok(part) => {
+                of.insert(at, part);
+                Ok(Conf::Dis(of))
+            }
+            Err(outcome) => self.drain(outcome, of),
+        }
+    }
+
     /// `[e-ctx]`: applies `act` to the part for which `is_it` holds, then the rule of the operator around it.
     fn inside(
         &mut self,
@@ -300,17 +318,7 @@ impl Reference {
             Conf::And(slots) => self.slot(slots, Join::Each, act, is_it),
             Conf::Any(count, slots) => self.slot(slots, Join::Count(count), act, is_it),
             Conf::Least(count, slots) => self.slot(slots, Join::Least(count), act, is_it),
-            Conf::Dis(mut of) => {
-                let at = of.iter().position(is_it).expect("the part is in one operand");
-                let part = of.remove(at);
-                match act(self, part) {
-                    Ok(part) => {
-                        of.insert(at, part);
-                        Ok(Conf::Dis(of))
-                    }
-                    Err(outcome) => self.drain(outcome, of),
-                }
-            }
+            Conf::Dis(of) => self.in_operands(of, act, is_it),
             Conf::Drain(outcome, of) => {
                 let mut next = Vec::new();
                 for part in of {
