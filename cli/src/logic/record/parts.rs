@@ -40,9 +40,23 @@ pub(super) enum Next<'a> {
     Cut(usize),
 }
 
+/// Goes through all parts of a file, up to the end of its data. The parts in a chunk stand for the chunk.
+pub(super) fn each<'a>(bytes: &'a [u8], mut take: impl FnMut(Next<'a>)) {
+    let mut parts = Parts::new(bytes);
+    loop {
+        match parts.next() {
+            Next::Whole(chunk) if chunk.opcode == op::CHUNK => {
+                in_chunk(&chunk).for_each(|part| take(Next::Whole(part)));
+            }
+            next @ (Next::Whole(_) | Next::Damaged(_)) => take(next),
+            end @ (Next::Cut(_) | Next::EndLost(_) | Next::End) => return take(end),
+        }
+    }
+}
+
 /// Goes through the bytes of a file.
 #[derive(Debug)]
-pub(super) struct Parts<'a> {
+struct Parts<'a> {
     bytes: &'a [u8],
     at: usize,
     is_damaged: bool,
@@ -50,12 +64,12 @@ pub(super) struct Parts<'a> {
 
 impl<'a> Parts<'a> {
     /// Begins behind the file's magic.
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
+    fn new(bytes: &'a [u8]) -> Self {
         Self { bytes, at: mcap::MAGIC.len(), is_damaged: false }
     }
 
     /// Returns the next part; after `End` and `Cut` the results have no meaning.
-    pub(super) fn next(&mut self) -> Next<'a> {
+    fn next(&mut self) -> Next<'a> {
         let from = self.at;
         let Some(part) = part_at(self.bytes, from) else {
             let Some(next) = (from + 1..self.bytes.len()).find(|at| is_chunk_at(self.bytes, *at)) else {
@@ -89,7 +103,7 @@ impl<'a> Parts<'a> {
 }
 
 /// Returns the parts of a whole chunk.
-pub(super) fn in_chunk<'a>(chunk: &Part<'a>) -> impl Iterator<Item = Part<'a>> {
+fn in_chunk<'a>(chunk: &Part<'a>) -> impl Iterator<Item = Part<'a>> {
     let bytes = &chunk.body[CHUNK_HEAD..];
     let mut at = 0;
     std::iter::from_fn(move || {

@@ -1,6 +1,6 @@
 //! Reads the bytes of a record back to a run.
 
-use crate::logic::record::parts::{self, Next, Part, Parts};
+use crate::logic::record::parts::{self, Next, Part};
 use crate::logic::record::row::{Form, PATH, PORTS, TO, Unit};
 use crate::logic::record::schema::STAMP;
 use crate::logic::record::{
@@ -9,7 +9,7 @@ use crate::logic::record::{
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use language::plan::Plan;
-use mcap::records::{Record, op};
+use mcap::records::Record;
 use node::logic::protocol::Report;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -122,26 +122,22 @@ struct Log {
 impl RecordReader<'_> {
     /// Reads all that is whole, to the end of the data.
     fn all(&mut self) {
-        let mut parts = Parts::new(self.bytes);
-        loop {
-            match parts.next() {
-                Next::Whole(chunk) if chunk.opcode == op::CHUNK => {
-                    parts::in_chunk(&chunk).for_each(|part| self.part(&part));
-                }
-                Next::Whole(part) => self.part(&part),
-                Next::Damaged(Range { start, end }) => {
-                    self.tell(match start {
-                        0 => format!("a byte before byte {end} is damaged, outside of the record"),
-                        _ => format!("bytes {start} to {end} are damaged and left out"),
-                    });
-                }
-                Next::Cut(at) => break self.tell(format!("it ends at byte {at}, before its end was written")),
-                Next::EndLost(at) => break self.tell(format!(
-                    "all entries are there, but the end of the file behind byte {at} is cut or damaged, and other readers may refuse it"
-                )),
-                Next::End => break,
+        parts::each(self.bytes, |next| {
+            match next {
+            Next::Whole(part) => self.part(&part),
+            Next::Damaged(Range { start, end }) => {
+                self.tell(match start {
+                    0 => format!("a byte before byte {end} is damaged, outside of the record"),
+                    _ => format!("bytes {start} to {end} are damaged and left out"),
+                });
             }
+            Next::Cut(at) => self.tell(format!("it ends at byte {at}, before its end was written")),
+            Next::EndLost(at) => self.tell(format!(
+                "all entries are there, but the end of the file behind byte {at} is cut or damaged, and other readers may refuse it"
+            )),
+            Next::End => {}
         }
+        });
     }
 
     fn part(&mut self, part: &Part<'_>) {

@@ -1,8 +1,8 @@
 //! The messages of a record in the order of their times, with their topics, as a viewer plays them.
 
 use crate::logic::record::ReadError;
-use crate::logic::record::parts::{self, Next, Part, Parts};
-use mcap::records::{Record, op};
+use crate::logic::record::parts::{self, Next, Part};
+use mcap::records::Record;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -45,21 +45,12 @@ impl Timeline {
         if !bytes.starts_with(mcap::MAGIC) {
             return Err(ReadError::Foreign("it does not begin as one".to_owned()));
         }
-        let (mut reading, mut parts) = (Reading::default(), Parts::new(bytes));
-        loop {
-            match parts.next() {
-                Next::Whole(chunk) if chunk.opcode == op::CHUNK => {
-                    parts::in_chunk(&chunk).for_each(|part| reading.part(&part));
-                }
-                Next::Whole(part) => reading.part(&part),
-                Next::Damaged(_) => reading.timeline.is_damaged = true,
-                Next::Cut(_) | Next::EndLost(_) => {
-                    reading.timeline.is_damaged = true;
-                    break;
-                }
-                Next::End => break,
-            }
-        }
+        let mut reading = Reading::default();
+        parts::each(bytes, |next| match next {
+            Next::Whole(part) => reading.part(&part),
+            Next::Damaged(_) | Next::Cut(_) | Next::EndLost(_) => reading.timeline.is_damaged = true,
+            Next::End => {}
+        });
         let mut timeline = reading.timeline;
         if timeline.messages.is_empty() {
             return Err(ReadError::Damaged("it has no whole message".to_owned()));
