@@ -100,11 +100,11 @@ impl Members {
 
     /// Returns the members whose activations have not gone out.
     pub(super) fn all_waiting(&self) -> impl Iterator<Item = u32> {
-        self.records.keys().copied().filter(|slot| self.is_waiting(*slot))
+        self.records.iter().filter(|(_, member)| member.waiting().is_some()).map(|(slot, _)| *slot)
     }
 
     fn waiting(&self, slot: u32) -> Option<&Waiting> {
-        if let Run::Waiting(waiting) = &self.records.get(&slot)?.run { Some(waiting) } else { None }
+        self.records.get(&slot)?.waiting()
     }
 
     /// Takes note that the algebra has activated a member.
@@ -164,8 +164,9 @@ impl Members {
 
     /// Returns when the next activation waits for nothing any more, of those that no fence keeps back.
     pub(super) fn deadline(&self, is_open: impl Fn(u32) -> bool) -> Option<Time> {
-        let open = self.all_waiting().filter(|slot| !self.are_held && is_open(*slot));
-        open.filter_map(|slot| self.waiting(slot).map(Waiting::ready_at)).min()
+        let waiting = self.records.iter().filter_map(|(slot, member)| Some((*slot, member.waiting()?)));
+        let open = waiting.filter(|(slot, _)| !self.are_held && is_open(*slot));
+        open.map(|(_, waiting)| waiting.ready_at()).min()
     }
 
     /// Takes note that generations of wires need not be waited for any more.
@@ -244,6 +245,10 @@ impl Members {
 }
 
 impl Member {
+    fn waiting(&self) -> Option<&Waiting> {
+        if let Run::Waiting(waiting) = &self.run { Some(waiting) } else { None }
+    }
+
     fn activation(&self) -> Option<u32> {
         match &self.run {
             Run::Idle => None,
