@@ -65,7 +65,7 @@ pub fn change_text(change: &Change) -> String {
         Change::EndedLate => ENDED_LATE.to_owned(),
         Change::Switched(how) => how.text(),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
-        Change::Says { text } => text.clone(),
+        Change::Says { text, .. } => text.clone(),
         Change::Entered { states } => entered_text(states),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),

@@ -287,7 +287,7 @@ impl Mission {
             Change::Switched(how) => (how.text(), &[][..]),
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
-            Change::Says { text } => (text.clone(), &[][..]),
+            Change::Says { text, .. } => (text.clone(), &[][..]),
             // Its states are the phases.
             Change::Entered { .. } if self.phases.is_of_states(path) => return,
             Change::Entered { states } => (entered_text(states), &[][..]),
@@ -326,8 +326,7 @@ impl Mission {
 
 /// Returns whether a change happens so often in a working activity that a person need not see each.
 fn is_routine(change: &Change) -> bool {
-    let is_word = |text: &str| ["says: ", "sends through ", "loses "].iter().any(|begin| text.starts_with(begin));
-    matches!(change, Change::Entered { .. }) || matches!(change, Change::Says { text } if is_word(text))
+    matches!(change, Change::Entered { .. } | Change::Says { is_routine: true, .. })
 }
 
 /// Returns `path` without the leading `main/`, which everything has in common.

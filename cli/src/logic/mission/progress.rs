@@ -271,11 +271,11 @@ mod tests {
             mission.report(&Report::Process { path: "main/sys".to_owned(), change, at: Duration::from_millis(millis) });
             lines.extend(progress.lines(&mission, Style::Plain));
         };
-        let says = |text: &str| Change::Says { text: text.to_owned() };
+        let says = |text: &str, is_routine| Change::Says { text: text.to_owned(), is_routine };
         for number in 0..1000 {
-            tell(says(&format!("says: {number}")), number * 10);
+            tell(says(&format!("says: {number}"), true), number * 10);
             if number % 100 == 99 {
-                tell(says(&format!("asks, as question {number}: go on?")), number * 10);
+                tell(says(&format!("asks, as question {number}: go on?"), false), number * 10);
                 let cause = FailureCause::Failed(format!("host `c{number}` could not be reached"));
                 let failure = Failure { origin: "main/sys".to_owned(), cause, at: Duration::ZERO };
                 tell(Change::Ended(Ending::Aborted(failure)), number * 10);

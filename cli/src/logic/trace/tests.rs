@@ -105,7 +105,9 @@ fn each_activation_is_a_span_and_a_cut_record_has_unfinished_ones() {
             entries.push(change("main/look", at + 1, Change::Ended(Ending::Stopped)));
         }
     }
-    entries.extend((0..200).map(|_| change("main", rounds, Change::Says { text: "says: <&>".to_owned() })));
+    entries.extend(
+        (0..200).map(|_| change("main", rounds, Change::Says { text: "says: <&>".to_owned(), is_routine: true })),
+    );
     let spans = trace(entries);
     assert_eq!(spans.len(), 2_502);
     let last = &spans[2_501];

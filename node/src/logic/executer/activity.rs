@@ -178,7 +178,7 @@ impl Executer {
         let PortMessage { port, value, priority, has_receipt, lost, .. } = message;
         if lost > 0 {
             let text = format!("loses {lost} values at `{port}`: they find no room, or cannot be read");
-            self.tell_people(text, context, out);
+            self.tell_of_work(text, context, out);
         }
         let place = self.program.automaton().zip(self.state.chart()).filter(|_| self.run.is_on);
         let event = chart(context.plan, self.group).and_then(|chart| {
@@ -207,7 +207,11 @@ impl Executer {
 
     /// Takes note that a value cannot be sent.
     pub fn not_sent(&self, port: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.tell_people(format!("loses a value at `{port}`: the program of its ports does not take it"), context, out);
+        self.tell_of_work(
+            format!("loses a value at `{port}`: the program of its ports does not take it"),
+            context,
+            out,
+        );
     }
 
     /// Takes note that the program that has the ports is gone, with the values that it had to send.
@@ -319,17 +323,27 @@ impl Executer {
         } else {
             return;
         };
-        self.tell_people(text, context, out);
+        self.tell_of_work(text, context, out);
     }
 
+    /// Tells people about something that they should see.
     fn tell_people(&self, text: String, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.announce(Change::Says { text: printable(&text[..text.floor_char_boundary(TEXT_MAX)]) }, context, out);
+        self.announce(says(&text, false), context, out);
+    }
+
+    /// Tells people about the usual work of the activity, which may come in floods.
+    fn tell_of_work(&self, text: String, context: ExecContext<'_>, out: &mut Out<'_>) {
+        self.announce(says(&text, true), context, out);
     }
 
     fn announce(&self, change: Change, context: ExecContext<'_>, out: &mut Out<'_>) {
         let target = Target::Group(self.group);
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }
+}
+
+fn says(text: &str, is_routine: bool) -> Change {
+    Change::Says { text: printable(&text[..text.floor_char_boundary(TEXT_MAX)]), is_routine }
 }
 
 /// The chart of a group that is an activity.

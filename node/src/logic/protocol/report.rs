@@ -192,6 +192,8 @@ pub enum Change {
     Says {
         /// The report, as a clause behind the name of the activity.
         text: String,
+        /// Whether it is about its usual work: a word, or a value that was sent or lost. A flood of these may be thinned.
+        is_routine: bool,
     },
     /// The active states of an activity have changed.
     Entered {

@@ -37,7 +37,7 @@ fn said(world: &World, call: u64) -> Vec<String> {
     let text = |answer: &Answer| {
         let Answer::Report(Report::Process { path, change, .. }) = answer else { return None };
         match change {
-            Change::Says { text } if path == "main/round" => Some(text.clone()),
+            Change::Says { text, .. } if path == "main/round" => Some(text.clone()),
             Change::Entered { states } if path == "main/round" => Some(format!("is in {}", states.join(", "))),
             _ => None,
         }

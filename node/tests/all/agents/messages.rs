@@ -67,7 +67,7 @@ impl Ports {
 
     fn said(&self) -> Vec<String> {
         let text = |answer: &Answer| match answer {
-            Answer::Report(Report::Process { change: Change::Says { text }, .. }) => Some(text.clone()),
+            Answer::Report(Report::Process { change: Change::Says { text, .. }, .. }) => Some(text.clone()),
             _ => None,
         };
         self.world.answers.get(&self.call).into_iter().flatten().filter_map(text).collect()
