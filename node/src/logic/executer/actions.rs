@@ -35,6 +35,8 @@ impl Executer {
         match self.carried(group, &next) {
             None => {
                 self.renew_actions(context.plan);
+                // The texts of questions are no part of the event actions.
+                self.renew_questions(context, out);
                 None
             }
             Some(Ok(carried)) => {
