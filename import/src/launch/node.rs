@@ -75,9 +75,7 @@ pub(super) fn node(importer: &mut Importer<'_>, entity: &Entity) -> Result<Progr
     }
     let has_name = !items.is_empty();
     settings.read(importer, entity);
-    for part in entity.parts("composable_node") {
-        composable_node(importer, part, name.as_deref().unwrap_or(&executable));
-    }
+    composable(importer, entity, name.as_deref().unwrap_or(&executable));
     let line = command_line(importer, entity, [&package, &executable], settings.words)?;
     items.insert(0, format!("ros {};", quoted(&line)));
     items.splice(1..1, setup(importer));
@@ -246,8 +244,7 @@ fn lifecycle(importer: &mut Importer<'_>, entity: &Entity, has_name: bool, items
         importer.missing(entity, "the lifecycle is left out: the node has no name");
         return Ends::Done;
     }
-    let autostart = importer.text(entity, "autostart").ok().flatten();
-    if autostart.and_then(|text| Value::plain(text).truth()) != Some(true) {
+    if importer.truth(entity, "autostart") != Some(true) {
         importer.remark(entity, RemarkKind::Differs, "the node is configured and activated here");
     }
     items.push("lifecycle;".into());
@@ -281,9 +278,9 @@ fn common(importer: &mut Importer<'_>, entity: &Entity, program: &mut Program) {
     } else if entity.kind == "executable" {
         program.items.push(format!("stop within {};", crate::name::duration(STOP_MS)));
     }
-    let respawn = importer.text(entity, "respawn").ok().flatten();
+    let respawns = importer.truth(entity, "respawn");
     let pause = time(importer, "respawn_delay");
-    if respawn.and_then(|text| Value::plain(text).truth()) != Some(true) {
+    if respawns != Some(true) {
         return;
     }
     importer.remark(

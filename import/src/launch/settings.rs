@@ -65,12 +65,7 @@ fn own_settings(importer: &mut Importer<'_>, entity: &Entity, prefix: &str, all:
             continue;
         }
         if part.get("from").is_some() {
-            if importer
-                .text(part, "allow_substs")
-                .ok()
-                .flatten()
-                .is_some_and(|text| Value::plain(text).truth() == Some(true))
-            {
+            if importer.truth(part, "allow_substs") == Some(true) {
                 importer.missing(part, "substitutions inside the file are not replaced");
             }
             importer.unread(part, &["from", "name", "allow_substs"]);

@@ -191,6 +191,12 @@ impl Importer<'_> {
         }
     }
 
+    /// Returns an attribute that is true or false; none if it is not there, or is something else.
+    pub(super) fn truth(&mut self, entity: &Entity, name: &str) -> Option<bool> {
+        let text = self.text(entity, name).ok().flatten()?;
+        Value::plain(text).truth()
+    }
+
     /// Returns an attribute without which the action means nothing.
     pub(super) fn needed(&mut self, entity: &Entity, name: &str) -> Result<String, Skipped> {
         let found = self.text(entity, name)?;
@@ -341,11 +347,7 @@ impl Importer<'_> {
     }
 
     fn group(&mut self, entity: &Entity, steps: &mut Vec<Step>) -> Result<(), ImportError> {
-        let is = |importer: &mut Self, name: &str| {
-            let text = importer.text(entity, name).ok().flatten();
-            text.and_then(|text| Value::plain(text).truth()).unwrap_or(true)
-        };
-        let (is_scoped, is_forwarding) = (is(self, "scoped"), is(self, "forwarding"));
+        let [is_scoped, is_forwarding] = ["scoped", "forwarding"].map(|name| self.truth(entity, name).unwrap_or(true));
         self.unread(entity, &["scoped", "forwarding"]);
         if is_scoped {
             self.scopes.enter(!is_forwarding);
