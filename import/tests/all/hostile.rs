@@ -168,22 +168,33 @@ const ATTRIBUTES: &str = "id target event cond type initial delay expr location 
 const VALUES: &str = "a|b|s|T|{a}|{=}|{@a}|1|-1|3|0|true|1s|5ms|a b|a.b|*|deep|internal|n + 1|n == 'x'|'x'|In('a')|!(a)|\
                       x := 1; y += x|skip|über|日本|\\|//|*/|&quot;|done.state.a|error|done.invoke.a|RUNNING|\u{202e}x|nan|1e400";
 
+/// Returns the opening tag of an element with fewer than `count` attributes, each of another name.
+pub(crate) fn opening<'a>(
+    random: &mut Random,
+    tag: &str,
+    count: usize,
+    values: &[&str],
+    name: impl Fn(&mut Random) -> &'a str,
+) -> String {
+    let mut text = format!("<{tag}");
+    let mut used = Vec::new();
+    for _ in 0..random.below(count) {
+        let name = name(random);
+        if !used.contains(&name) {
+            used.push(name);
+            text += &format!(" {name}=\"{}\"", random.pick(values));
+        }
+    }
+    text + ">"
+}
+
 /// Pieces of charts and trees, put together without a plan.
 fn nonsense(random: &mut Random, depth: usize, is_chart: bool) -> String {
     let words = |text: &'static str| text.split_whitespace().collect::<Vec<_>>();
     let (tags, names) = (words(if is_chart { CHART_TAGS } else { TREE_TAGS }), words(ATTRIBUTES));
     let values: Vec<&str> = VALUES.split('|').collect();
     let tag = random.pick(&tags);
-    let mut text = format!("<{tag}");
-    let mut used = Vec::new();
-    for _ in 0..random.below(5) {
-        let name = random.pick(&names);
-        if !used.contains(&name) {
-            used.push(name);
-            text += &format!(" {name}=\"{}\"", random.pick(&values));
-        }
-    }
-    text += ">";
+    let mut text = opening(random, tag, 5, &values, |random| random.pick(&names));
     if depth > 0 {
         for _ in 0..random.below(4) {
             text += &nonsense(random, depth - 1, is_chart);

@@ -1,5 +1,6 @@
 //! Launch files of ROS 2: what becomes of their actions, and files that are wrong or made to do harm.
 
+use crate::hostile::opening;
 use crate::random::Random;
 use import::{Files, ImportError, Imported, LaunchSettings, RemarkKind, import_with};
 use language::{Options, Source, compile};
@@ -206,8 +207,6 @@ fn nonsense(random: &mut Random, depth: usize) -> String {
     let words = |text: &'static str| text.split_whitespace().collect::<Vec<_>>();
     let values: Vec<&str> = VALUES.split('|').collect();
     let kind = random.pick(&words(KINDS));
-    let mut used = Vec::new();
-    let mut text = format!("<{kind}");
     let likely: &[&str] = match kind {
         "node" | "lifecycle_node" | "node_container" => &["pkg", "exec", "name", "namespace", "args"],
         "executable" => &["cmd", "name", "shell"],
@@ -217,14 +216,17 @@ fn nonsense(random: &mut Random, depth: usize) -> String {
         "timer" => &["period"],
         _ => &["name", "value", "type", "namespace", "from"],
     };
-    for _ in 0..random.below(6) {
-        let name = if random.one_in(4) { random.pick(&words(ATTRIBUTES)) } else { random.pick(likely) };
-        if !used.contains(&name) {
-            used.push(name);
-            text += &format!(" {name}=\"{}\"", random.pick(&values));
-        }
-    }
-    text += ">";
+    let all = words(ATTRIBUTES);
+    let mut text =
+        opening(
+            random,
+            kind,
+            6,
+            &values,
+            |random| {
+                if random.one_in(4) { random.pick(&all) } else { random.pick(likely) }
+            },
+        );
     if depth > 0 {
         for _ in 0..random.below(4) {
             text += &nonsense(random, depth - 1);
