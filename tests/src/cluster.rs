@@ -25,7 +25,7 @@ pub use network::Network;
 pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
 pub use slow_link::{Line, SlowLink};
-pub use trace::{Sample, Trace, best_second, peak, rate, window};
+pub use trace::{Sample, Trace, Window, best_second, peak, rate, window};
 pub use typed_terminal::{Left, TypedTerminal};
 
 use comms::io::clock::{Wakeup, now};

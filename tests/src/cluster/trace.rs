@@ -162,22 +162,36 @@ pub fn peak(samples: &[Sample], from: Duration, to: Duration) -> f64 {
     within.map(|sample| sample.value.abs()).fold(f64::NAN, f64::max)
 }
 
+/// A part of the time of a run, by the clock of the hosts. The end does not belong to it.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    /// Its begin.
+    pub from: Time,
+    /// Its end.
+    pub to: Time,
+}
+
+impl Window {
+    /// Returns whether a sample was measured in it.
+    pub fn contains(&self, sample: &Sample) -> bool {
+        (self.from..self.to).contains(&sample.stamp)
+    }
+}
+
 /// Does something; returns when it began and ended.
-pub fn window(act: impl FnOnce()) -> (Time, Time) {
-    let began = now();
+pub fn window(act: impl FnOnce()) -> Window {
+    let from = now();
     act();
-    (began, now())
+    Window { from, to: now() }
 }
 
 /// Returns the greatest rate of a whole second. Other work of the machine slows some seconds down, and a lasting cause slows
 /// down all of them.
-pub fn best_second(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
+pub fn best_second(samples: &[Sample], window: Window) -> f64 {
     let second = Duration::from_secs(1);
-    let begins = std::iter::successors(Some(from), |begin| Some(*begin + second));
-    let seconds = begins.map(|begin| (begin, begin + second)).take_while(|(_, end)| *end <= to);
-    let has_rate = |(begin, end): &(Time, Time)| {
-        samples.iter().filter(|sample| (*begin..*end).contains(&sample.stamp)).count() > 1
-    };
+    let begins = std::iter::successors(Some(window.from), |begin| Some(*begin + second));
+    let seconds = begins.map(|from| Window { from, to: from + second }).take_while(|second| second.to <= window.to);
+    let has_rate = |second: &Window| samples.iter().filter(|sample| second.contains(sample)).count() > 1;
     seconds.filter(has_rate).map(|second| rate(samples, second)).fold(0.0, f64::max)
 }
 
@@ -185,8 +199,8 @@ pub fn best_second(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
 ///
 /// # Panics
 /// Panics if fewer than two samples arrived in this time.
-pub fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
-    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
+pub fn rate(samples: &[Sample], window: Window) -> f64 {
+    let mut within = samples.iter().filter(|sample| window.contains(sample));
     let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
     (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
 }

@@ -3,7 +3,7 @@
 use comms::io::clock::{Wakeup, now};
 use comms::logic::random::Random;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, pass, rate, spec, wait_until, window};
+use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, Window, pass, rate, spec, wait_until, window};
 use node::logic::protocol::Ending;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
@@ -162,7 +162,7 @@ fn the_door_opens_although_the_agents_were_stopped() {
     assert_eq!(ended.code, Some(0), "{ended}");
     let angle = hosts.trace("door_opening-1").signal("main/world", "door angle");
     let at = |time: Time| angle.iter().find(|sample| sample.stamp >= time).expect("it goes on").value;
-    let opened = at(stopped.1) - at(stopped.0);
+    let opened = at(stopped.to) - at(stopped.from);
     println!("the door was opened by {opened:.1} deg while the agents were stopped");
     assert!(opened > 5.0, "{opened} deg");
     hosts.end();
@@ -240,8 +240,8 @@ fn beat(time: Duration) -> f64 {
 }
 
 /// Returns the largest value published in a window; the first tenths look back to before it.
-fn largest(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
-    let from = from + Duration::from_millis(200);
-    let within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
+fn largest(samples: &[Sample], window: Window) -> f64 {
+    let window = Window { from: window.from + Duration::from_millis(200), ..window };
+    let within = samples.iter().filter(|sample| window.contains(sample));
     within.map(|sample| sample.value).fold(f64::NAN, f64::max)
 }
