@@ -101,9 +101,11 @@ fn the_door_opens_on_a_network_although_every_node_is_killed() {
             let after = programs(&cluster);
             assert!(mission.is_running(), "seed {seed}: {}", mission.text(Stream::Err));
             assert_eq!(
-                after, before,
-                "seed {seed}: no program was started or ended with the node of {}",
-                names[number]
+                after,
+                before,
+                "seed {seed}: no program was started or ended with the node of {}\n{}",
+                names[number],
+                mission.text(Stream::Err)
             );
         }
         let ended = mission.ended(2 * SOON);
