@@ -15,6 +15,7 @@ mod pushed_hand;
 mod slow_link;
 mod terminal;
 mod trace;
+mod turn;
 mod typed_terminal;
 
 pub use capture::Capture;
@@ -26,6 +27,7 @@ pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
 pub use slow_link::{Line, SlowLink};
 pub use trace::{Sample, Trace, Window, best_second, peak, rate, window};
+pub use turn::Turn;
 pub use typed_terminal::{Left, TypedTerminal};
 
 use comms::io::clock::{Wakeup, now};

@@ -1,6 +1,6 @@
 //! The mission on one machine, with real processes and the real clock.
 
-use dca_tests::cluster::{Cluster, Sample, Trace, executable, peak, spec};
+use dca_tests::cluster::{Cluster, Sample, Trace, Turn, executable, peak, spec};
 use node::logic::protocol::Ending;
 use std::path::Path;
 use std::process::Command;
@@ -13,6 +13,7 @@ const WORLD: &str = "main/world";
 /// opens, the hand at most 10 mm beside the handle, exit code 0, nothing left, a record and a page.
 #[test]
 fn the_door_opens() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let ended = cluster.here().dca(&["run", &spec("door_opening")]).ended(MISSION_MAX);
     assert_eq!(ended.code, Some(0), "{ended}");
@@ -41,6 +42,7 @@ fn the_door_opens() {
 /// A locked door aborts with its reason and exit code 1, and the arm is at rest and unloaded.
 #[test]
 fn a_locked_door_aborts() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let ended = cluster.here().dca(&["run", &spec("door_locked")]).ended(MISSION_MAX);
     assert_eq!(ended.code, Some(1), "{ended}");

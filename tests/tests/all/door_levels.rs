@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock::now;
-use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, wait_until};
+use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, Turn, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
@@ -23,14 +23,16 @@ struct Door {
     cluster: Cluster,
     host: Host,
     _node: Program,
+    _turn: Turn,
 }
 
 impl Door {
     fn new() -> Self {
+        let turn = Turn::take();
         let cluster = Cluster::new();
         let host = cluster.here();
         let node = host.node("c1", &[]);
-        Self { cluster, host, _node: node }
+        Self { cluster, host, _node: node, _turn: turn }
     }
 
     /// Returns a spec of the example under another name, changed.

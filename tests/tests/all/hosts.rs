@@ -3,7 +3,7 @@
 use comms::io::clock::{Wakeup, now};
 use comms::logic::random::Random;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, Window, pass, rate, spec, wait_until, window};
+use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, Turn, Window, pass, rate, spec, wait_until, window};
 use node::logic::protocol::Ending;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
@@ -24,6 +24,7 @@ fn four_hosts() -> Option<Hosts> {
 /// sees all three.
 #[test]
 fn the_door_opens_across_hosts() {
+    let _turn = Turn::take();
     let Some(hosts) = four_hosts() else { return };
     let (c1, fourth) = (hosts.host(1), hosts.host(4));
     for (host, arguments) in [(&c1, &["nodes"][..]), (&hosts.host(2), &["nodes"]), (&fourth, &["nodes", "--lan"])] {
@@ -57,6 +58,7 @@ fn the_door_opens_across_hosts() {
 /// Deployed from a host without a node, stopped from another, in the middle: it ends everywhere.
 #[test]
 fn a_stop_reaches_every_host() {
+    let _turn = Turn::take();
     let Some(hosts) = four_hosts() else { return };
     let mission = hosts.host(4).dca(&["deploy", "--lan", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
@@ -150,6 +152,7 @@ fn data_flows_while_the_agents_are_stopped() {
 #[test]
 #[ignore = "long: a real door"]
 fn the_door_opens_although_the_agents_were_stopped() {
+    let _turn = Turn::take();
     let Some(hosts) = four_hosts() else { return };
     let mission = hosts.host(1).dca(&["deploy", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ dooropen", 2, MISSION_MAX);

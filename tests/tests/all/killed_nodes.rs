@@ -3,7 +3,7 @@
 
 use comms::io::clock::now;
 use comms::logic::random::Random;
-use dca_tests::cluster::{Cluster, Host, Network, Process, Program, SOON, Stream, pass, spec, wait_until};
+use dca_tests::cluster::{Cluster, Host, Network, Process, Program, SOON, Stream, Turn, pass, spec, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -50,6 +50,7 @@ fn states(host: &Host) -> BTreeMap<String, String> {
 #[test]
 #[ignore = "long: a real door, the next test opens one on a network"]
 fn the_door_opens_although_every_node_is_killed() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let here = cluster.here();
     let mut nodes: BTreeMap<&str, Program> = ["c1", "c2", "c3"].map(|name| (name, here.node(name, &[]))).into();
@@ -79,6 +80,7 @@ fn the_door_opens_although_every_node_is_killed() {
 /// (20 doors take a quarter of an hour).
 #[test]
 fn the_door_opens_on_a_network_although_every_node_is_killed() {
+    let _turn = Turn::take();
     let doors: u64 = std::env::var("DCA_DOORS").ok().and_then(|count| count.parse().ok()).unwrap_or(1);
     for seed in 0..doors {
         let Some(network) = Network::new(3) else { return };

@@ -4,7 +4,7 @@
 //! `mission::killing_any_controller_ends_the_mission_with_its_name` kills each of them on virtual time. Here they are
 //! real programs: two in the quick tests, the others in the long ones.
 
-use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, Trace, Turn, spec, wait_until};
 use node::logic::protocol::{Change, Ending, FailureCause};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -30,6 +30,7 @@ fn trace(cluster: &Cluster) -> Trace {
 /// Kills `leaf` while it is active.
 #[track_caller]
 fn check(leaf: &str, line: &str, times: usize) {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let ended = kill(&cluster, leaf, line, times).ended(SOON);
     check_chain(&ended, leaf);
@@ -103,6 +104,7 @@ fn while_its_laws_open_the_door() {
 #[test]
 #[ignore = "long: real doors"]
 fn while_the_hand_opens() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let leaf = "main/dooropensyst/opengrip";
     let ended = kill(&cluster, leaf, APPROACH, 1).ended(MISSION_MAX);
@@ -116,6 +118,7 @@ fn while_the_hand_opens() {
 /// The death of a program that is not yet active is noticed when its turn comes: the mission ends then, and not before.
 #[test]
 fn before_its_turn() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let (leaf, phase) = ("main/dooropensyst/closegrip/fingers", "✓ ((opengrip, approach) # hit)");
     let mission = kill(&cluster, leaf, SERVO, 1);
@@ -132,6 +135,7 @@ fn before_its_turn() {
 #[test]
 #[ignore = "long: real doors"]
 fn after_its_turn() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let leaf = "main/dooropensyst/visualserv";
     let mission = kill(&cluster, leaf, APPROACH, 2);

@@ -1,7 +1,7 @@
 //! The holders of names: `dca names`, and the fate of a name that two programs want or that has no holder.
 
 use comms::logic::key::HostName;
-use dca_tests::cluster::{Cluster, Host, SOON, Stream, wait_until};
+use dca_tests::cluster::{Cluster, Host, SOON, Stream, Turn, wait_until};
 use serde_json::Value;
 use std::time::Duration;
 
@@ -95,6 +95,7 @@ fn names_of_a_host_that_is_gone_leave_within_a_lease() {
 /// The ports that a wire joins have names, and the types that the programs declare.
 #[test]
 fn ports_have_types() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let here = cluster.here();
     let spec = dca_tests::cluster::spec("door_opening");

@@ -1,7 +1,7 @@
 //! The fate of programs that die, and of programs on a host that is cut off, under the policies of the spec.
 
 use comms::io::clock::now;
-use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, Trace, Turn, spec, wait_until};
 use node::logic::protocol::{Change, Ending, ProcessStatus};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -24,6 +24,7 @@ fn kill(cluster: &Cluster, leaf: &str) {
 /// robot servos. Three hosts run in one command; the wires cross two of them. The door still opens.
 #[test]
 fn the_door_opens_although_programs_died() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let mut text = std::fs::read_to_string(spec("door_opening")).expect("the spec is there");
     let restarted = [

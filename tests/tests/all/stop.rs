@@ -1,7 +1,7 @@
 //! Every way to end a mission before its time leaves nothing behind.
 
 use comms::io::clock;
-use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, executable, spec, wait_until};
+use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, Turn, executable, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::process::Signal;
 use std::os::unix::fs::FileTypeExt as _;
@@ -24,6 +24,7 @@ fn servoing(mission: Program) -> Program {
 /// Ctrl-C stops the mission cleanly.
 #[test]
 fn an_interrupt_ends_the_mission() {
+    let _turn = Turn::take();
     for signal in [Signal::INT, Signal::TERM] {
         let cluster = Cluster::new();
         let mission = servoing(cluster.here().dca(&["run", &spec("door_opening")]));
@@ -41,6 +42,7 @@ fn an_interrupt_ends_the_mission() {
 /// An interrupt before the mission has begun leaves nothing either.
 #[test]
 fn an_interrupt_at_once_ends_the_mission() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
     mission.wait_for(Stream::Err, "starting 22 programs", SOON);
@@ -53,6 +55,7 @@ fn an_interrupt_at_once_ends_the_mission() {
 /// `kill -9` of `dca run` leaves no process after 10 s.
 #[test]
 fn a_killed_command_leaves_nothing() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let mission = servoing(cluster.here().dca(&["run", &spec("door_opening")]));
     assert!(cluster.left().len() > 40, "22 programs and their shims: {:?}", cluster.left());
@@ -65,6 +68,7 @@ fn a_killed_command_leaves_nothing() {
 /// The rule for orphans: `kill -9` of one node of three leaves nothing of its host within 10 s, and the mission ends.
 #[test]
 fn a_killed_node_leaves_nothing_on_its_host() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let here = cluster.here();
     let [_c1, c2, _c3] = ["c1", "c2", "c3"].map(|name| here.node(name, &["--agent-loss-grace", "5"]));
@@ -91,6 +95,7 @@ fn a_killed_node_leaves_nothing_on_its_host() {
 /// A node that is told to leave ends its part of all missions, and goes.
 #[test]
 fn a_node_that_leaves_takes_its_programs_along() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let here = cluster.here();
     let nodes = ["c1", "c2", "c3"].map(|name| here.node(name, &[]));

@@ -5,7 +5,7 @@ mod split;
 
 use comms::io::clock::now;
 use dca_tests::cluster::{
-    Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, alone, best_second, pass, rate, spec,
+    Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, Turn, alone, best_second, pass, rate, spec,
     wait_until, window,
 };
 use std::fs::{self, Permissions};
@@ -124,6 +124,7 @@ fn port(place: &str) -> u16 {
 /// The door on three hosts of a team. A fourth host without keys sees nothing and starts nothing.
 #[test]
 fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
+    let _turn = Turn::take();
     if !alone("team_network::a_team_opens_the_door_and_a_stranger_sees_nothing") {
         return;
     }

@@ -2,7 +2,7 @@
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
-use dca_tests::cluster::{Cluster, Trace, spec};
+use dca_tests::cluster::{Cluster, Trace, Turn, spec};
 use dca_tests::simulation::{Finish, Simulation, plan};
 use std::time::Duration;
 
@@ -103,6 +103,7 @@ fn what_it_cannot_pass_it_says() {
 #[test]
 #[ignore = "long: a real door"]
 fn the_programs_drive_through() {
+    let _turn = Turn::take();
     let cluster = Cluster::new();
     let ended = cluster.here().dca(&["run", &spec("door_through")]).ended(LIMIT);
     assert_eq!(ended.code, Some(0), "{ended}");
