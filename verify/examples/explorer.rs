@@ -24,6 +24,7 @@ fn main() {
     }
     let objects = objects.unwrap_or(12);
     flat_system(&format!("tidy-up, {objects} objects, flat"), &tidy_up_spec(objects));
+    flat_system(&format!("the same with one hand, {objects} objects, flat"), &one_hand_spec(objects));
     let steps = objects + objects / 4;
     flat_system(&format!("{steps} steps side by side, flat"), &side_by_side(steps));
 }
@@ -53,6 +54,15 @@ fn tidy_up_spec(objects: usize) -> String {
         "module Step {{ done; }}\nprocess main(){{ host{{c1}} instantiated_processes{{ timeout instof Step(c1); {instances} }}\n\
          internal_event_actions{{ timeout # ({actions}) }} }}"
     )
+}
+
+/// The tidy-up with `objects` objects, each placed by the one hand.
+fn one_hand_spec(objects: usize) -> String {
+    let mut text = tidy_up_spec(objects).replace("host{c1}", "host{c1} resource hand;");
+    for object in 0..objects {
+        text = text.replace(&format!(": p{object})"), &format!(": using(hand) p{object})"));
+    }
+    text
 }
 
 fn tidy_up(objects: usize) {
