@@ -319,7 +319,7 @@ mod tests {
         );
         check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443010001000102010203");
         check(&Order::Close { wires: vec![], generation: 1 }, "444301000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430100010003090101");
+        check(&Order::Activate { activation: 9, value: vec![1], since: Time::from_nanos(5) }, "4443010001000309010105");
         check(&Order::Stop { activation: 9 }, "4443010001000409");
         check(&Order::Exit, "44430100010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
@@ -466,7 +466,7 @@ mod tests {
         assert_eq!(refused(&order), "a message of version 2 of kind 1; this program speaks version 1");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
-        assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());
+        assert!(encode(&Order::Activate { activation: 0, value: long, since: Time::ZERO }).is_err());
     }
 
     /// A hello of another version, with as much in it as this one or with more, says which version its sender has.
@@ -504,8 +504,8 @@ mod tests {
         }
 
         #[test]
-        fn values_round_trip(activation: u32, value: Vec<u8>) {
-            let order = Order::Activate { activation, value };
+        fn values_round_trip(activation: u32, value: Vec<u8>, since: u64) {
+            let order = Order::Activate { activation, value, since: Time::from_nanos(since) };
             prop_assert_eq!(decode::<Order>(&encode(&order).unwrap()), Ok(order));
         }
     }

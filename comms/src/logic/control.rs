@@ -18,6 +18,7 @@ use crate::logic::direct::Place;
 use crate::logic::object::{Access, Warrant};
 use crate::logic::seal::Refused;
 use crate::logic::switch::{Expect, Flip};
+use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -202,6 +203,8 @@ pub enum Order {
         activation: u32,
         /// The argument of `Init`.
         value: Vec<u8>,
+        /// When the supervisor decided it, on the clock of this host: values that come later are for this activation.
+        since: Time,
     },
     /// `Stop()`, then report [`Notice::Stopped`], or the outcome already reached.
     Stop {

@@ -17,6 +17,7 @@ mod agreement;
 mod cycle;
 mod database;
 mod devices;
+mod early;
 mod ending;
 mod heartbeat;
 mod inbox;
@@ -364,8 +365,8 @@ impl Program {
                 inbox.expect(ticket, expect, then);
                 self.notices.send(&Notice::Expecting { ticket })?;
             }
-            Order::Activate { activation, value } => {
-                hand_over(inbox, Command::Activate { activation, value })?;
+            Order::Activate { activation, value, since } => {
+                hand_over(inbox, Command::Activate { activation, value, since })?;
             }
             Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
             Order::Received { number, fate } => hand_over(inbox, Command::Received { number, fate })?,

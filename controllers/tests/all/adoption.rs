@@ -180,7 +180,7 @@ impl Machine {
         let order = |index| {
             let (activation, generation) = (index / 4 + 1, u64::from(index / 2 + 1));
             match index % 4 {
-                0 => Order::Activate { activation, value: Vec::new() },
+                0 => Order::Activate { activation, value: Vec::new(), since: now() },
                 2 => Order::Stop { activation },
                 1 => open(generation),
                 _ => Order::Close { wires: vec![], generation },

@@ -76,7 +76,7 @@ impl Program {
 
     /// Gives an order and waits until it has started to run.
     async fn run(&mut self, activation: u32) -> anyhow::Result<()> {
-        self.sender.send(&Order::Activate { activation, value: Vec::new() })?;
+        self.sender.send(&Order::Activate { activation, value: Vec::new(), since: now() })?;
         let notice = tokio::time::timeout(WITHIN, self.receiver.recv()).await??;
         ensure!(matches!(notice, Some(Notice::Running { .. })), "`{}` does not run: {notice:?}", self.instance);
         Ok(())
@@ -242,7 +242,7 @@ impl Pair {
     pub(crate) async fn measure(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
         self.activation += 1;
         let value = crate::programs::ping_value(size, count, warm_up);
-        let notice = self.ping.order(&Order::Activate { activation: self.activation, value }).await?;
+        let notice = self.ping.order(&Order::Activate { activation: self.activation, value, since: now() }).await?;
         let Notice::Done { value, .. } = notice else { bail!("the ping is not done: {notice:?}") };
         Ok(crate::programs::times_of(&value))
     }
@@ -290,7 +290,7 @@ pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>>
     }
     sender.order(&Order::Open { wires, generation: 1 }).await?;
     let value = crate::programs::ping_value(load.size, load.count, 0);
-    let sent = sender.order(&Order::Activate { activation: 1, value }).await?;
+    let sent = sender.order(&Order::Activate { activation: 1, value, since: now() }).await?;
     ensure!(matches!(sent, Notice::Done { .. }), "the sender is not done: {sent:?}");
     let mut tallies = Vec::new();
     for listener in &mut listeners {

@@ -47,7 +47,7 @@ async fn orders_and_notices_pass_both_ways() {
         notices.send(&hello()).unwrap();
         let mut values = 0;
         while let Some(order) = orders.recv().unwrap() {
-            let Order::Activate { activation, value } = order else { return values };
+            let Order::Activate { activation, value, .. } = order else { return values };
             values += value.len();
             notices.send(&Notice::Done { activation, value }).unwrap();
         }
@@ -56,9 +56,9 @@ async fn orders_and_notices_pass_both_ways() {
     let (orders, mut notices) = listener.accept().await.unwrap();
     assert_eq!(notices.recv().await.unwrap(), Some(hello()));
     for activation in 0..20 {
-        orders.send(&Order::Activate { activation, value: vec![1] }).unwrap();
+        orders.send(&Order::Activate { activation, value: vec![1], since: now() }).unwrap();
     }
-    orders.send(&Order::Activate { activation: 20, value: large() }).unwrap();
+    orders.send(&Order::Activate { activation: 20, value: large(), since: now() }).unwrap();
     for activation in 0..20 {
         assert_eq!(notices.recv().await.unwrap(), Some(Notice::Done { activation, value: vec![1] }));
     }
@@ -103,7 +103,7 @@ async fn a_program_that_does_not_read_fills_its_own_queue_only() {
     let (_notices, _orders) = connect(&dir.socket(), SOON).unwrap();
     let (orders, _receiver) = listener.accept().await.unwrap();
     // The kernel's buffer takes further bytes before the program reads.
-    let order = Order::Activate { activation: 0, value: large() };
+    let order = Order::Activate { activation: 0, value: large(), since: now() };
     let sent = (0..2 * FRAMES_MAX).take_while(|_| orders.send(&order).is_ok()).count();
     assert!((FRAMES_MAX..FRAMES_MAX + 2).contains(&sent), "{sent}");
     assert!(matches!(orders.send(&order), Err(ControlError::Stuck)));

@@ -1,6 +1,7 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
 use super::database::{Answered, DatabaseLine};
+use super::early::Early;
 use super::ending::Ending;
 use super::heartbeat::{Heartbeat, Spends};
 use super::inbox::{Arrived, Command, Inbox, Item, TakenSwitch, ToServe};
@@ -14,6 +15,7 @@ use crate::sdk::export::Activity;
 use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
+use comms::logic::object::ExportKind;
 use comms::logic::signals::{LOST_VALUES, OVERRUNS, Peaks, REFUSED_VALUES, Signal, Signals};
 use comms::logic::switch::HOLD_WITHIN;
 use comms::logic::time::Time;
@@ -47,8 +49,8 @@ pub(super) struct Cycle {
     stop_within: Duration,
     signals_every: Option<Duration>,
     phase: Phase,
-    /// The samples that came over latched wires while nothing ran, one for each input.
-    latched: Vec<Arrived>,
+    /// What has come while nothing ran.
+    early: Early,
     /// Switches of inputs that are done after the next calculation.
     switches: Vec<TakenSwitch>,
     activation: u32,
@@ -81,7 +83,7 @@ impl Cycle {
             stop_within: about.stop_within,
             signals_every: about.signals_every,
             phase: Phase::Idle,
-            latched: Vec::new(),
+            early: Early::default(),
             switches: Vec::new(),
             activation: 0,
             due: Time::ZERO,
@@ -132,7 +134,7 @@ impl Cycle {
                     drop(self.module);
                     return self.inbox.leave();
                 }
-                self.wait(self.inbox.deadline());
+                self.wait([self.inbox.deadline(), self.early.deadline()].into_iter().flatten().min());
                 continue;
             }
             let time = now();
@@ -149,15 +151,32 @@ impl Cycle {
     /// Carries out calls of others; not more of them at once than leave the next calculation its time.
     fn serve(&mut self) {
         for _ in 0..CALLS_AT_ONCE {
-            let Some(ToServe { name, argument, reply }) = self.inbox.next_call() else { return };
-            let activity = match self.phase {
-                Phase::Idle => Activity::Idle,
-                Phase::Running => Activity::Running,
-                Phase::Stopping { .. } => Activity::Stopping,
-            };
-            self.call(|module| module.serve(&name, &argument, activity, reply));
+            let time = now();
+            let runs = !matches!(self.phase, Phase::Idle);
+            if let Some(call) = self.early.take_call(time, runs) {
+                self.carry_out(call);
+                continue;
+            }
+            let Some(call) = self.inbox.next_call() else { return };
+            let now = if runs || self.is_answered_idle(&call.name) { Some(call) } else { self.early.hold(call, time) };
+            now.into_iter().for_each(|call| self.carry_out(call));
         }
         self.inbox.wake();
+    }
+
+    /// Returns whether a call has an answer while nothing runs. That there is no such export is an answer, too.
+    fn is_answered_idle(&self, name: &str) -> bool {
+        let export = self.module.interface().exports.iter().find(|export| export.name == name);
+        export.is_none_or(|export| export.is_answered_idle || export.kind == ExportKind::State)
+    }
+
+    fn carry_out(&mut self, ToServe { name, argument, reply, .. }: ToServe) {
+        let activity = match self.phase {
+            Phase::Idle => Activity::Idle,
+            Phase::Running => Activity::Running,
+            Phase::Stopping { .. } => Activity::Stopping,
+        };
+        self.call(|module| module.serve(&name, &argument, activity, reply));
     }
 
     /// Hands the node messages for the activity whose ports the program has. Other programs have none, and calculate often.
@@ -178,8 +197,8 @@ impl Cycle {
 
     fn command(&mut self, command: Command) {
         match command {
-            Command::Activate { activation, value } if matches!(self.phase, Phase::Idle) && !self.leaving => {
-                self.activate(activation, &value);
+            Command::Activate { activation, value, since } if matches!(self.phase, Phase::Idle) && !self.leaving => {
+                self.activate(activation, &value, since);
             }
             Command::Activate { activation, .. } => {
                 self.tell(&Notice::Aborted { activation, reason: "it is still running".to_owned() });
@@ -206,14 +225,15 @@ impl Cycle {
         }
     }
 
-    fn activate(&mut self, activation: u32, value: &[u8]) {
+    /// Begins an activation that was decided at `since`.
+    fn activate(&mut self, activation: u32, value: &[u8], since: Time) {
         self.activation = activation;
         self.take_samples();
         let (time, connected) = (now(), self.links.callers().connected());
         (self.due, self.signals_due, self.overruns, self.lost, self.refused) = (time, time, 0, 0, 0);
         self.peaks = Watch::default();
         self.phase = Phase::Running;
-        for sample in std::mem::take(&mut self.latched) {
+        for sample in self.early.begin(since) {
             self.deliver(&sample);
         }
         self.heartbeat.enter(Spends::Initialising);
@@ -251,23 +271,20 @@ impl Cycle {
         }
     }
 
-    /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing; the last
-    /// sample of each latched wire waits for its next activation.
+    /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing; its
+    /// next activation gets what [`Early`] keeps for it.
     fn take_samples(&mut self) -> bool {
         let mut triggered = self.inbox.take_call();
         let hears = !matches!(self.phase, Phase::Idle) || self.module.hears_idle();
         for item in self.inbox.take_items() {
             match item {
                 Item::Sample(sample) if hears => triggered |= self.deliver(&sample),
-                Item::Sample(sample) if sample.is_latched => {
-                    self.latched.retain(|other| other.port != sample.port);
-                    self.latched.push(sample);
-                }
+                Item::Sample(sample) => self.early.keep(sample),
                 Item::Lost(port, count) if hears => {
                     self.lost += count;
                     self.call(|module| module.lose(port, count));
                 }
-                Item::Sample(_) | Item::Lost(..) => {}
+                Item::Lost(..) => {}
                 Item::Taken(switch) => {
                     if triggered && matches!(self.phase, Phase::Running) {
                         // Values from before the switch have their calculation before any later ones.
@@ -570,7 +587,8 @@ mod tests {
         let inbox = Arc::new(Inbox::default());
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), NoticeLog::new(notices));
         let running = std::thread::spawn(move || cycle.run());
-        let activate = |activation| assert!(inbox.command(Command::Activate { activation, value: Vec::new() }));
+        let activate =
+            |activation| assert!(inbox.command(Command::Activate { activation, value: Vec::new(), since: now() }));
         let stop = |activation| assert!(inbox.command(Command::Stop { activation }));
 
         activate(1);

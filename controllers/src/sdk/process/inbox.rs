@@ -26,7 +26,7 @@ const COMMANDS_MAX: usize = 64;
 #[derive(Debug)]
 pub(super) enum Command {
     /// Initialise and run.
-    Activate { activation: u32, value: Vec<u8> },
+    Activate { activation: u32, value: Vec<u8>, since: Time },
     /// Stop this activation.
     Stop { activation: u32 },
     /// Go on with these parameters.
@@ -46,9 +46,8 @@ pub(super) struct Arrived {
     pub(super) value: Value,
     pub(super) at: Time,
     /// The number of its wire, if no device has sent it.
-    wire: Option<u32>,
-    /// Whether it waits for the next activation when there is none.
-    pub(super) is_latched: bool,
+    pub(super) wire: Option<u32>,
+    pub(super) hold: Hold,
 }
 
 impl Arrived {
@@ -65,8 +64,9 @@ impl Arrived {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Hold {
     /// How many at most.
-    count_max: usize,
-    is_latched: bool,
+    pub(super) count_max: usize,
+    /// Whether the last one waits for the next activation, however long that takes.
+    pub(super) is_latched: bool,
 }
 
 impl Default for Hold {
@@ -160,6 +160,8 @@ pub(super) type OwnAnswer = (Call, Result<Vec<u8>, ObjectError>);
 pub(super) struct ToServe {
     pub(super) name: String,
     pub(super) argument: Vec<u8>,
+    /// When the caller stops waiting.
+    pub(super) deadline: Time,
     pub(super) reply: RawReply,
 }
 
@@ -329,7 +331,7 @@ impl Inbox {
             let caller = call.id.session;
             let is_wanted = move || wanted.load(Ordering::Relaxed) && now() < deadline && is_there(&caller);
             let reply = RawReply::new(move |result| way.answer(result), is_wanted);
-            return Some(ToServe { name: call.name, argument: call.argument.0, reply });
+            return Some(ToServe { name: call.name, argument: call.argument.0, deadline, reply });
         }
     }
 
@@ -450,7 +452,7 @@ impl Waiting {
                 self.lost(oldest, port, 1);
             }
         }
-        self.items.push_back(Item::Sample(Arrived { port, value, at: now(), wire, is_latched: hold.is_latched }));
+        self.items.push_back(Item::Sample(Arrived { port, value, at: now(), wire, hold }));
     }
 
     /// Notes values of an input that are lost, before the item at this place.
@@ -504,7 +506,7 @@ mod tests {
         };
         let of = |port| taken.iter().filter(|sample| sample.port == port).map(first).collect::<Vec<_>>();
         assert_eq!((of("In"), of("Other")), (vec![2, 3], vec![0, 1, 2, 3]));
-        assert!(taken.iter().all(|sample| sample.is_latched == (sample.port == "In")));
+        assert!(taken.iter().all(|sample| sample.hold.is_latched == (sample.port == "In")));
         assert_eq!(Hold::of(&Shape::default()), Hold::default());
     }
 

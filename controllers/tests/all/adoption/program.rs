@@ -129,7 +129,7 @@ impl Channel {
 
     #[track_caller]
     pub(super) fn activate(&mut self, activation: u32) {
-        self.order(&Order::Activate { activation, value: Vec::new() });
+        self.order(&Order::Activate { activation, value: Vec::new(), since: now() });
         self.expect(&Notice::Running { activation });
     }
 

@@ -1,6 +1,7 @@
 //! A controller program, and the socket of its node, which the test holds.
 
 use super::PROGRAM;
+use comms::io::clock::now;
 use comms::logic::codec;
 use comms::logic::control::{Device, Dial, Incoming, Location, Notice, Order, Outgoing};
 use comms::logic::frame::{self, Decoder};
@@ -102,7 +103,7 @@ impl Program {
     }
 
     pub(super) fn activate(&mut self, activation: u32) {
-        self.order(&Order::Activate { activation, value: Vec::new() });
+        self.order(&Order::Activate { activation, value: Vec::new(), since: now() });
         self.expect(&Notice::Running { activation });
     }
 

@@ -227,7 +227,7 @@ impl Instance {
         self.stage = Stage::Running;
         if self.is_controller() {
             self.suspend_probation();
-            self.tell(Order::Activate { activation, value }, context);
+            self.tell(Order::Activate { activation, value, since: context.now }, context);
         } else {
             self.tell_shim(ShimOrder::Go, context);
         }
