@@ -312,7 +312,7 @@ async fn writable(full: Option<&AsyncFd<UnixStream>>) -> io::Result<AsyncFdReady
     }
 }
 
-/// Reads the bytes that have arrived; returns their number, or none if there were no bytes after all.
+/// Reads the bytes that have arrived; returns their number, or none if nothing had arrived after all.
 fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder) -> io::Result<Option<usize>> {
     let mut bytes = [0; READ_SIZE];
     let read = match not_yet(ready.get_inner().read(&mut bytes)) {

@@ -18,7 +18,7 @@ pub fn raise() {
     set(maximum);
 }
 
-/// Returns the soft limit that this process was started with; none if it is unknown or there was no limit.
+/// Returns the soft limit that this process was started with; none if it is unknown or was not set.
 pub fn before() -> Option<u64> {
     BEFORE.get().copied().flatten()
 }

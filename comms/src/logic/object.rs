@@ -100,7 +100,7 @@ pub struct Signature {
 /// A type, with its fields if they are declared.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TypeForm {
-    /// The name of the type; empty if there is no value.
+    /// The name of the type; empty for a procedure without such a value.
     pub name: String,
     /// Its fields, as a spec spells them; empty if they are not declared.
     pub fields: String,

@@ -141,7 +141,7 @@ fn the_other_end_learns_that_nobody_waits() {
     let id = client.id();
     assert!(server.is_linked(&id) && server.is_linked(&server.id()));
     client.close();
-    // All earlier messages have arrived, and there is no cancellation among them.
+    // All earlier messages have arrived, and none of them is a cancellation.
     let other = dir.open("o.sock");
     other.dial(&dial_of(&server), LONG).unwrap();
     assert_eq!(ask(&other, &call(&other, 3, "echo", vec![2], LONG)), Ok(vec![2]));

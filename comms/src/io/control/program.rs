@@ -183,7 +183,7 @@ impl OrderReceiver {
         }
     }
 
-    /// Reads the bytes that have arrived; returns their number, or none if there were no bytes after all.
+    /// Reads the bytes that have arrived; returns their number, or none if nothing had arrived after all.
     fn read(&mut self) -> io::Result<Option<usize>> {
         let mut bytes = [0; READ_SIZE];
         let read = match not_yet((&self.channel.stream).read(&mut bytes)) {

@@ -82,7 +82,7 @@ impl<'a> Parcel<'a> {
     }
 
     /// Returns a value that `fill` encodes directly into the memory of its output, sized by the previous value. None if
-    /// the previous value was short, `fill` found no room, or there is no memory.
+    /// the previous value was short, `fill` found no room, or the memory is missing.
     pub fn filled(memory: &Memory, fill: impl FnOnce(&mut Filler<'_>) -> bool) -> Option<Self> {
         let mut pool = memory.lock();
         let room = pool.size_last;

@@ -44,7 +44,7 @@ struct Asked {
     challenge: Nonce,
 }
 
-/// What has happened since the stranger was last processed.
+/// The events since the stranger was last processed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct News {
     /// It has sent something, or is gone.

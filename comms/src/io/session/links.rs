@@ -46,7 +46,7 @@ pub(super) struct Links {
     pub(super) ends: BTreeMap<String, Vec<(patience::Ends, Duration)>>,
     /// The names of sessions, as the sessions have announced them.
     pub(super) names: BTreeMap<String, String>,
-    /// Why there is no link, by session or place, for people.
+    /// The reasons for missing links, by session or place, for people.
     pub(super) troubles: BTreeMap<String, String>,
     /// Sessions that were found on the network, each with its machine, in the order in which they were found.
     found: VecDeque<(String, IpAddr)>,

@@ -1,7 +1,7 @@
 //! The server's side of calls.
 //!
 //! A caller of a stream asks for one piece after the other, and the server sends nothing else ([`super::stream`]). Each
-//! stream has a task that sends the requested piece as soon as it has something. So zenoh's threads send nothing.
+//! stream has a task that sends the requested piece as soon as there is an answer. So zenoh's threads send nothing.
 
 mod request;
 
@@ -304,7 +304,7 @@ impl Stream {
         self.changed.notify_one();
     }
 
-    /// Adds an answer. Returns whether the stream still has a reader, or `None` while there is no room for the answer.
+    /// Adds an answer. Returns whether the stream still has a reader, or `None` while the answer does not fit.
     fn give(&self, answer: &[u8]) -> Option<bool> {
         let mut state = self.lock();
         let is_taken = !state.is_left;

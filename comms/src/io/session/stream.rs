@@ -131,7 +131,7 @@ impl Outgoing {
         self.end(End::Whole(self.tally.mark().to_vec()));
     }
 
-    /// Ends the stream; only the first end counts.
+    /// Sets the end of the stream; only the first end counts.
     pub(super) fn end(&mut self, end: End) {
         self.end.get_or_insert(end);
     }

@@ -2,7 +2,7 @@
 //!
 //! Zenoh itself listens only on a Unix socket. A [`Tunnels`] listens on TCP in its place. It lets in only peers whose
 //! credential its [`Identity`] trusts, and relays their bytes to that socket. The dialling side does the same. So no
-//! byte of an untrusted host reaches zenoh, new keys and revocations apply as soon as they are known, and a link ends
+//! byte of an untrusted host reaches zenoh, new keys and revocations apply at once, and a link ends
 //! with its credential.
 //!
 //! ```text

@@ -27,7 +27,7 @@ pub(super) enum Novelty {
     Taken,
     /// It is unknown whether the message was taken: its number is below the window.
     TooOld,
-    /// There is no place for the sender of the message.
+    /// No place is free for the sender of the message.
     NoRoom,
 }
 

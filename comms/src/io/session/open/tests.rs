@@ -97,7 +97,7 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
         false
     };
     assert!(hears());
-    // What each side observes about its session with the other side.
+    // The events that each side observes of its session with the other side.
     let [(_of_a, at_a), (_of_b, at_b)] = [&a, &b].map(|side| {
         let (events_tx, events) = sync_channel(16);
         let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();

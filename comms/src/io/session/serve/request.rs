@@ -81,7 +81,7 @@ impl Request {
         }
     }
 
-    /// Ends the stream as incomplete, with the reason for people.
+    /// Marks the stream as incomplete and ends it, with the reason for people.
     pub fn break_off(self, why: &str) {
         match &self.caller {
             Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),
