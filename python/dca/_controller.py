@@ -69,7 +69,10 @@ class Out(_Port[T, "_dca.Output[T]"]):
 
 
 class Calls(Declared["_dca.Calls[A, T]"], Generic[A, T]):
-    """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`. `None` instead of a type means no value."""
+    """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`.
+
+    `None` instead of a type means no value.
+    """
 
     missing = "calls nothing"
 

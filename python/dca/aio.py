@@ -54,7 +54,10 @@ class Deployment:
 
 
 class Client:
-    """Sends requests to this machine's node, or with `lan` to those of the local network. `program` is `dca`, by default from `$DCA` or `PATH`."""
+    """Sends requests to this machine's node, or with `lan` to those of the local network.
+
+    `program` is `dca`, by default from `$DCA` or `PATH`.
+    """
 
     def __init__(
         self,

@@ -1,4 +1,7 @@
-"""The standard messages of ROS 2: their bytes equal those of Rust and `rosbags`, their fields have ROS values, and errors name wrong fields."""
+"""The standard messages of ROS 2.
+
+Their bytes equal those of Rust and `rosbags`, their fields have ROS values, and errors name wrong fields.
+"""
 
 import array
 import copy
