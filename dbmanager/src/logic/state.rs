@@ -21,7 +21,7 @@
 //! *T3, whole transactions.* One call applies all writes of a transaction, and readers see the state before or after it.
 //!
 //! *Deletions* are versions without a value. They are kept until every later write must have seen them: see
-//! [`State::drop_deleted`]. The digest leaves out keys that have only deletions, so dropping them does not change it.
+//! `State::drop_deleted`. The digest leaves out keys that have only deletions, so dropping them does not change it.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
