@@ -6,7 +6,7 @@
 //! - a *node* opens [`io::session::Session`]: calls, streams, presence of other nodes, node-to-node messages;
 //! - a *controller* opens [`io::data::DataSession`]: data goes from controller to controller over links dialled from
 //!   consumer to producer, never through a node;
-//! - both meet on [`io::control`], a Unix socket between a node and one controller.
+//! - a node and a controller communicate over [`io::control`], a Unix socket between the node and this controller.
 //!
 //! ```
 //! use comms::logic::codec;

@@ -1,7 +1,7 @@
 //! Shows that the simulation finds each injected fault: `cargo run -p dbmanager --example faults -- <first> <count> [<fault>…]`.
 //!
-//! It makes a copy of the sources with the faults of `faults/patches.txt` in the target folder, compiles it once, and
-//! runs the seeds with each fault, and some named cases after them, until one finds it.
+//! It copies the sources with the faults of `faults/patches.txt` to the target folder, and compiles the copy once. For each
+//! fault it runs the seeds, and then some named cases, until one of them finds the fault.
 
 #[path = "../faults/patch.rs"]
 mod patch;

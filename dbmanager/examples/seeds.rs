@@ -1,5 +1,5 @@
-//! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`, followed
-//! by `keys` for robots that have keys.
+//! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`. A
+//! further argument `keys` gives keys to the robots.
 //!
 //! The named cases run first. `--example faults` runs them with injected faults.
 

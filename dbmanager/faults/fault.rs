@@ -1,4 +1,4 @@
-//! In the copy: which injected fault is switched on, for all replicas of a thread.
+//! Part of the copy of the sources: the injected fault that is switched on, for all replicas of a thread.
 
 use std::cell::Cell;
 
@@ -6,7 +6,7 @@ thread_local! {
     static PLANTED: Cell<&'static str> = const { Cell::new("") };
 }
 
-/// Switches this fault on, and the one before it off.
+/// Switches this fault on, and the previous one off.
 pub fn plant(name: &'static str) {
     PLANTED.set(name);
 }

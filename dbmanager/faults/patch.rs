@@ -1,8 +1,8 @@
-//! Injected faults: bugs that the simulation has to find. The sources have none of them. Each is a patch in `patches.txt`, and all
-//! of them are applied to a copy, where [`planted`](../fault.rs) switches one on.
+//! Injected faults: bugs that the simulation has to find. The sources do not have these bugs. Each is a patch in `patches.txt`.
+//! All patches are applied to a copy of the sources, in which [`planted`](../fault.rs) switches one fault on.
 //!
-//! A patch names its fault. For each place it gives the file below `src/logic/`, a text that occurs in exactly one line
-//! before the file's tests, and its replacement in the copy. Later patches may change the replacements of earlier ones.
+//! A patch names its fault. For each place it gives three things: the file below `src/logic/`, a text that occurs in exactly one
+//! line before the file's tests, and the replacement of that text. Later patches may change the replacements of earlier ones.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -46,7 +46,7 @@ fn fault(text: &'static str) -> Fault {
     Fault { name, places: lines.chunks(3).map(place).collect() }
 }
 
-/// Returns the sources with these faults, by file, or the place that does not fit.
+/// Returns the sources with these faults, by file. The error is the place that a patch does not fit.
 pub(crate) fn apply(faults: &[Fault], logic: &Path) -> Result<BTreeMap<&'static str, String>, String> {
     let mut files: BTreeMap<&str, String> = BTreeMap::new();
     for Fault { name, places } in faults {
@@ -66,7 +66,7 @@ pub(crate) fn apply(faults: &[Fault], logic: &Path) -> Result<BTreeMap<&'static 
     Ok(files)
 }
 
-/// Makes a copy of this room with all faults.
+/// Writes a copy of this room with all faults.
 ///
 /// # Errors
 /// If a patch does not fit any more, or a file cannot be read or written.
@@ -80,7 +80,7 @@ pub(crate) fn write_copy(to: &Path) -> io::Result<()> {
     let manifest = fs::read_to_string(house.join("Cargo.toml"))?;
     let rest = manifest.find("[workspace.package]").unwrap_or(0);
     let head = "[workspace]\nresolver = \"3\"\nmembers = [\"dbmanager\"]\n\n";
-    // The room below is the one of this house.
+    // The copy uses `comms` from this repository.
     let below = format!("path = \"{}\"", house.join("comms").display());
     let manifest = manifest[rest..].replace("path = \"comms\"", &below);
     write(&to.join("Cargo.toml"), &format!("{head}{manifest}"))?;
@@ -106,7 +106,7 @@ fn copy(from: &Path, to: &Path) -> io::Result<()> {
     write(to, &fs::read_to_string(from)?)
 }
 
-/// Writes a file, unless it is so already: then it is not compiled again.
+/// Writes a file, unless it has this content already. An unchanged file is not compiled again.
 fn write(path: &Path, text: &str) -> io::Result<()> {
     if fs::read_to_string(path).is_ok_and(|known| known == text) {
         return Ok(());

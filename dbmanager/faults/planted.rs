@@ -1,4 +1,5 @@
-//! In the copy: runs the seeds with each injected fault, and the scenes with those that no seed has found.
+//! Part of the copy of the sources: runs the seeds with each injected fault, and then the scenes with the faults that
+//! no seed has found.
 
 #[path = "../tests/all/simulation/scenes.rs"]
 mod scenes;

@@ -1,13 +1,13 @@
-//! A configuration database with a copy on every robot. It is always writable, follows the others as far as the links allow,
-//! and reports what it does not know.
+//! A configuration database with a copy on every robot. It can always be written to. It receives the changes of the other
+//! robots as far as the links allow, and reports what it does not know.
 //!
-//! The guarantee is *transactional causal+ consistency*: a transaction becomes visible at each replica as a whole,
-//! after everything that its writer had seen, and replicas that hold the same transactions show the same state. Writes
-//! that did not see each other are kept side by side until they are resolved. Nothing is ever refused for its date, and
-//! nothing is ever forgotten because time has passed.
+//! The guarantee is *transactional causal+ consistency*. A transaction becomes visible at each replica as a whole, after
+//! everything that its writer had seen. Replicas that hold the same transactions show the same state. Writes that did not
+//! see each other are kept side by side until they are resolved. Nothing is ever refused because of its date, and nothing is
+//! ever forgotten because time has passed.
 //!
-//! [`logic`] has everything except the disk, as state machines without I/O; its page shows which module proves what. [`io`]
-//! has the disk.
+//! [`logic`] has everything except the disk, as state machines without I/O. Its page shows which module proves which
+//! property. [`io`] has the disk.
 //!
 //! ```
 //! use dbmanager::logic::version_vector::ReplicaId;

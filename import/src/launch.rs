@@ -1,8 +1,8 @@
-//! Launch files of ROS 2 in XML and YAML, as a spec whose main process starts the same programs.
+//! Imports launch files of ROS 2 in XML and YAML: makes a spec whose main process starts the same programs.
 //!
-//! Substitutions are replaced when the file is imported. An argument that is the value of a parameter becomes a parameter of
-//! `main`; at any other place an argument has one value in the spec. `walk` carries out the actions in their order, as
-//! `ros2 launch` does, and makes `Program`s of them; `spec` writes these.
+//! Substitutions are replaced when the file is imported. If an argument is the value of a parameter, it becomes a parameter
+//! of `main`; at any other place the argument has a fixed value in the spec. `walk` executes the actions in their order,
+//! like `ros2 launch`, and collects the `Program`s; `spec` writes these.
 
 mod entity;
 mod expression;
@@ -31,17 +31,17 @@ pub(crate) use entity::Place;
 /// The settings of an import of a launch file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LaunchSettings {
-    /// Values of arguments, as `ros2 launch` takes them behind the file.
+    /// Values of arguments, which `ros2 launch` accepts behind the file name.
     pub arguments: BTreeMap<String, String>,
-    /// The setup file of ROS 2 that each program needs.
+    /// The ROS 2 setup file that each program needs.
     pub setup: Option<String>,
 }
 
-/// The files that a launch file names.
+/// Access to the files that a launch file names.
 pub struct Files<'a> {
-    /// Returns a text by its path, or a sentence why it cannot be read.
+    /// Returns the text of a file by its path. The error is a sentence that explains why it cannot be read.
     pub read: &'a dyn Fn(&str) -> Result<Source, String>,
-    /// Returns the folder of shared files of an installed package of ROS 2.
+    /// Returns the share folder of an installed ROS 2 package.
     pub share: &'a dyn Fn(&str) -> Option<String>,
 }
 

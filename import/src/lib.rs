@@ -1,9 +1,10 @@
-//! Makes a spec of a state chart in SCXML, of a behavior tree of BehaviorTree.CPP, or of a launch file of ROS 2.
+//! Makes a spec from a state chart in SCXML, a behavior tree of BehaviorTree.CPP, or a launch file of ROS 2.
 //!
-//! Pure: no clock, no file, no network. The caller of [`import_with`] reads the files that a launch file includes.
+//! The crate is pure: it uses no clock, file or network. The caller of [`import_with`] reads the files that a launch file
+//! includes.
 //!
-//! [`import`] returns the text of the spec, formatted, and a [`Remark`] for each part that means something else in DCA or
-//! has no counterpart. The text has the same remarks as comments, `// import: …`. The text is accepted by `dca check`.
+//! [`import`] returns the formatted text of the spec. It also returns a [`Remark`] for each part that has another meaning in
+//! DCA or has no counterpart. The text has the same remarks as comments, `// import: …`. `dca check` accepts the text.
 //!
 //! ```
 //! use import::import;
@@ -17,8 +18,9 @@
 //! assert!(imported.remarks.is_empty());
 //! ```
 //!
-//! Way of a text: `xml` reads it within limits. `scxml` makes an activity of a chart; `tree` makes a group of each tree
-//! and a module of each action; `launch` makes a module of each program. `name` turns foreign names into names of the language.
+//! The modules: `xml` reads a file within limits. `scxml` makes an activity from a chart. `tree` makes a group from each tree
+//! and a module from each action. `launch` makes a module from each program. `name` turns foreign names into names of the
+//! language.
 
 mod launch;
 mod name;
@@ -34,34 +36,34 @@ pub use launch::{Files, LaunchSettings};
 pub use remark::{Remark, RemarkKind};
 pub use xml::ImportError;
 
-/// A spec that was made of something else.
+/// A spec that was made from another file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Imported {
     /// The spec.
     pub text: String,
-    /// The parts that mean something else, or that have no counterpart, in the order of the text that was read.
+    /// The parts that have another meaning, or no counterpart, in the order of the imported text.
     pub remarks: Vec<Remark>,
     /// The new name of each state of a chart, by its id; empty for a tree.
     pub states: BTreeMap<String, String>,
-    /// The port for each event that comes from outside to a chart, by its name. `*` is the port for all other events.
+    /// The port for each event that comes to a chart from outside, by the event's name. `*` is the port for all other events.
     pub ports: BTreeMap<String, String>,
 }
 
-/// Returns the spec that a file means. `others` are files with further trees, or with the ports of actions.
+/// Returns the spec for a file. `others` are files with further trees, or with the ports of actions.
 ///
 /// # Errors
-/// The file is not XML, has too many or too deep elements, or is neither a chart nor a tree. Or it contradicts itself, such as
-/// a transition to a state that the chart does not have.
+/// If the file is not XML, has too many or too deep elements, or is neither a chart nor a tree. Also if it contradicts itself,
+/// for example by a transition to a state that the chart does not have.
 pub fn import(file: &Source, others: &[Source]) -> Result<Imported, ImportError> {
     let read = |path: &str| Err(format!("`{path}` is not read here"));
     let files = Files { read: &read, share: &|_| None };
     import_with(file, others, &LaunchSettings::default(), &files)
 }
 
-/// Returns the spec that a file means, as [`import`] does; `settings` and `files` are for launch files.
+/// Returns the spec for a file, like [`import`]; `settings` and `files` are for launch files.
 ///
 /// # Errors
-/// As [`import`], and if a setting is for another kind of file, or a launch file includes itself.
+/// The errors of [`import`]. Also if a setting is for another kind of file, or a launch file includes itself.
 pub fn import_with(
     file: &Source,
     others: &[Source],

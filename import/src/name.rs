@@ -1,4 +1,4 @@
-//! Names of the language from foreign names, and texts that fit into a line of a spec.
+//! Makes names of the language from foreign names, and texts that fit into one line of a spec.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,4 +1,4 @@
-//! Remarks: what means something else in a spec than in the file that it was made of.
+//! Remarks: the parts of a file that have another meaning in the spec, or are missing there.
 
 use crate::launch::Place;
 use crate::name;

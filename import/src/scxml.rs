@@ -1,7 +1,8 @@
-//! State charts of SCXML, as activities.
+//! Imports SCXML state charts as activities.
 //!
-//! An event from outside is a message, with a port for each name. An event that the chart raises is a signal. Data are
-//! integers, truths and names in finite variables. A state that invokes something runs a process.
+//! An event from outside becomes a message, with a port for each event name. An event that the chart raises becomes a
+//! signal. Data become finite variables with integers, truth values or names. A state that invokes something runs a
+//! process.
 
 mod action;
 mod event;

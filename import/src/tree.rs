@@ -1,7 +1,8 @@
-//! Behavior trees of BehaviorTree.CPP, version 4.
+//! Imports behavior trees of BehaviorTree.CPP, version 4.
 //!
-//! Each tree becomes a group, each action a module, and each port that reads or writes the blackboard a port of its module.
-//! A node that a tree ticks again and again, such as a condition in a `ReactiveSequence`, becomes a process that watches.
+//! Each tree becomes a group, and each action becomes a module. Each port that reads or writes the blackboard becomes a
+//! port of its module. If a tree ticks a node repeatedly, such as a condition in a `ReactiveSequence`, the node becomes a
+//! process that watches.
 
 mod condition;
 mod context;

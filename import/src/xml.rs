@@ -1,4 +1,4 @@
-//! XML within limits: no entities, no external files, a bounded size and depth.
+//! Reads XML within limits: no entities, no external files, limited size and depth.
 
 use language::Source;
 use roxmltree::{Document, ParsingOptions};

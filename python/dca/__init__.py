@@ -1,7 +1,7 @@
 """Controllers of DCA in Python.
 
-A controller is a class: ports and parameters are its attributes, `main_calc` is called once a period or once a value.
-`dca.run` makes a program of it, which a node starts like any other.
+A controller is a class. Ports and parameters are its attributes; `main_calc` is called once per period, or for each value.
+`dca.run` makes the class a program, which a node starts like any other program.
 """
 
 import importlib
@@ -157,8 +157,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Imports `dca.ros` for the first program that names it."""
+    """Imports `dca.ros` when it is first used."""
     if name != "ros":
         raise AttributeError(f"module `{__name__}` has no attribute `{name}`")
-    # `from . import ros` would ask here again.
+    # `from . import ros` would call this function again.
     return importlib.import_module(f"{__name__}.ros")

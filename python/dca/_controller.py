@@ -1,4 +1,4 @@
-"""Controllers from classes: their ports, parameters and ends."""
+"""Makes controllers from classes, with their ports, parameters and ends."""
 
 import inspect
 import io
@@ -26,7 +26,7 @@ _MODES = ("--list", "--dca-interface", "--help", "-h", "--version", "-V")
 
 
 class _Port(Declared[R], Generic[T, R]):
-    """A port of a class. An instance has the port itself in its place."""
+    """The declaration of a port in a class. In an instance, the port itself replaces it."""
 
     missing = "has no port"
     is_input = True
@@ -52,12 +52,12 @@ class _Port(Declared[R], Generic[T, R]):
 class In(_Port[T, "_dca.Input[T]"]):
     """An input that holds the newest value: `In = dca.In(Range)`.
 
-    The port has the name of its attribute, unless `name` gives another. With `device="arm/state"` it is a port of a device.
+    The port has the name of its attribute, unless `name` gives another one. With `device="arm/state"` it is a port of a device.
     """
 
 
 class Every(_Port[T, "_dca.EveryInput[T]"]):
-    """An input that keeps every value since the last calculation; the controller iterates over it."""
+    """An input that keeps every value since the last calculation. The controller iterates over them."""
 
     keeps_all = True
 
@@ -69,7 +69,10 @@ class Out(_Port[T, "_dca.Output[T]"]):
 
 
 class Calls(Declared["_dca.Calls[A, T]"], Generic[A, T]):
-    """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`; `None` for nothing."""
+    """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`.
+
+    `None` instead of a type means no value.
+    """
 
     missing = "calls nothing"
 
@@ -88,7 +91,7 @@ class Calls(Declared["_dca.Calls[A, T]"], Generic[A, T]):
 
 
 class Database(Declared["_dca.Database"]):
-    """The database of the robot: `database = dca.Database()`. An instance has the database itself in its place."""
+    """The robot's database: `database = dca.Database()`. In an instance, the database itself replaces the declaration."""
 
     missing = "reaches nothing"
 
@@ -97,7 +100,7 @@ class Database(Declared["_dca.Database"]):
 
 
 class _Export:
-    """A method that others may call or read."""
+    """A method that other processes may call or read."""
 
     def __init__(self, function: Callable[..., Any], *, is_state: bool, name: str | None, idle: bool, access: str) -> None:
         if access not in ("look", "operate", "deploy"):
@@ -131,10 +134,11 @@ class _Export:
 def procedure(
     function: Callable[..., Any] | None = None, *, name: str | None = None, idle: bool = False, access: str = "operate"
 ) -> Any:
-    """Exports a method, which others call between two calculations: `def Grip(self, push: Push) -> Width`.
+    """Exports a method, which other processes call between two calculations: `def Grip(self, push: Push) -> Width`.
 
-    It raises `dca.Refused("why")` for what it does not do. With a parameter `reply: dca.Reply[Width]` it keeps that, and answers in a
-    later calculation. `idle` has it answered while no activation runs; `access` is the right that a user of a team needs.
+    To refuse a call, the method raises `dca.Refused("why")`. With a parameter `reply: dca.Reply[Width]`, it can keep the reply and
+    answer in a later calculation. With `idle`, calls are also answered while no activation runs. `access` is the right that a user of
+    a team needs.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -145,7 +149,7 @@ def procedure(
 
 
 def state(function: Callable[..., Any] | None = None, *, name: str | None = None) -> Any:
-    """Exports a method as a state, which others read between two calculations: `def opening(self) -> Width`."""
+    """Exports a method as a state, which other processes read between two calculations: `def opening(self) -> Width`."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         setattr(function, _EXPORT, _Export(function, is_state=True, name=name, idle=True, access="look"))
@@ -155,7 +159,7 @@ def state(function: Callable[..., Any] | None = None, *, name: str | None = None
 
 
 class _Parameter:
-    """A parameter of a class. An instance has its value in its place."""
+    """The declaration of a parameter in a class. In an instance, its value replaces it."""
 
     def __init__(
         self,
@@ -185,7 +189,7 @@ class _Parameter:
         self.name = self.name or attribute
 
     def attribute_value(self, value: Any) -> Any:
-        """Returns a value, which was checked, as the attribute has it."""
+        """Returns a checked value in the form of the attribute."""
         return int(value) if self.is_whole else value
 
 
@@ -196,8 +200,8 @@ class _Secret:
 def parameter(kind: Any, limits: tuple[Any, ...] = (), *, default: Any = None, name: str | None = None) -> Any:
     """Declares a parameter, which is an attribute of each instance, in SI units.
 
-    `limits` are the lowest and the highest value, or the words that a text may be. Without `default` a spec has to give it.
-    When a parameter changes while the controller runs, the attribute has another value in the next calculation.
+    `limits` are the lowest and the highest value, or the permitted words of a text. Without `default` a spec has to give the value.
+    When a parameter changes while the controller runs, the attribute has the new value in the next calculation.
     """
     return _Parameter(kind, limits, default=default, name=name)
 
@@ -214,7 +218,7 @@ EXISTS = "exists"
 
 
 class Signal(NamedTuple):
-    """A number for people and records, which the method `signals` returns."""
+    """A number for people and recorders, which the method `signals` returns."""
 
     name: str
     value: float
@@ -223,18 +227,18 @@ class Signal(NamedTuple):
 
 
 def done(value: Any = None) -> _dca.Done:
-    """Returns the normal end of a task, leaving a message or bytes to the next process."""
+    """Returns the normal end of a task, with a message or bytes for the next process."""
     return _dca.Done(_bytes(value))
 
 
 def outcome(tag: str, value: Any = None) -> _dca.Done:
-    """Returns one of the normal ends that the class declares, leaving a message or bytes to the next process."""
+    """Returns one of the normal ends that the class declares, with a message or bytes for the next process."""
     return _dca.Done(_bytes(value), tag)
 
 
 def abort(reason: str) -> _dca.Abort:
-    """Returns the failed end of an activation, and why, in one line."""
-    # A name of a file may have bytes that are not text.
+    """Returns the failed end of an activation, with the reason in one line."""
+    # The reason may contain a file name with bytes that are not text.
     return _dca.Abort(str(reason).encode(errors="backslashreplace").decode())
 
 
@@ -245,7 +249,7 @@ def _bytes(value: Any) -> bytes:
 
 
 class Declaration:
-    """What a class declares. The native half reads its attributes."""
+    """The declaration of a class. The native half reads the attributes of this object."""
 
     def __init__(self, cls: type[Any], doc: str, *, is_service: bool, **about: Any) -> None:
         self.cls = cls
@@ -293,11 +297,11 @@ class Declaration:
         for station in self.stations:
             if station.lock is not None and station.lock not in locks:
                 raise TypeError(f"{self.cls.__name__}: the queue `{station.name}` has a lock `{station.lock}`, which is not one of its dca.Lock")
-        # A wrong name, period or parameter is reported where the class is written.
+        # So a wrong name, period or parameter is reported at the class definition.
         _dca.interface([self])
 
     def make(self, attributes: dict[str, Any], values: dict[str, Any]) -> Any:
-        """Makes an instance with its ports, by attribute, and the values of its parameters, by name."""
+        """Makes an instance. `attributes` has its ports by attribute, `values` its parameters by name."""
         cls: Any = self.cls
         controller = cls.__new__(cls)
         for attribute, port in attributes.items():
@@ -307,7 +311,7 @@ class Declaration:
         return controller
 
     def set(self, controller: Any, values: dict[str, Any]) -> None:
-        """Gives an instance the values of its parameters, by name."""
+        """Sets the parameters of an instance; `values` has them by name."""
         for one in self.parameters:
             setattr(controller, one.attribute, one.attribute_value(values[one.name]))
 
@@ -323,10 +327,10 @@ def service(
     signals_every: str | float | None = None,
     starts_with: type[Any] | None = None,
 ) -> Callable[[type[T]], type[T]]:
-    """Makes a controller type of a class that never ends by itself.
+    """Makes a class a controller type that never ends by itself.
 
-    It calculates `every` period (10 ms), and at once on each value of the input that it is `triggered_by`. Its `init` gets a
-    value of the message type that it `starts_with`.
+    It calculates once per period `every` (10 ms), and at once for each value of the input `triggered_by`. Its `init` gets a value of
+    the message type `starts_with`.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -350,9 +354,9 @@ def task(
     outcomes: dict[str, type[Any] | None] | None = None,
     starts_with: type[Any] | None = None,
 ) -> Callable[[type[T]], type[T]]:
-    """Makes a controller type of a class that ends by itself, with `dca.done` or one of its `outcomes`.
+    """Makes a class a controller type that ends by itself, with `dca.done` or one of its `outcomes`.
 
-    Its `init` gets a value of the message type that it `starts_with`.
+    Its `init` gets a value of the message type `starts_with`.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -365,7 +369,7 @@ def task(
 
 
 def declaration(cls: Any) -> Declaration:
-    """Returns what a class declares; raises `TypeError` if it is not a controller."""
+    """Returns the declaration of a class; raises `TypeError` if the class is not a controller."""
     found = cls.__dict__.get(_DECLARATION) if isinstance(cls, type) else None
     if found is None:
         shown = getattr(cls, "__name__", repr(cls))
@@ -377,7 +381,7 @@ _PLAIN = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "ta
 
 
 class _Formatter(logging.Formatter):
-    """Writes a record on one line with its level, its logger and its fields: `INFO root: the door is open width=0.8`."""
+    """Formats a log record as one line with its level, its logger and its fields: `INFO root: the door is open width=0.8`."""
 
     def __init__(self) -> None:
         super().__init__("%(levelname)s %(name)s: %(message)s")
@@ -388,14 +392,14 @@ class _Formatter(logging.Formatter):
 
 
 def _level() -> int:
-    """Returns the level that `RUST_LOG` asks for, as it does of programs in Rust; INFO if it says none."""
+    """Returns the log level in `RUST_LOG`, which programs in Rust also use; INFO if it has none."""
     word = os.environ.get("RUST_LOG", "").split(",")[0].strip().upper()
     levels = {"ERROR": logging.ERROR, "WARN": logging.WARNING, "DEBUG": logging.DEBUG, "TRACE": logging.DEBUG}
     return levels.get(word, logging.INFO)
 
 
 def _refuse_other_version() -> None:
-    """Ends this program if a node of another version starts it: the two may not understand each other."""
+    """Ends this program if a node of another version starts it, since the two may not understand each other."""
     wanted = os.environ.get("DCA_VERSION", _dca.__version__)
     if wanted != _dca.__version__:
         folder = os.path.dirname(__file__)
@@ -406,26 +410,26 @@ def _refuse_other_version() -> None:
 
 
 def run(*controllers: type[Any]) -> None:
-    """Runs this process as the controller that its arguments name; all that a main program has to do. It does not return."""
+    """Runs this process as the controller that its arguments name, and does not return. A main program only has to call this."""
     declarations = [declaration(cls) for cls in controllers]
     _refuse_other_version()
     arguments = sys.argv[1:]
     if len(declarations) == 1 and (not arguments or arguments[0] not in (*_MODES, declarations[0].name)):
-        # A program of one controller needs no word for it.
+        # A program with one controller does not need its name as an argument.
         arguments = [declarations[0].name, *arguments]
     for stream in (sys.stdout, sys.stderr):
-        # What is printed is in the log at once, and not when a buffer is full.
+        # Printed lines are in the log at once, not only when a buffer is full.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(line_buffering=True)
     if not logging.getLogger().handlers:
         handler = logging.StreamHandler()
         handler.setFormatter(_Formatter())
         logging.basicConfig(handlers=[handler], level=_level())
-    # The node stops its programs; Ctrl-C ends one that was started by hand.
+    # A node stops its programs itself. Ctrl-C ends a program that was started by hand.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     code = _dca.run(declarations, arguments)
     if arguments[0] in _MODES:
-        # The answer is not late because of threads that the program has begun on import.
+        # Threads that the program has started during import must not delay the answer.
         sys.stdout.flush()
         os._exit(code)
     sys.exit(code)

@@ -7,19 +7,19 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 class CallError(Exception):
-    """A call that has no result, and why."""
+    """A call has no result; the text is the reason."""
 
 class Refused(Exception):
-    """A procedure that is not carried out, and why, for its caller."""
+    """A procedure refuses a call; the text is the reason for the caller."""
 
 class DatabaseFailure(Exception):
-    """A request to the database that has no result, and why."""
+    """A request to the database has no result; the text is the reason."""
 
 class DatabaseUnknown(DatabaseFailure):
-    """The result is unknown: the write may have been committed."""
+    """The result of a request is unknown: the write may have been committed."""
 
 class Entry:
-    """A key with its value, when it was read."""
+    """A key and its value at the time when it was read."""
 
     @property
     def key(self) -> str: ...
@@ -28,24 +28,24 @@ class Entry:
         """The value; `None` if it was deleted."""
     @property
     def version(self) -> str:
-        """The transaction that has written it."""
+        """The transaction that has written the value."""
     @property
     def is_conflict(self) -> bool:
-        """Whether another value was written concurrently, and the conflict is not settled."""
+        """Whether another value was written concurrently, and the conflict is not resolved."""
 
 class Opaque:
-    """A value that this program cannot read, such as a sealed secret. It is written back as it was."""
+    """A value that this program cannot read, such as a sealed secret. It is written back unchanged."""
 
 class Database:
     """The database of the robot."""
 
     @property
     def pending(self) -> int:
-        """How many requests have no answer yet."""
+        """The number of requests without an answer."""
     def get(self, key: str, *, within: str | float) -> Request:
-        """Asks what a key holds."""
+        """Requests the value of a key; `result()` then returns an `Entry`, or `None` if the key has no value."""
     def put(self, key: str, value: Any, *, within: str | float, expected: str | None = None) -> Request:
-        """Writes one key; with `expected` only if the key is as expected."""
+        """Writes one key. With `expected`, only if the key is in this state: `ABSENT`, `EXISTS`, or the version of an entry."""
     def transact(
         self,
         reason: str,
@@ -54,18 +54,18 @@ class Database:
         within: str | float,
         requires: Mapping[str, str] | None = None,
     ) -> Request:
-        """Changes several keys together, or none."""
+        """Changes several keys, all or none. `writes` has new values by key, `None` to delete; `requires` has expected states."""
     def watch(self, prefix: str) -> Watch:
-        """Watches a key, or the keys below a prefix that ends in `/`, until the activation ends."""
+        """Watches a key, or the keys below a prefix that ends with `/`, until the activation ends."""
 
 class Request:
     """A request to the database."""
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer."""
+        """Whether the answer has arrived."""
     def result(self) -> Any:
-        """Returns the entry that was read, or the version that was committed."""
+        """Returns the entry that was read, or the version that was committed; raises `dca.DatabaseFailure` if there is none."""
 
 class WatchChange:
     """An event of a watch."""
@@ -81,7 +81,7 @@ class WatchChange:
     def reason(self) -> str: ...
 
 class Watch:
-    """A watch of keys."""
+    """A watch of keys. Iterating over it gives the events since the last iteration."""
 
     def __iter__(self) -> Iterator[WatchChange]: ...
     def stop(self) -> None:
@@ -92,40 +92,40 @@ class Calls(Generic[A, T]):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the spec connects this call with something."""
+        """Whether the spec connects this call to a process."""
     @property
     def pending(self) -> int:
-        """How many calls have no answer yet."""
+        """The number of calls without an answer."""
     def call(self, argument: A | None = None, *, within: str | float, to: str | None = None) -> Call[T]:
-        """Calls after this calculation; `to` is the path of a process, where the spec connects several."""
+        """Makes a call, which is sent after this calculation. If the spec connects several processes, `to` is the path of one."""
 
 class Call(Generic[T]):
-    """A call on its way."""
+    """A call whose result is expected."""
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer."""
+        """Whether the answer has arrived."""
     def result(self) -> T:
         """Returns the result; raises `dca.CallError` if there is none."""
     def cancel(self) -> None:
-        """Waits no more for it. If it has not begun at the other end, it never does."""
+        """Stops waiting for the answer. If the other end has not begun the call, it never will."""
 
 class Reply(Generic[T]):
-    """The way of the answer to one call, which may be kept and answered in a later calculation."""
+    """The way of the answer to one call. A method may keep it, and answer in a later calculation."""
 
     @property
     def is_wanted(self) -> bool:
         """Whether the caller still waits."""
     def send(self, value: T | None = None) -> None:
-        """Answers."""
+        """Sends the answer."""
     def refuse(self, reason: str) -> None:
-        """Answers with a reason for not doing it, in one line."""
+        """Refuses the call, with a reason in one line."""
 
 class SendError(Exception):
-    """A message that is not in its queue, or may not be, and why."""
+    """A message is not in its queue, or may not be; the text is the reason."""
 
 class Taken(Generic[T]):
-    """A message that was taken out of a queue."""
+    """A message that was taken from a queue."""
 
     @property
     def data(self) -> T: ...
@@ -133,26 +133,26 @@ class Taken(Generic[T]):
     def category(self) -> str: ...
     @property
     def sender(self) -> str:
-        """The process that has sent it."""
+        """The process that has sent the message."""
     @property
     def priority(self) -> int: ...
     @property
     def marker(self) -> int:
-        """What joins an answer with its question; 0 if it is neither."""
+        """The number that connects a reply with its request; 0 in all other messages."""
     @property
     def fence(self) -> int | None:
-        """The fencing number of the lock under which it was sent."""
+        """The fencing number of the lock under which the message was sent."""
 
 class Queue(Generic[T]):
-    """A queue, which others send to."""
+    """A queue, to which other processes send."""
 
     def take(self) -> Taken[T] | None:
-        """Takes the message with the highest priority, and of those the one that came first; `None` if none waits."""
+        """Takes the message of the highest priority, the oldest among several; `None` if the queue is empty."""
     def __iter__(self) -> Iterator[Taken[T]]: ...
     def __len__(self) -> int: ...
 
 class Sender(Generic[T]):
-    """The queue of another process, as its client sees it."""
+    """Another process's queue, as seen by its client."""
 
     def send(
         self,
@@ -165,92 +165,92 @@ class Sender(Generic[T]):
         to: str | None = None,
         fence: int | None = None,
     ) -> Sending:
-        """Sends a message after this calculation, and again until its receipt comes; the queue takes it once."""
+        """Sends a message after this calculation, and repeats it until its receipt comes. The queue takes it once."""
 
 class Sending:
-    """A message on its way."""
+    """A message that was sent."""
 
     @property
     def done(self) -> bool:
-        """Whether it is known what became of the message."""
+        """Whether the result of the message is known."""
     def result(self) -> None:
-        """Returns nothing if the message is in the queue, or was; raises `dca.SendError` if it is not, or may not be."""
+        """Returns `None` if the queue has accepted the message. Raises `dca.SendError` if it has not, or may not have."""
 
 class Lock:
-    """A lock as the class that has the resource sees it."""
+    """A lock, as seen by the class with the resource."""
 
     @property
     def held(self) -> int | None:
-        """The fencing number of the user that holds it; `None` if it is free."""
+        """The fencing number of the present holder; `None` if the lock is free."""
     @property
     def holder(self) -> str:
-        """The name of the user that holds it; empty if it is free."""
+        """The name of the present holder; empty if the lock is free."""
     def admits(self, fence: int | None) -> bool:
         """Returns whether a command with this fencing number may be carried out."""
 
 class LockUser:
-    """The lock of another process as its user sees it."""
+    """Another process's lock, as seen by its user."""
 
     @property
     def held(self) -> int | None:
-        """The fencing number that goes with each command, as long as the lock may be believed to be held."""
+        """The fencing number to send with each command, as long as the lock counts as held; otherwise `None`."""
     @property
     def is_wanted(self) -> bool:
-        """Whether a user with a greater priority waits for this one to let go."""
+        """Whether a user of greater priority waits for the lock that this user holds."""
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is wanted or held."""
+        """Whether the lock is neither wanted nor held."""
     @property
     def holder(self) -> str:
-        """The name of the user that held it when this one was last told to wait."""
+        """The name of the holder when this user was last told to wait."""
     @property
     def lost(self) -> str | None:
-        """Why the lock was lost, or was not to be had, since it was wanted last."""
+        """Why the lock was lost, or could not be granted, since it was last wanted; otherwise `None`."""
     def want(self, priority: int = 0) -> None:
-        """Wants the lock, with a priority."""
+        """Requests the lock; a greater priority goes first."""
     def let_go(self) -> None:
-        """Lets go of it, or waits no more."""
+        """Releases the lock, or stops waiting for it."""
 
 class Router(Generic[T]):
-    """A router as its class sees it."""
+    """A router, as seen by its class."""
 
     @property
     def subscribers(self) -> list[str]:
-        """The names of its subscribers."""
+        """The names of the subscribers."""
     def send(self, value: T, *, category: str = "", priority: int = 0, marker: int = 0) -> None:
-        """Sends a message to all subscribers whose filters take its header."""
+        """Sends a message to all subscribers whose filters accept its header."""
     def dropped(self) -> list[tuple[str, str, int]]:
-        """Takes the subscribers that were dropped since: the name, why, and how many messages for it were lost."""
+        """Takes the subscribers that were removed since the last call: the name, the reason, and the number of lost messages."""
 
 class Subscriber(Generic[T]):
-    """The router of another process, as its subscriber sees it."""
+    """Another process's router, as seen by its subscriber."""
 
     @property
     def state(self) -> str:
-        """Whether the router sends to it: `asking` as long as that is not known, `yes`, or the reason why not."""
+        """The state of the subscription: `asking` while it is unknown, `yes`, or the reason why it was refused."""
     def take(self) -> Taken[T] | None:
         """Takes the next message; `None` if none waits."""
     def set_filters(self, filters: Sequence[Any]) -> None:
-        """Wants other messages from now on."""
+        """Replaces the filters; without filters, the subscriber gets all messages."""
     def __iter__(self) -> Iterator[Taken[T]]: ...
     def __len__(self) -> int: ...
 
 class KeyNews:
-    """What is known of the keys that an input is connected with."""
+    """An input that receives the changes of the keys that it is connected to."""
 
     def __iter__(self) -> Iterator[WatchChange]: ...
 
 class KeyAnswers:
-    """What became of the values that an output has put."""
+    """An input that receives whether the writes of an output were committed."""
 
     def __iter__(self) -> Iterator[tuple[int, str | None]]:
-        """Iterates over the number of a put, and `None` if it was committed, else why it was not, or may not be."""
+        """Iterates over answers: the number of a write, and `None` if it was committed, otherwise why it was not, or may not be."""
 
 class KeyWriter:
-    """An output that puts values at the keys that it is connected with."""
+    """An output that writes values at the keys that it is connected to."""
 
     def put(self, key: str, value: Any, *, within: str | float, expected: str | None = None) -> int:
-        """Puts a value at a key after this calculation, or deletes it with `None`; returns the number of the put."""
+        """Writes a value at a key after this calculation; `None` deletes the key. Returns the number of the write."""
 
 __version__: str
 
@@ -262,14 +262,14 @@ class MessageType:
     is_standard: bool
     @staticmethod
     def of_ros(name: str, classes: Sequence[type[Any]], allow_nan: bool) -> MessageType:
-        """Returns the type of a standard message of ROS 2, whose structs have these classes."""
+        """Returns the type of a standard ROS 2 message; `classes` are the Python classes of its structs."""
     def encode(self, value: Any) -> bytes: ...
     def decode(self, bytes: bytes) -> Any: ...
     def encode_cdr(self, value: Any) -> bytes: ...
     def decode_cdr(self, bytes: bytes) -> Any: ...
 
 class RosDefinition:
-    """The definition of a standard message of ROS 2."""
+    """The definition of a standard ROS 2 message."""
 
     name: str
     spec: str
@@ -279,7 +279,7 @@ class RosDefinition:
     allow_nan: bool
 
 class RosField:
-    """A field of a definition. `count` is 0 of a list, and `None` of a single value."""
+    """A field of a definition. `count` is the length of an array, 0 for a list of any length, and `None` for a single value."""
 
     name: str
     of: str
@@ -309,43 +309,43 @@ class NativeHarness:
     def take_sent(self) -> list[tuple[float, int, str, bytes]]: ...
 
 class Input(Generic[T]):
-    """An input of a controller: holds the newest value that arrived."""
+    """An input of a controller. It holds the newest value that has arrived."""
 
     @property
     def measured(self) -> float | None:
-        """The time when the newest value was measured, or else when it arrived."""
+        """When the newest value was measured, or arrived if it has no such time; seconds on this host's clock."""
     @property
     def arrived(self) -> float | None:
-        """The time when the newest value arrived."""
+        """When the newest value arrived; seconds on this host's clock."""
     @property
     def received(self) -> int:
-        """How many values have arrived in this activation."""
+        """The number of values that have arrived in this activation."""
     @property
     def lost(self) -> int:
-        """How many values were sent to this input in this activation and have not come."""
+        """The number of values that were sent to this input in this activation but did not arrive."""
     @property
     def refused(self) -> int:
-        """How many values were refused in this activation, because a number in them was not finite."""
+        """The number of values that were refused in this activation because a number in them was not finite."""
     def latest(self) -> T | None:
-        """Returns the newest value, however old; `None` before the first."""
+        """Returns the newest value of any age; `None` before the first one."""
     def fresh(self) -> T | None:
-        """Returns the newest value if it arrived since the last calculation."""
+        """Returns the newest value if it arrived since the last calculation, otherwise `None`."""
     def fresh_within(self, now: float, age_max: str | float) -> T | None:
-        """Returns the newest value if it is at most `age_max` old at `now`."""
+        """Returns the newest value if it is at most `age_max` old at `now`, otherwise `None`."""
     def stale(self, now: float, age_max: str | float) -> bool:
-        """Returns whether there is no value that is at most `age_max` old at `now`."""
+        """Returns whether no value is at most `age_max` old at `now`."""
     def age(self, now: float) -> float | None:
-        """Returns how old the newest value is at `now`, in seconds."""
+        """Returns the age of the newest value at `now`, in seconds; `None` before the first one."""
 
 class EveryInput(Generic[T]):
-    """An input that keeps every value that has arrived since the last calculation."""
+    """An input that keeps every value since the last calculation."""
 
     @property
     def lost(self) -> int:
-        """How many values were sent to this input in this activation and are not among those that it had."""
+        """The number of values that were sent to this input in this activation but did not arrive."""
     @property
     def refused(self) -> int:
-        """How many values were refused in this activation, because a number in them was not finite."""
+        """The number of values that were refused in this activation because a number in them was not finite."""
     def __iter__(self) -> Iterator[T]: ...
     def __len__(self) -> int: ...
 
@@ -356,17 +356,17 @@ class Output(Generic[T]):
     def pending(self) -> bool:
         """Whether a value waits to be sent."""
     def send(self, value: T) -> None:
-        """Sends a value after this calculation; of two values in one calculation the second goes."""
+        """Sends a value after this calculation. If several are sent in one calculation, only the last one leaves."""
 
 class Tick:
     """The moment of one calculation."""
 
     @property
     def now(self) -> float:
-        """This host's clock, in seconds."""
+        """The time on this host's clock, in seconds."""
     @property
     def elapsed(self) -> float:
-        """The seconds since the last calculation of this activation; one period at the first."""
+        """The seconds since the previous calculation of this activation. At the first calculation it is one period."""
     def __init__(self, now: float, elapsed: float = 0.0) -> None: ...
 
 class Done:

@@ -1,4 +1,4 @@
-"""The base of ports, calls, queues, locks, keys and the database in a class."""
+"""The base of all declarations in a class: ports, calls, queues, locks, keys and the database."""
 
 from typing import Any, Generic, Self, TypeVar, overload
 
@@ -6,9 +6,9 @@ R = TypeVar("R")
 
 
 class Declared(Generic[R]):
-    """A declaration of a class. It has the name of its attribute, unless it is given another one.
+    """A declaration in a class. It has the name of its attribute, unless it gets another one.
 
-    Each instance that DCA makes has an `R` in its place: the port, queue or lock itself.
+    In each instance that DCA makes, an `R` replaces it: the port, queue or lock itself.
     """
 
     missing = "is not there"
@@ -26,7 +26,7 @@ class Declared(Generic[R]):
     @overload
     def __get__(self, controller: object, cls: type) -> R: ...
     def __get__(self, controller: object, cls: type) -> Any:
-        """Returns this declaration at a class. An instance that DCA has made has an attribute of its own, and never comes here."""
+        """Returns this declaration for access through the class. An instance that DCA has made has its own attribute instead."""
         if controller is None:
             return self
         raise AttributeError(f"`{self.attribute}` {self.missing}: this object was not made by dca.run or a dca.testing.Harness")

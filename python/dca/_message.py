@@ -1,6 +1,6 @@
 """Message types from dataclasses.
 
-A field is declared to other programs as a spec spells it, and has the bytes of the same field in Rust:
+Other programs see a field in the spelling of a spec (second column). Its bytes are those of the Rust type (third column):
 
     float               Number          f64
     dca.Force ...       Force           f64
@@ -37,7 +37,7 @@ Bytes = bytes | bytearray | memoryview
 """A field of bytes: any of these goes out, and a read-only memoryview comes in."""
 
 class _Inner(dict[str, str]):
-    """The fields of the message types that lists in a message have as elements, by their names."""
+    """The message types of list elements in a message: their fields, by name."""
 
     def __init__(self, of_device: bool) -> None:
         self.of_device = of_device
@@ -50,7 +50,7 @@ _TIMES = (("number", "Time"), ("optional", ("number", "Time")), ("stamp",))
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """The length of a list that always has as many elements: `Annotated[list[float], dca.Count(361)]`."""
+    """The length of a list with a fixed number of elements: `Annotated[list[float], dca.Count(361)]`."""
 
     count: int
 
@@ -76,10 +76,10 @@ def message(
 def message(
     cls: type[Any] | None = None, *, name: str | None = None, allow_nan: bool = False, of_device: bool = False
 ) -> Any:
-    """Makes a message type of a dataclass.
+    """Makes a dataclass a message type.
 
-    `name` is its name in specs, that of the class otherwise. Numbers in it may be infinite, or not a number, only
-    with `allow_nan`. A message `of_device` does not declare its fields: it may have those of a device in Rust for which a spec has no word,
+    `name` is its name in specs; by default it is the name of the class. Only with `allow_nan` may its numbers be infinite or NaN.
+    A message `of_device` does not declare its fields. So it may have fields of a Rust device that a spec cannot express:
     `dca.Stamp`, `dca.Natural`, and lists in lists. A field `stamp`, of type `dca.Time` or `dca.Time | None`, is the time of measurement.
     """
 
@@ -90,7 +90,7 @@ def message(
         stamp = names.index("stamp") if "stamp" in names else None
         if stamp is not None and form[2][stamp][1] not in _TIMES:
             raise TypeError(f"{cls.__qualname__}.stamp: the time of measurement is a dca.Time")
-        # A spec has no word for some fields of devices, whose messages are compared by their names.
+        # A spec cannot express some fields of devices, so their messages are compared only by name.
         fields = "" if of_device else text.removeprefix("{ ").removesuffix(" }")
         described = _Described(name or cls.__name__, fields, stamp, allow_nan, list(inner.items()))
         setattr(cls, _MESSAGE, _dca.MessageType(described, form))
@@ -100,7 +100,7 @@ def message(
 
 
 class _Described(NamedTuple):
-    """A message type beside its form. The native half reads its attributes."""
+    """The parts of a message type other than its form. The native half reads the attributes of this object."""
 
     name: str
     fields: str
@@ -115,12 +115,12 @@ def encode(value: Any) -> bytes:
 
 
 def decode(cls: type[T], data: bytes) -> T:
-    """Returns the message that bytes are; raises `ValueError` if they are not of this type."""
+    """Returns the message in `data`; raises `ValueError` if the bytes do not have this type."""
     return message_type(cls).decode(data)
 
 
 def message_type(cls: Any) -> _dca.MessageType:
-    """Returns the message type of a class, of `str` or of `float`; raises `TypeError` if it is none."""
+    """Returns the message type of a class, of `str` or of `float`; raises `TypeError` for anything else."""
     if cls is str or cls is float:
         return _plain(cls)
     found = cls.__dict__.get(_MESSAGE) if isinstance(cls, type) else None
@@ -132,7 +132,7 @@ def message_type(cls: Any) -> _dca.MessageType:
 
 @functools.cache
 def _plain(cls: type[Any]) -> _dca.MessageType:
-    """Returns the message type of a value that is no record, as the ports of activities have it."""
+    """Returns the message type of a value that is not a record; ports of activities have such values."""
     form, text = _PLAIN[cls]
     return _dca.MessageType(_Described(text, "", None, False, []), form)
 
@@ -231,7 +231,7 @@ def _form(annotation: Any, path: str, depth: int, inner: _Inner) -> tuple[Any, s
 
 
 def _element(annotation: Any, path: str, depth: int, inner: _Inner) -> tuple[Any, str]:
-    """Returns the form of an element of a list. A record in a list has a name, by which a spec knows it."""
+    """Returns the form of a list element. A record in a list needs a name that a spec can use."""
     form, text = _form(annotation, path, depth, inner)
     if form[0] != "record":
         return form, text

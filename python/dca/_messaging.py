@@ -1,4 +1,4 @@
-"""Queues, locks, routers, and ports of keys: their declarations in a class, and requests over queues."""
+"""Declarations of queues, locks, routers and ports of keys in a class, and requests over queues."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _FULL = ("reject", "drop lowest", "drop oldest")
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """Messages that a subscriber wants: all that is given has to fit; a text that ends in `*` takes all that begin so."""
+    """Selects messages for a subscriber. All given parts have to match; a text that ends with `*` matches all with this beginning."""
 
     category: str | None = None
     sender: str | None = None
@@ -39,7 +39,7 @@ def _span(value: str | float, name: str) -> float:
 
 
 class _Station(Declared[R]):
-    """A declaration. An instance of the class has the station itself in its place."""
+    """The declaration of a station. In an instance of the class, the station itself replaces it."""
 
     kind = ""
 
@@ -53,15 +53,15 @@ class _Station(Declared[R]):
 
     @property
     def names(self) -> list[str]:
-        """The names that it has in the interface."""
+        """The names of the station in the interface."""
         return [self.name, *([self.status] if self.status else [])]
 
 
 class Queue(_Station["_dca.Queue[T]"], Generic[T]):
-    """A queue, which others send to: `Commands = dca.Queue(Pace, capacity=4, full="drop oldest", lock="wheels")`.
+    """A queue, to which other processes send: `Commands = dca.Queue(Pace, capacity=4, full="drop oldest", lock="wheels")`.
 
-    `full` is `reject`, `drop lowest` or `drop oldest`. With `lock`, the attribute of a `dca.Lock`, it takes only messages of the user that
-    holds that. `status` is the name of the state that `dca queue` shows.
+    `full` is `reject`, `drop lowest` or `drop oldest`. With `lock`, the attribute of a `dca.Lock`, the queue accepts only messages of
+    the user that holds this lock. `status` is the name of the state that `dca queue` shows.
     """
 
     kind = "queue"
@@ -96,8 +96,8 @@ class Sender(_Station["_dca.Sender[T]"], Generic[T]):
 class Lock(_Station["_dca.Lock"]):
     """The lock of a resource of this class: `wheels = dca.Lock(lease="1 s")`.
 
-    A grant ends after `lease` without a renewal. With `preempt_after`, a holder may go on for so long when a user with a greater priority
-    wants the lock.
+    A grant ends after `lease` without a renewal. With `preempt_after`, a holder may keep the lock for at most this time when a user of
+    greater priority wants it.
     """
 
     kind = "lock"
@@ -128,7 +128,7 @@ class LockUser(_Station["_dca.LockUser"]):
 
 
 class Router(_Station["_dca.Router[T]"], Generic[T]):
-    """A router, to which others subscribe: `News = dca.Router(Speed, outbox=64)`. The oldest message of a full outbox gives way."""
+    """A router, to which others subscribe: `News = dca.Router(Speed, outbox=64)`. If an outbox is full, its oldest message is dropped."""
 
     kind = "router"
 
@@ -172,7 +172,7 @@ class KeyNews(_Keys["_dca.KeyNews"]):
 
 
 class KeyAnswers(_Keys["_dca.KeyAnswers"]):
-    """An input that hears what became of the values of a `dca.KeyWriter`."""
+    """An input that receives whether the writes of a `dca.KeyWriter` were committed."""
 
     kind = "answers"
 
@@ -184,7 +184,7 @@ class KeyWriter(_Keys["_dca.KeyWriter"]):
 
 
 class Asked(Generic[A]):
-    """A request on its way."""
+    """A request whose reply is expected."""
 
     def __init__(self, sending: "_dca.Sending", until: float) -> None:
         self._sending, self._until = sending, until
@@ -192,7 +192,7 @@ class Asked(Generic[A]):
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer, or known that none comes."""
+        """Whether the answer has arrived, or certainly will not."""
         return self._end is not None
 
     def result(self) -> A:
@@ -215,9 +215,9 @@ class Asked(Generic[A]):
 
 
 class Requester(Generic[T, A]):
-    """Requests over queues: questions go to the queue of another process, and answers come to a queue of this one, joined by a marker.
+    """Requests over queues: questions go to another process's queue, answers come to a queue of this one; a marker connects them.
 
-    Made in `init` of a class with `Questions = dca.Sender(Question)` and `Answers = dca.Queue(Answer)`. The other process answers with
+    Make it in `init` of a class with `Questions = dca.Sender(Question)` and `Answers = dca.Queue(Answer)`. The other process answers with
     `self.Answers.send(answer, to=taken.sender, marker=taken.marker, within="1 s")`.
     """
 
@@ -227,7 +227,7 @@ class Requester(Generic[T, A]):
         self._last = 0
 
     def ask(self, now: float, question: T, *, within: str | float, category: str = "", priority: int = 0) -> Asked[A]:
-        """Asks after this calculation."""
+        """Sends a question after this calculation."""
         self._last += 1
         sending = self._questions.send(
             question, within=within, category=category, priority=priority, marker=self._last
@@ -237,7 +237,7 @@ class Requester(Generic[T, A]):
         return asked
 
     def work(self, now: float) -> None:
-        """Takes the answers. Called once in each calculation."""
+        """Takes the answers. Call this once in each calculation."""
         for taken in self._answers:
             asked = self._open.pop(taken.marker, None)
             if asked is not None and not asked.done:

@@ -1,4 +1,4 @@
-"""Long work beside the loop: a calculation hands it over, and a later one takes the result."""
+"""Long work on other threads: one calculation starts it, and a later one takes the result."""
 
 import queue
 import threading
@@ -13,7 +13,7 @@ _WAITING_MAX = 64
 
 
 class Offloaded(Generic[T]):
-    """Work that was handed over."""
+    """Work that runs on another thread."""
 
     def __init__(self, run: Callable[[], T]) -> None:
         self._run: Callable[[], T] | None = run
@@ -23,11 +23,11 @@ class Offloaded(Generic[T]):
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the work has ended."""
         return self._over.is_set()
 
     def result(self) -> T:
-        """Returns what the function has returned, or raises what it has raised."""
+        """Returns the result of the function, or raises its exception."""
         if not self._over.is_set():
             raise RuntimeError("the work has not ended yet: see `done`")
         if self._error is not None:
@@ -35,7 +35,7 @@ class Offloaded(Generic[T]):
         return self._result  # type: ignore[return-value]
 
     def cancel(self) -> bool:
-        """Has it never begin; returns whether that was possible."""
+        """Prevents the work from beginning. Work that is already running continues. Returns false if the work has ended."""
         self._run = None
         return not self._over.is_set()
 
@@ -48,7 +48,7 @@ class Offloaded(Generic[T]):
                 self._error = error
         else:
             self._error = RuntimeError("the work was cancelled")
-        # What the function holds is let go of here, and not by the loop.
+        # The objects of the function are released here, not by the control loop.
         self._run = run = None
         self._over.set()
 
@@ -69,7 +69,7 @@ class _Pool:
             is_needed = self._idle < self._waiting.qsize() and self._threads < _THREADS
             self._threads += is_needed
         if is_needed:
-            # As daemons, they keep no program from its end.
+            # Daemon threads do not prevent a program from ending.
             threading.Thread(target=self._serve, name="dca-offload", daemon=True).start()
 
     def _serve(self) -> None:
@@ -87,10 +87,11 @@ _pool = _Pool()
 
 
 def offload(function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Offloaded[T]:
-    """Runs a function on a thread of its own beside the loop; a later calculation looks at `done` and takes `result()`.
+    """Runs a function on another thread. A later calculation checks `done` and takes `result()`.
 
-    Four run at a time, and 64 wait. The loop and its watchdog go on as long as the function lets go of the interpreter's lock, as numpy, files and
-    sockets do; for work in Python alone use a process: `subprocess`, or `multiprocessing` with the method `spawn`.
+    Four functions run at a time, and 64 wait. The control loop and its watchdog continue as long as the function releases the
+    interpreter's lock, like numpy, files and sockets. For work in pure Python use a process: `subprocess`, or `multiprocessing` with the
+    method `spawn`.
     """
     work: Offloaded[T] = Offloaded(lambda: function(*args, **kwargs))
     _pool.put(work)

@@ -1,4 +1,4 @@
-"""Quantities: floats in SI units, whose annotation says what they are."""
+"""Quantities: floats in SI units, with an annotation that names the quantity."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -51,7 +51,7 @@ def si(value: str | float, quantity: object) -> float:
 
 
 def name_of(annotation: object) -> str | None:
-    """Returns the name of the quantity that an annotation says; none if it says none."""
+    """Returns the name of the quantity in an annotation; `None` if it has none."""
     for extra in getattr(annotation, "__metadata__", ()):
         if isinstance(extra, Quantity):
             return extra.name

@@ -5,8 +5,8 @@
         async for value in robot.echo("force.Out"):
             ...
 
-Each request is one run of the program `dca`, whose answer completes a future on the running loop: nothing here blocks the loop, and there is
-no thread. Each request starts the program `dca`; a service that needs many is a controller. When a task is cancelled, its request is ended.
+Each request runs the program `dca` once, and its answer completes a future on the running loop. Nothing here blocks the loop, and there
+are no threads. A service with many requests should be a controller instead. When a task is cancelled, its request is ended.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ _ENDS = {1: "refused or failed", 2: "not understood", 3: "no node can be reached
 
 
 class ClientError(Exception):
-    """A request that has no answer: `code` is the exit code of `dca`, the text is what it has said."""
+    """A request without an answer. `code` is the exit code of `dca`, and the text is its error message."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text or _ENDS.get(code, f"`dca` has ended with code {code}"))
@@ -34,13 +34,13 @@ class ClientError(Exception):
 
 @dataclass(slots=True)
 class Deployment:
-    """A deployment that was begun: `wait` returns the exit code of its mission, 0 if it is done."""
+    """A deployment that was started. `wait` returns the exit code of its mission, 0 if the mission is done."""
 
     _process: asyncio.subprocess.Process
     _told: "asyncio.Task[tuple[str, str]]"
 
     async def wait(self) -> int:
-        """Waits for the end of the mission; returns 0 if it is done, and raises `ClientError` if it has failed."""
+        """Waits for the end of the mission. Returns 0 if the mission is done, and raises `ClientError` if it has failed."""
         out, errors = await asyncio.shield(self._told)
         code = await self._process.wait()
         if code != 0:
@@ -54,7 +54,10 @@ class Deployment:
 
 
 class Client:
-    """Asks the nodes of this machine, or with `lan` of the local network. `program` is `dca`, from `PATH` or `$DCA` if it is not given."""
+    """Sends requests to this machine's node, or with `lan` to those of the local network.
+
+    `program` is `dca`, by default from `$DCA` or `PATH`.
+    """
 
     def __init__(
         self,
@@ -82,7 +85,7 @@ class Client:
         await self.close()
 
     async def close(self) -> None:
-        """Ends what is still asked for. Deployments go on."""
+        """Ends all open requests. Deployments continue."""
         for process in list(self._running):
             await _end(process)
         self._running.clear()
@@ -101,7 +104,7 @@ class Client:
         return await self._json("status", *_optional(deployment))
 
     async def key(self, key: str) -> Any:
-        """Returns what `dca db get --json` prints of a key."""
+        """Returns the output of `dca db get --json` for a key."""
         return await self._json("db get", key)
 
     def echo(self, output: str, *, count: int | None = None) -> AsyncIterator[Any]:
@@ -109,21 +112,21 @@ class Client:
         return self._lines("echo", output, options=[] if count is None else ["--count", str(count)])
 
     def events(self, deployment: str | None = None) -> AsyncIterator[Any]:
-        """Iterates over what has happened and happens, as dicts."""
+        """Iterates over the past and new events, as dicts."""
         return self._lines("events", *_optional(deployment), options=["--follow"])
 
     def watch(self, prefix: str = "") -> AsyncIterator[Any]:
-        """Iterates over the changes of the keys below a prefix that ends in `/`, or of one key, as dicts."""
+        """Iterates over the changes of the keys below a prefix that ends with `/`, or of one key, as dicts."""
         return self._lines("db watch", prefix)
 
     async def deploy(self, spec: str | os.PathLike[str], *, set: Mapping[str, Any] | None = None) -> Deployment:
-        """Deploys a spec on the hosts that it names; the mission goes on until it ends or is stopped."""
+        """Deploys a spec on the hosts that it names. The mission continues until it ends or is stopped."""
         values = [word for name, value in (set or {}).items() for word in ("--set", f"{name}={_spelt(value)}")]
         process = await self._start("deploy", [os.fspath(spec)], ["--no-record", *values])
         return Deployment(process, asyncio.create_task(_told(process)))
 
     async def stop(self, deployment: str) -> Any:
-        """Stops a deployment everywhere."""
+        """Stops a deployment on all its hosts."""
         return await self._json("stop", deployment)
 
     async def _start(self, verb: str, words: Sequence[str], options: Sequence[str]) -> asyncio.subprocess.Process:
@@ -133,7 +136,7 @@ class Client:
             *verb.split(),
             *options,
             *self._options,
-            # A name that looks like an option is none.
+            # A name that looks like an option is not treated as one.
             "--",
             *words,
             stdin=asyncio.subprocess.DEVNULL,
@@ -213,5 +216,5 @@ async def _end(process: asyncio.subprocess.Process) -> None:
     if process.returncode is None:
         with contextlib.suppress(ProcessLookupError):
             process.terminate()
-        # The process is waited for also if the task is cancelled once more.
+        # The process is waited for, even if the task is cancelled again.
         await asyncio.shield(process.wait())

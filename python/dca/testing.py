@@ -1,4 +1,4 @@
-"""Tests of controllers on virtual time: an hour takes a moment, and the same test gives the same numbers each time.
+"""Tests of controllers in virtual time: an hour takes a moment, and the same test always gives the same numbers.
 
     def test_it_keeps_its_distance():
         harness = dca.testing.Harness()
@@ -23,7 +23,7 @@ _Parameters = dict[str, str | float | bool]
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """A value that an output has sent, and when, in seconds."""
+    """A value that an output has sent, with its time in seconds."""
 
     at: float
     value: Any
@@ -41,18 +41,18 @@ class Ended:
 
 
 class Wire:
-    """A wire between two controllers, which is open at first."""
+    """A wire between two controllers. It is open at the beginning."""
 
     def __init__(self, native: _dca.NativeHarness, number: int) -> None:
         self._native, self._number = native, number
         self._is_open = True
 
     def open(self) -> None:
-        """Lets values through."""
+        """Opens the wire: values pass."""
         self._switch(True)
 
     def close(self) -> None:
-        """Lets no values through."""
+        """Closes the wire: values do not pass."""
         self._switch(False)
 
     def _switch(self, is_open: bool) -> None:
@@ -73,42 +73,42 @@ class Module:
 
     @property
     def is_active(self) -> bool:
-        """Whether it runs or stops."""
+        """Whether the controller is running or stopping."""
         return self._harness._native.is_active(self._number)
 
     def start(self, value: Any = b"") -> "Module":
-        """Begins an activation with a value of the previous process: a message or bytes."""
+        """Begins an activation. The value comes from the previous process: a message or bytes."""
         data = bytes(value) if isinstance(value, (bytes, bytearray, memoryview)) else encode(value)
         self._harness._native.activate(self._number, data)
         return self
 
     def configure(self, **parameters: str | float | bool) -> None:
-        """Changes parameters, as `dca param set` does while it runs."""
+        """Changes parameters, like `dca param set` for a running controller."""
         changed = self._parameters | parameters
         self._harness._native.configure(self._number, _arguments(self._cls, changed))
         self._parameters = changed
 
     def stop(self) -> None:
-        """Asks it to stop."""
+        """Asks the controller to stop."""
         self._harness._native.stop(self._number)
 
     def crash(self) -> None:
-        """Ends it as `kill -9` does."""
+        """Ends the controller like `kill -9`."""
         self._harness._native.crash(self._number)
 
     def send(self, port: str, value: Any) -> None:
-        """Sends a value to one of its inputs, as over a wire."""
+        """Sends a value to one of the controller's inputs, like over a wire."""
         expected = self._message(port, is_input=True)
         self._harness._native.send_to(self._number, port, expected.encode(value))
 
     def sent(self, port: str) -> list[Sent]:
-        """Returns all that one of its outputs has sent, the oldest first."""
+        """Returns all values that an output has sent, the oldest first."""
         message = self._message(port, is_input=False)
         self._harness._collect()
         return [Sent(at, message.decode(data)) for at, data in self._outputs.get(port, [])]
 
     def last(self, port: str) -> Any:
-        """Returns the value that one of its outputs has sent last; `None` before the first."""
+        """Returns the last value that an output has sent; `None` before the first one."""
         message = self._message(port, is_input=False)
         self._harness._collect()
         values = self._outputs.get(port)
@@ -122,10 +122,10 @@ class Module:
 
 
 class Harness:
-    """Controllers in one thread on virtual time.
+    """Controllers in one thread and in virtual time.
 
-    A value takes 0.1 ms from one controller to the next. With `busy`, calculations are held up, values are delayed and some are lost, as
-    on a machine with too much to do; the same `seed` gives the same run.
+    A value takes 0.1 ms from one controller to the next. With `busy`, calculations and values are delayed and some values are lost, like
+    on an overloaded machine. The same `seed` gives the same run.
     """
 
     def __init__(self, *, seed: int = 0, busy: bool = False) -> None:
@@ -134,11 +134,11 @@ class Harness:
 
     @property
     def now(self) -> float:
-        """The present time, in seconds."""
+        """The present virtual time, in seconds."""
         return self._native.now
 
     def add(self, cls: type[Any], **parameters: str | float | bool) -> Module:
-        """Adds an idle controller with these parameters: in SI units, or a text with a unit."""
+        """Adds an idle controller with these parameters; quantities are in SI units, or texts with a unit."""
         number = self._native.add(declaration(cls), _arguments(cls, parameters))
         module = Module(self, number, cls, parameters)
         self._modules.append(module)
@@ -149,7 +149,7 @@ class Harness:
         return Wire(self._native, self._native.connect((producer._number, output), (consumer._number, input)))
 
     def run(self, within: str | float) -> Ended | None:
-        """Lets time pass until an activation ends, at most for so long; returns the end, if there is one."""
+        """Lets time pass until an activation ends, at most `within`. Returns the end, or `None` if there was none."""
         ended = self._native.run(within)
         if ended is None:
             return None

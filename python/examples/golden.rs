@@ -1,11 +1,11 @@
-//! Writes and reads values of any type with serde and postcard, as programs in Rust do: the reference for the messages of Python.
+//! Writes and reads values of any type with serde and postcard, like Rust programs. This is the reference for Python's messages.
 //!
-//! A line of standard input is `{"type": TYPE, "value": VALUE}` or `{"type": TYPE, "bytes": HEX}`, and its answer is a line: the bytes in hexadecimal
-//! digits, or the value; `null` for bytes that are not of the type, to the last one. A TYPE is `"number"`, `"truth"`, `"text"`, `"bytes"`,
-//! `["optional", TYPE]`, `["list", TYPE, COUNT]` or `["record", [TYPE, ...]]`. A number is given by its bits.
+//! A line of standard input is `{"type": TYPE, "value": VALUE}` or `{"type": TYPE, "bytes": HEX}`. The answer is one line: the bytes in
+//! hexadecimal digits, or the value. It is `null` for bytes that do not have exactly this type. A TYPE is `"number"`, `"truth"`, `"text"`,
+//! `"bytes"`, `["optional", TYPE]`, `["list", TYPE, COUNT]` or `["record", [TYPE, ...]]`. A number is given by its bits.
 //!
-//! A line `{"ros": NAME, "bytes": HEX}` has the CDR of a message of ROS 2. Its answer has the bytes that the struct of Rust writes, the bytes
-//! on a wire, and the fields.
+//! A line `{"ros": NAME, "bytes": HEX}` has the CDR of a ROS 2 message. The answer has the bytes that the Rust struct writes, the bytes on
+//! a wire, and the fields.
 
 #![expect(clippy::print_stdout, reason = "it answers on standard output")]
 
@@ -61,7 +61,7 @@ impl Serialize for Typed<'_> {
     }
 }
 
-/// A type whose values are read.
+/// A type whose values are to be read.
 #[derive(Clone, Copy)]
 struct Type<'a>(&'a Value);
 
@@ -139,7 +139,7 @@ fn bytes(digits: &Value) -> Option<Vec<u8>> {
     (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(digits.get(at..at + 2)?, 16).ok()).collect()
 }
 
-/// Reads the CDR of a message, and returns what Rust says of it.
+/// Reads the CDR of a message, and returns the description of Rust's struct.
 type Read = fn(&[u8]) -> Option<Value>;
 
 fn read_ros<M: Message + Serialize>(bytes: &[u8]) -> Option<Value> {

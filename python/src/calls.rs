@@ -1,4 +1,4 @@
-//! Calls of procedures of other processes: sent after a calculation, answered in a later one.
+//! Calls of procedures of other processes. They are sent after a calculation, and answered before a later one.
 
 use crate::exports::type_form;
 use crate::message::MessageType;
@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 pyo3::create_exception!(dca, CallError, PyException, "A call that has no result, and why.");
 
-/// As `_controller.py` has it.
+/// The declaration, with the fields of `_controller.py`.
 #[derive(FromPyObject)]
 pub(crate) struct DeclaredCalls {
     name: String,
@@ -43,13 +43,13 @@ impl DeclaredCalls {
 }
 
 impl CallsOf {
-    /// Returns the message types of its argument and its result.
+    /// Returns the message types of the argument and the result.
     pub(crate) fn messages(&self) -> impl Iterator<Item = &Arc<Py<MessageType>>> {
         self.argument.iter().chain(&self.result)
     }
 }
 
-/// The calls of one name, of one instance.
+/// The calls of one name by one instance.
 #[derive(Debug)]
 pub(crate) struct CallState {
     argument: Option<Arc<Py<MessageType>>>,
@@ -60,7 +60,7 @@ pub(crate) struct CallState {
 #[derive(Debug, Default)]
 struct Held {
     raw: RawCalls,
-    /// How many activations have begun: a call of an earlier one has no answer, whatever its number.
+    /// The number of activations that have begun. A call of an earlier activation has no answer, whatever its number.
     activation: u64,
     /// The answer of each call that the controller still holds.
     answers: BTreeMap<u64, Option<Result<Vec<u8>, ObjectError>>>,
@@ -88,7 +88,7 @@ impl CallState {
         self.held().raw.take()
     }
 
-    /// Takes the answer to a call; an answer to a cancelled call is dropped.
+    /// Takes the answer to a call. The answer to a cancelled call is dropped.
     pub(crate) fn deliver(&self, number: u64, result: Result<Vec<u8>, ObjectError>) {
         let mut held = self.held();
         held.raw.deliver(number, result);
@@ -107,7 +107,8 @@ pub(crate) struct Calls(pub(crate) Arc<CallState>);
 
 #[pymethods]
 impl Calls {
-    /// Calls after this calculation; `to` is the path of a process, where the spec connects several.
+    /// Makes a call, which is sent after this calculation. If the spec connects several processes, `to` is the path
+    /// of one.
     #[pyo3(signature = (argument = None, *, within, to = None))]
     fn call(
         &self,
@@ -134,20 +135,20 @@ impl Calls {
         Ok(Call { number, activation: held.activation, of: Arc::clone(&self.0) })
     }
 
-    /// Whether the spec connects this call with something.
+    /// Whether the spec connects this call to a process.
     #[getter]
     fn is_connected(&self) -> bool {
         self.0.held().raw.is_connected()
     }
 
-    /// How many calls have no answer yet.
+    /// The number of calls without an answer.
     #[getter]
     fn pending(&self) -> usize {
         self.0.held().raw.pending()
     }
 }
 
-/// A call on its way.
+/// A call whose result is expected.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Call {
@@ -165,7 +166,7 @@ impl Call {
 
 #[pymethods]
 impl Call {
-    /// Whether there is an answer.
+    /// Whether the answer has arrived.
     #[getter]
     fn done(&self) -> bool {
         self.held().is_some_and(|held| held.answers.get(&self.number).is_some_and(Option::is_some))
@@ -185,7 +186,7 @@ impl Call {
         }
     }
 
-    /// Waits no more for it. If it has not begun at the other end, it never does.
+    /// Stops waiting for the answer. If the other end has not begun the call, it never will.
     fn cancel(&self) {
         if let Some(mut held) = self.held() {
             held.raw.cancel(self.number);
@@ -193,7 +194,7 @@ impl Call {
     }
 }
 
-/// The answer to a call that the controller has let go of is forgotten. The call itself goes on.
+/// When the controller drops a call, its answer is dropped as well. The call itself continues.
 impl Drop for Call {
     fn drop(&mut self) {
         if let Some(mut held) = self.held() {

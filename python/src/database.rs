@@ -1,4 +1,4 @@
-//! The database of the robot: asked after a calculation, answered in a later one.
+//! The robot's database. Requests are sent after a calculation, and answered before a later one.
 
 use crate::quantity::span;
 use crate::stored::{EntryOf, value, version};
@@ -37,7 +37,7 @@ pub(crate) struct DatabaseState {
 #[derive(Debug, Default)]
 struct Held {
     database: Database,
-    /// How many activations have begun: a request of an earlier one has no answer.
+    /// The number of activations that have begun. A request of an earlier activation has no answer.
     activation: u64,
     /// The answer of each request that the controller still holds.
     answers: BTreeMap<u64, Option<Answer>>,
@@ -46,7 +46,7 @@ struct Held {
 }
 
 impl Held {
-    /// Delivers the answers and events that have arrived.
+    /// Assigns the answers and events that have arrived to their requests and watches.
     fn sort(&mut self) {
         while let Some((number, result)) = self.database.value() {
             self.answer(number, result.map_or_else(Answer::Failed, Answer::Value));
@@ -106,7 +106,7 @@ impl DatabaseOf {
         Ok(self.request(|database| database.get(key, within)))
     }
 
-    /// Writes one key; with `expected` only if the key is as expected: `dca.ABSENT`, `dca.EXISTS`, or the version of an entry.
+    /// Writes one key. With `expected`, only if the key is in this state: `dca.ABSENT`, `dca.EXISTS`, or the version of an entry.
     #[pyo3(signature = (key, value, *, within, expected = None))]
     fn put(
         &self,
@@ -120,7 +120,7 @@ impl DatabaseOf {
         Ok(self.request(|database| database.put(key, value, expected, within)))
     }
 
-    /// Changes several keys together, or none: `writes` are new values by key, `None` to delete it; `requires` has the expected state of keys.
+    /// Changes several keys, all or none. `writes` has new values by key, `None` to delete; `requires` has expected states by key.
     #[pyo3(signature = (reason, writes, *, within, requires = None))]
     fn transact(
         &self,
@@ -140,7 +140,7 @@ impl DatabaseOf {
         Ok(self.request(|database| database.transact(transaction, within)))
     }
 
-    /// Watches a key, or the keys below a prefix that ends in `/`, until the activation ends.
+    /// Watches a key, or the keys below a prefix that ends with `/`, until the activation ends.
     fn watch(&self, prefix: String) -> Watch {
         let mut held = self.0.held();
         let number = held.database.watch(prefix);
@@ -148,7 +148,7 @@ impl DatabaseOf {
         Watch { number, activation: held.activation, of: Arc::clone(&self.0) }
     }
 
-    /// How many requests have no answer yet.
+    /// The number of requests without an answer.
     #[getter]
     fn pending(&self) -> usize {
         self.0.held().database.pending()
@@ -192,14 +192,14 @@ impl Request {
 
 #[pymethods]
 impl Request {
-    /// Whether there is an answer.
+    /// Whether the answer has arrived.
     #[getter]
     fn done(&self) -> bool {
         self.answer().is_some()
     }
 
     /// Returns the entry that was read, or the version that was committed. Raises `dca.DatabaseFailure` if nothing was done, and
-    /// `dca.DatabaseUnknown` if the result is unknown.
+    /// `dca.DatabaseUnknown` if it is unknown whether the request was carried out.
     fn result(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         match self.answer() {
             None => Err(PyRuntimeError::new_err("the request has no answer yet: see `done`")),
@@ -230,8 +230,7 @@ pub(crate) struct Watch {
     of: Arc<DatabaseState>,
 }
 
-/// An event of a watch: `begin`, `present`, `complete` or `changed`, the entries, and the author and reason of the
-/// change.
+/// An event of a watch: its kind (`begin`, `present`, `complete` or `changed`), the entries, and the author and the reason of the change.
 #[pyclass(frozen, get_all, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct WatchChange {
@@ -243,7 +242,7 @@ pub(crate) struct WatchChange {
 
 #[pymethods]
 impl Watch {
-    /// Iterates over the events since the last look, in order. Raises `dca.DatabaseFailure` if nothing comes.
+    /// Iterates over the events since the last iteration, in order. Raises `dca.DatabaseFailure` if the watch has failed.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut events = Vec::new();
         for event in self.take() {
@@ -263,8 +262,8 @@ impl Watch {
 }
 
 impl Watch {
-    /// Takes the events of this watch, and keeps those of other watches for them. Each event that is taken tells the
-    /// node that there is room for another one.
+    /// Takes the events of this watch, and leaves those of other watches in place. Each taken event tells the node that there is room for a
+    /// further one.
     fn take(&self) -> VecDeque<WatchEvent> {
         let mut held = self.of.held();
         if held.activation != self.activation {

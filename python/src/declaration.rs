@@ -1,4 +1,4 @@
-//! The declaration of a decorated class, as the interface of a controller type.
+//! Turns the declaration of a decorated class into the interface of a controller type.
 
 use crate::calls::{CallsOf, DeclaredCalls};
 use crate::exports::{DeclaredExport, Export};
@@ -13,18 +13,18 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// A class that was declared: its properties that are known without an instance.
+/// A declared class, with the properties that are known without an instance.
 #[derive(Debug)]
 pub(crate) struct Class {
-    /// The object of Python that makes instances.
+    /// The Python object that makes instances.
     pub(crate) declaration: Py<PyAny>,
     pub(crate) interface: Interface,
-    /// In the order of the ports of the interface: inputs, then outputs.
+    /// The ports in the order of the interface: inputs, then outputs.
     pub(crate) ports: Vec<Port>,
     pub(crate) exports: Vec<Export>,
-    /// In the order of the calls of the interface.
+    /// The calls in the order of the interface.
     pub(crate) calls: Vec<CallsOf>,
-    /// Queues, locks, routers, and clients of those; their calls are behind the calls of `calls`.
+    /// Queues, locks, routers, and clients for these. In the interface, their calls come after `calls`.
     pub(crate) stations: Vec<StationOf>,
     /// Behind the ports of `ports`.
     pub(crate) keys: Vec<KeysOf>,
@@ -32,7 +32,7 @@ pub(crate) struct Class {
     pub(crate) database: Option<String>,
 }
 
-/// A port, beside its interface.
+/// The part of a port that its interface does not have.
 #[derive(Debug)]
 pub(crate) struct Port {
     /// The attribute of the class that declares it.
@@ -41,7 +41,7 @@ pub(crate) struct Port {
     pub(crate) keeps_all: bool,
 }
 
-/// As `_controller.py` has it.
+/// The declaration, with the fields of `_controller.py`.
 #[derive(FromPyObject)]
 struct Declaration {
     name: String,
@@ -62,7 +62,7 @@ struct Declaration {
     values: DeclaredValues,
 }
 
-/// The message that it starts with, and its normal ends, each with the name of its message.
+/// The message type that an activation begins with, and its normal ends, each with the name of its message type.
 #[derive(FromPyObject)]
 struct DeclaredValues(Option<Py<MessageType>>, Vec<(String, Option<String>)>);
 
@@ -73,7 +73,7 @@ struct DeclaredPort {
     is_input: bool,
     keeps_all: bool,
     is_optional: bool,
-    /// `client` or `owner` of a device; none for a wire.
+    /// `client` or `owner` of a device; none for a port of a wire.
     device: Option<String>,
     message: Py<MessageType>,
     doc: String,
@@ -91,7 +91,7 @@ struct DeclaredParameter {
 }
 
 impl Class {
-    /// Returns the class that an object of Python declares.
+    /// Returns the class that a Python object declares.
     pub(crate) fn of(declaration: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
         let py = declaration.py();
         let declared: Declaration = declaration.extract()?;
@@ -145,7 +145,8 @@ impl Class {
         Ok(Arc::new(Self { declaration, interface, ports, exports, calls, stations, keys, database }))
     }
 
-    /// Returns the record types that messages of its ports, calls and exports have in lists: their names and fields.
+    /// Returns the record types that are list elements in messages of the class's ports, calls and exports: their
+    /// names and fields.
     pub(crate) fn inner_types(&self, py: Python<'_>) -> Vec<(String, String)> {
         let ports = self.ports.iter().map(|port| &port.message);
         let calls = self.calls.iter().flat_map(|calls| calls.messages());
@@ -220,7 +221,7 @@ impl DeclaredParameter {
         };
         let parameter = Parameter { name: for_ever(self.name.clone()), kind, default: default.map(for_ever) };
         if parameter.default.is_some() {
-            // Otherwise each process would be refused when it starts.
+            // Checked here, since otherwise each process would be refused when it starts.
             Arguments::parse::<&str>(&[parameter], &[])
                 .map_err(|why| PyValueError::new_err(format!("the default does not fit: {why}")))?;
         }
@@ -228,7 +229,7 @@ impl DeclaredParameter {
     }
 }
 
-/// Returns a text that lives as long as the process: an interface has such, and a class is declared once.
+/// Makes a text live as long as the process. An interface needs such texts, and a class is declared only once.
 fn for_ever(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
 }

@@ -1,4 +1,4 @@
-//! The bytes of a value that waits to be sent. Large pieces of bytes in it are not copied before they go to their consumers.
+//! The bytes of a value that is waiting to be sent. Large pieces are not copied until they go to their consumers.
 
 use crate::piece::{Arrived, Piece};
 use comms::logic::layout::Writer;
@@ -9,16 +9,16 @@ use pyo3::types::{PyBytes, PyMemoryView};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// From so many bytes on, a piece stays where it is.
+/// Pieces of at least this many bytes are not copied.
 const LARGE: usize = 4096;
 
 /// An encoded value.
 #[derive(Debug)]
 pub(crate) struct Encoded {
     bytes: Vec<u8>,
-    /// Whether a number in it may be infinite, or not a number.
+    /// Whether a number in the value may be infinite or NaN.
     pub(crate) allows_nan: bool,
-    /// Pieces that belong into `bytes`, each with its place there, in order.
+    /// Pieces that belong into `bytes`, each with its position there, in order.
     pieces: Vec<(usize, Held)>,
 }
 
@@ -44,21 +44,21 @@ impl Held {
 }
 
 impl Encoded {
-    /// Returns the beginning of a value; `allows_nan` says whether its numbers may be infinite, or not numbers.
+    /// Returns an empty value; `allows_nan` tells whether its numbers may be infinite or NaN.
     pub(crate) fn new(allows_nan: bool) -> Self {
         Self { bytes: Vec::new(), allows_nan, pieces: Vec::new() }
     }
 
-    /// Returns a writer that appends to it.
+    /// Returns a writer that appends to the value.
     pub(crate) fn writer(&mut self) -> Writer<'_> {
         Writer::new(&mut self.bytes)
     }
 
-    /// Writes the content of any buffer. A `bytes`, and a view of a value that has arrived, cannot change, so a large one is not copied. Any other buffer
-    /// is copied once, at once.
+    /// Writes the content of a buffer. A `bytes` object and a view of a received value never change, so a large one is not copied. Any
+    /// other buffer is copied now.
     ///
     /// # Errors
-    /// If it is not a buffer.
+    /// If `value` is not a buffer.
     pub(crate) fn buffer(&mut self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         if let Ok(bytes) = value.cast::<PyBytes>() {
             self.piece(bytes);
@@ -70,16 +70,16 @@ impl Encoded {
             self.pieces.push((self.bytes.len(), Held::Arrived(whole, range)));
             return Ok(());
         }
-        // The bytes of an array of objects are addresses in this process.
+        // The bytes of an array of objects would be addresses in this process.
         if view.getattr("format")?.extract::<String>()?.contains('O') {
             return Err(PyTypeError::new_err("objects have no bytes"));
         }
-        // This also copies data that is not one piece.
+        // This also copies data that is not contiguous.
         self.piece(&view.call_method0("tobytes")?.cast_into::<PyBytes>()?);
         Ok(())
     }
 
-    /// Writes bytes that were written for this value, with their length.
+    /// Writes bytes that were made for this value, with their length.
     pub(crate) fn own(&mut self, bytes: Vec<u8>) {
         self.writer().length(bytes.len());
         self.pieces.push((self.bytes.len(), Held::Own(bytes)));
@@ -93,7 +93,7 @@ impl Encoded {
         self.pieces.push((self.bytes.len(), Held::Python(bytes.clone().into())));
     }
 
-    /// Hands its bytes over, piece by piece; returns whether all were taken.
+    /// Calls `take` with the bytes, piece by piece; returns whether all pieces were taken.
     pub(crate) fn each(&self, take: &mut dyn FnMut(&[u8]) -> bool) -> bool {
         let mut from = 0;
         for (place, held) in &self.pieces {
@@ -106,7 +106,7 @@ impl Encoded {
         take(self.bytes.get(from..).unwrap_or_default())
     }
 
-    /// Returns its bytes as one piece.
+    /// Returns all bytes in one piece.
     pub(crate) fn whole(self) -> Vec<u8> {
         if self.pieces.is_empty() {
             return self.bytes;
@@ -122,13 +122,13 @@ impl Encoded {
     }
 }
 
-/// Returns the data behind a view, if that is all of a large piece of a value that has arrived.
+/// Returns the data behind a view, if the view covers all of a large piece of a received value.
 fn arrived(view: &Bound<'_, PyMemoryView>) -> Option<(Arc<Arrived>, Range<usize>)> {
     let piece = view.getattr("obj").ok()?.cast_into::<Piece>().ok()?;
     let (whole, range) = piece.get().part();
     let size: usize = view.getattr("nbytes").ok()?.extract().ok()?;
     let is_contiguous: bool = view.getattr("c_contiguous").ok()?.extract().ok()?;
-    // A view of another part, or a reversed one, has its first byte elsewhere.
+    // A view of another part, or a reversed view, has another first byte.
     let is_whole = size == range.len() && size >= LARGE && is_contiguous;
     is_whole.then(|| (Arc::clone(whole), range))
 }

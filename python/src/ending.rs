@@ -6,10 +6,10 @@ use pyo3::prelude::*;
 /// The moment of one calculation.
 #[pyclass(frozen, module = "dca")]
 pub(crate) struct Tick {
-    /// This host's clock, in seconds.
+    /// The time on this host's clock, in seconds.
     #[pyo3(get)]
     pub(crate) now: f64,
-    /// The seconds since the last calculation of this activation; one period at the first.
+    /// The seconds since the previous calculation of this activation. At the first calculation it is one period.
     #[pyo3(get)]
     pub(crate) elapsed: f64,
 }
@@ -30,7 +30,7 @@ impl Tick {
 /// The normal end of an activation.
 #[pyclass(frozen, module = "dca")]
 pub(crate) struct Done {
-    /// The encoded value for the next process, with the tag of its outcome where it has one.
+    /// The encoded value for the next process; for an outcome, without its tag.
     pub(crate) bytes: Vec<u8>,
     /// The tag of the outcome; none if the class has no outcomes.
     #[pyo3(get)]
@@ -38,7 +38,8 @@ pub(crate) struct Done {
 }
 
 impl Done {
-    /// Returns the end of the activation. The bytes of an outcome are its tag, with its length in one byte, and the value.
+    /// Returns the end of the activation. The bytes of an outcome are the length of its tag in one byte, the tag, and the
+    /// value.
     pub(crate) fn progress(&self) -> Progress {
         let Some(tag) = &self.tag else { return Progress::Done(self.bytes.clone()) };
         match u8::try_from(tag.len()) {

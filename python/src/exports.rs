@@ -1,4 +1,4 @@
-//! The exports of a class: procedures that others call and states that they read, between two calculations.
+//! The exports of a class: procedures that other processes call, and states that they read, between two calculations.
 
 use crate::failure::told;
 use crate::forked;
@@ -21,11 +21,11 @@ pub(crate) struct Export {
     attribute: String,
     argument: Option<Arc<Py<MessageType>>>,
     result: Option<Arc<Py<MessageType>>>,
-    /// Whether the method gets a [`Reply`], and answers later.
+    /// Whether the method gets a [`Reply`] and may answer later.
     is_later: bool,
 }
 
-/// As `_controller.py` has it.
+/// The declaration, with the fields of `_controller.py`.
 #[derive(FromPyObject)]
 pub(crate) struct DeclaredExport {
     name: String,
@@ -59,13 +59,13 @@ impl DeclaredExport {
     }
 }
 
-/// Returns the description that a message type gives of itself; nothing at all if there is none.
+/// Returns the description of a message type; an empty description without a type.
 pub(crate) fn type_form(message: Option<&Py<MessageType>>) -> TypeForm {
     message.map_or_else(TypeForm::default, |message| TypeForm::new(&message.get().name, &message.get().fields))
 }
 
 impl Export {
-    /// Returns the message types of its argument and its result.
+    /// Returns the message types of the argument and the result.
     pub(crate) fn messages(&self) -> impl Iterator<Item = &Arc<Py<MessageType>>> {
         self.argument.iter().chain(&self.result)
     }
@@ -92,7 +92,7 @@ impl Export {
         }
         let mut reply = Some(reply);
         let result = forked::call(|py| self.call(py, object, bytes, &mut reply).map_err(|error| cause(py, error)));
-        // The method has taken the reply along, or there is a result.
+        // The method has kept the reply, or has returned a result.
         match (reply, result) {
             (Some(reply), Ok(bytes)) => reply.answer(Ok(bytes)),
             (Some(reply), Err(error)) => reply.answer(Err(error)),
@@ -128,7 +128,7 @@ fn encoded(message: Option<&Py<MessageType>>, value: &Bound<'_, PyAny>) -> PyRes
     }
 }
 
-/// Returns why a call has no result: `dca.Refused` is an answer alone, any other exception is also in the log.
+/// Returns why a call has no result. `dca.Refused` is only an answer; any other exception is also written to the log.
 fn cause(py: Python<'_>, error: PyErr) -> ObjectError {
     let is_answer = error.is_instance_of::<Refused>(py);
     refused(if is_answer { error.value(py).to_string() } else { told(py, error) })
@@ -138,7 +138,7 @@ fn refused(reason: String) -> ObjectError {
     ObjectError::Refused { reason }
 }
 
-/// The way of the answer to one call, which may be kept and answered in a later calculation.
+/// The way of the answer to one call. A method may keep it, and answer in a later calculation.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Reply {
@@ -148,7 +148,7 @@ pub(crate) struct Reply {
 
 #[pymethods]
 impl Reply {
-    /// Answers. A value of another type is raised here, and the call still waits.
+    /// Sends the answer. A value of another type raises an error here, and the call still waits.
     #[pyo3(signature = (value = None))]
     fn send(&self, py: Python<'_>, value: Option<Bound<'_, PyAny>>) -> PyResult<()> {
         let value = value.unwrap_or_else(|| py.None().into_bound(py));
@@ -157,7 +157,7 @@ impl Reply {
         Ok(())
     }
 
-    /// Answers with a reason for not doing it, in one line.
+    /// Refuses the call, with a reason in one line.
     fn refuse(&self, reason: String) -> PyResult<()> {
         self.take()?.answer(Err(refused(reason)));
         Ok(())

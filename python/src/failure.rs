@@ -1,10 +1,10 @@
-//! Exceptions: the last line of one is the reason of an abort, and its traceback is in the program's log.
+//! Exceptions: the last line becomes the reason of an abort, and the traceback is written to the program's log.
 
 use pyo3::exceptions::PyBaseException;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-/// Returns the last line of an exception, and writes its traceback on standard error, which the node keeps.
+/// Returns the last line of an exception, and writes its traceback to standard error, which the node records.
 pub(crate) fn told(py: Python<'_>, error: PyErr) -> String {
     let plain = error.to_string();
     let told: PyResult<String> = (|| {
@@ -21,11 +21,11 @@ pub(crate) fn told(py: Python<'_>, error: PyErr) -> String {
         let own = last.len().saturating_sub(note_lines(value));
         Ok(last.get(..own).unwrap_or_default().last().map(|line| line.trim().to_owned()).unwrap_or_default())
     })();
-    // A closed standard error is no reason to say less.
+    // If standard error is closed, the reason is still returned.
     told.ok().filter(|line| !line.is_empty()).unwrap_or(plain)
 }
 
-/// Returns how many lines behind an exception are notes that were added to it.
+/// Returns the number of lines of the notes that were added to an exception.
 fn note_lines(exception: &Bound<'_, PyBaseException>) -> usize {
     let notes = exception.getattr("__notes__").and_then(|notes| notes.extract::<Vec<String>>());
     notes.unwrap_or_default().iter().map(|note| note.split('\n').count()).sum()

@@ -1,8 +1,8 @@
-//! The form of a message type: how its bytes become Python values, and the other way round.
+//! The form of a message type: how its bytes become Python values, and Python values become bytes.
 //!
-//! Python describes a form with nested tuples, whose first item is the kind: `("number", "Length")`,
-//! `("list", ELEMENT, 3, False)`, `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the
-//! same fields. An optional value has the bytes of a list of at most one.
+//! Python describes a form with nested tuples. The first item is the kind: `("number", "Length")`, `("list", ELEMENT,
+//! 3, False)`, `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An
+//! optional value has the bytes of a list with at most one element.
 
 use crate::encoded::Encoded;
 use crate::message::MessageType;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// The deepest nesting of a type.
 const DEPTH_MAX: usize = 64;
-/// The largest whole number, up and down, that a float holds exactly.
+/// Whole numbers up to this absolute value have exact floats.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
 /// A type, as a tree.
@@ -24,17 +24,17 @@ const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 pub(crate) enum Form {
     /// A float in SI units.
     Number,
-    /// A whole number, which travels as a float.
+    /// A whole number, which is sent as a float.
     Whole,
-    /// A whole number of a device, which is not negative.
+    /// A whole number of a device, which must not be negative.
     Natural,
-    /// The time of a device, in nanoseconds; seconds in Python.
+    /// A time of a device: nanoseconds in the bytes, seconds in Python.
     Stamp,
     Truth,
     Text,
-    /// A read-only `memoryview`; any buffer goes out.
+    /// Bytes: a read-only `memoryview` in Python; any buffer can be sent.
     Bytes,
-    /// Words, each with its Python value.
+    /// An enumeration: words, each with its Python value.
     Words(Vec<(String, Py<PyAny>)>),
     Optional(Box<Self>),
     List {
@@ -46,14 +46,14 @@ pub(crate) enum Form {
         class: Py<PyAny>,
         fields: Vec<(Py<PyString>, Self)>,
     },
-    /// A standard message of ROS 2, whose bytes are those of its CDR with their length.
+    /// A standard ROS 2 message. Its bytes are its CDR, with their length.
     Standard(Arc<Standard>),
 }
 
-/// The result of a look at the bytes of a value.
+/// The result of checking the bytes of a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
-    /// Whether no number in it is infinite, and none is not a number.
+    /// Whether all numbers are finite.
     pub(crate) is_finite: bool,
     /// The field `stamp` of the outermost record, in seconds.
     pub(crate) stamp: Option<f64>,
@@ -98,7 +98,7 @@ impl Form {
         })
     }
 
-    /// Looks at the bytes of a record, without the interpreter; none if they are not of this type, to the last one.
+    /// Checks the bytes of a record without the interpreter; none if they do not have exactly this type.
     pub(crate) fn look(&self, bytes: &[u8], stamp: Option<usize>) -> Option<Look> {
         let (mut reader, mut look) = (Reader::new(bytes), Look { is_finite: true, stamp: None });
         let fields = if let Self::Record { fields, .. } = self {
@@ -111,7 +111,7 @@ impl Form {
             let before = reader.rest();
             form.skip(&mut reader, &mut look.is_finite)?;
             if Some(at) == stamp {
-                // Of an optional stamp the number is behind the mark that there is one.
+                // The number of an optional stamp follows the byte that marks its presence.
                 let taken = before.get(..before.len() - reader.rest().len()).unwrap_or_default();
                 look.stamp = if matches!(form, Self::Stamp) {
                     Reader::new(taken).natural().map(from_nanos)
@@ -129,7 +129,7 @@ impl Form {
             Self::Whole => {
                 let number = reader.number()?;
                 *is_finite &= number.is_finite();
-                // The other end has another type: a whole number is within 2^53.
+                // If this fails, the other end has another type: whole numbers are within 2^53.
                 if number.is_finite() && !is_whole(number) {
                     return None;
                 }
@@ -160,7 +160,7 @@ impl Form {
         Some(())
     }
 
-    /// Returns the value that a reader of `whole` begins with. Bytes in it are views of `whole`.
+    /// Returns the value at the beginning of a reader of `whole`. Bytes in it are views of `whole`.
     pub(crate) fn read<'py>(
         &self,
         py: Python<'py>,
@@ -291,7 +291,7 @@ fn write_list(of: &Form, count: Option<usize>, value: &Bound<'_, PyAny>, encoded
         None => encoded.writer().length(length),
     }
     let mut written = 0;
-    // An iterator need not end: more than one beyond the length is not asked for.
+    // An iterator may be endless, so at most one element beyond the length is read.
     for element in value.try_iter()?.take(length.saturating_add(1)) {
         of.write(&element?, encoded)?;
         written += 1;
@@ -323,7 +323,7 @@ fn write_record(
 /// Writes the content of any buffer.
 fn write_bytes(value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
     if value.extract::<i64>().is_ok() {
-        // Which `memoryview` has no word for.
+        // A whole number is refused here, with its own message.
         return Err(expected("bytes", value));
     }
     encoded.buffer(value).map_err(|_no_buffer| expected("bytes, or another buffer", value))
@@ -335,7 +335,7 @@ pub(crate) fn expected(what: &str, value: &Bound<'_, PyAny>) -> PyErr {
     PyTypeError::new_err(format!("expected {what}, got {shown}"))
 }
 
-/// Names the field in which a value is wrong: `at.x: expected a number, got None`.
+/// Adds the field in which a value is wrong to the error: `at.x: expected a number, got None`.
 pub(crate) fn within(py: Python<'_>, field: &Bound<'_, PyString>, error: &PyErr) -> PyErr {
     let text = error.value(py).to_string();
     let text = match text.split_once(": ") {

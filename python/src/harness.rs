@@ -1,4 +1,4 @@
-//! Controllers of Python in one thread on virtual time, for tests.
+//! Runs Python controllers in one thread and in virtual time, for tests.
 
 use crate::declaration::Class;
 use crate::instance::Instance;
@@ -12,12 +12,13 @@ use pyo3::types::PyBytes;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// A value that has left an output: when, of which module, which output, and the value, encoded.
+/// A value that has left an output: the time, the number of the module, the output, and the encoded value.
 type SentValue = (Time, usize, &'static str, Vec<u8>);
-/// How an activation ended: its module, when, `done`, `aborted` or `stopped`, the value that it leaves, and the reason of an abort.
+/// The end of an activation: the module, the time in seconds, `done`, `aborted` or `stopped`, the value for the next process, and
+/// the reason of an abort.
 type Ended<'py> = (usize, f64, &'static str, Bound<'py, PyBytes>, String);
 
-/// The native half of `dca.testing.Harness`: modules and wires have numbers here.
+/// The native half of `dca.testing.Harness`, which identifies modules and wires by numbers.
 #[pyclass(unsendable, module = "dca")]
 pub(crate) struct NativeHarness {
     harness: Harness,
@@ -46,7 +47,7 @@ impl NativeHarness {
         seconds(self.harness.now())
     }
 
-    /// Adds an idle controller; `arguments` are `name=value`, as a node gives them. Returns its number.
+    /// Adds an idle controller; `arguments` are `name=value`, as from a node. Returns its number.
     fn add(&mut self, declaration: &Bound<'_, PyAny>, arguments: Vec<String>) -> PyResult<usize> {
         let class = Class::of(declaration)?;
         let arguments = Arguments::parse(class.interface.about.parameters, &arguments).map_err(refused)?;
@@ -55,7 +56,7 @@ impl NativeHarness {
         Ok(self.modules.len() - 1)
     }
 
-    /// Makes an open wire; returns its number.
+    /// Makes an open wire between `from` and `to`, each a module and a port. Returns the number of the wire.
     fn connect(&mut self, from: (usize, String), to: (usize, String)) -> PyResult<usize> {
         let (out, into) = (self.module(from.0)?, self.module(to.0)?);
         let wire = self.harness.connect((out, &from.1), (into, &to.1)).map_err(refused)?;
@@ -81,7 +82,7 @@ impl NativeHarness {
         Ok(())
     }
 
-    /// Gives a controller other parameters.
+    /// Sets other parameters of a controller.
     fn configure(&mut self, module: usize, arguments: Vec<String>) -> PyResult<()> {
         let module = self.module(module)?;
         let parameters = self.harness.module(module).interface().about.parameters;
@@ -95,20 +96,20 @@ impl NativeHarness {
         Ok(())
     }
 
-    /// Ends a module as `kill -9` does.
+    /// Kills a module like `kill -9`.
     fn crash(&mut self, module: usize) -> PyResult<()> {
         let module = self.module(module)?;
         self.harness.crash(module);
         Ok(())
     }
 
-    /// Sends an encoded value to an input, as over a wire.
+    /// Sends an encoded value to an input, like over a wire.
     fn send_to(&mut self, module: usize, port: &str, bytes: Vec<u8>) -> PyResult<()> {
         let module = self.module(module)?;
         self.harness.send_to(module, port, bytes).map_err(refused)
     }
 
-    /// Lets time pass until an activation ends, at most for `span`.
+    /// Lets time pass until an activation ends, at most `within`.
     fn run<'py>(&mut self, py: Python<'py>, within: &Bound<'_, PyAny>) -> PyResult<Option<Ended<'py>>> {
         let until = self.harness.now() + span(within)?;
         let Some(Report { at, module, ending }) = self.harness.run(until) else { return Ok(None) };
@@ -125,7 +126,8 @@ impl NativeHarness {
         Ok(self.harness.is_active(self.module(module)?))
     }
 
-    /// Returns the values that have left outputs since the last call: when, the module, the output, and the value, encoded.
+    /// Returns the values that have left outputs since the last call: the time in seconds, the module, the output, and the encoded
+    /// value.
     fn take_sent<'py>(&self, py: Python<'py>) -> Vec<(f64, usize, &'static str, Bound<'py, PyBytes>)> {
         let sent = std::mem::take(&mut *self.sent.borrow_mut());
         sent.into_iter()

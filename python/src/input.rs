@@ -10,11 +10,11 @@ use pyo3::types::PyList;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The state of an input. The control loop shares it with the object that the controller sees.
+/// The state of an input, shared between the control loop and the Python object.
 #[derive(Debug)]
 pub(crate) struct InputState {
     message: Arc<Py<MessageType>>,
-    /// Whether it keeps every value since the last calculation, and not the newest alone.
+    /// Whether it keeps every value since the last calculation, not only the newest one.
     keeps_all: bool,
     held: Mutex<Held>,
 }
@@ -22,9 +22,9 @@ pub(crate) struct InputState {
 #[derive(Debug, Default)]
 struct Held {
     arrivals: Arrivals,
-    /// The newest value, or all of them in order.
+    /// The newest value, or all values in order.
     values: VecDeque<Arc<Arrived>>,
-    /// The newest value as Python has read it.
+    /// The newest value in its Python form, once it was read.
     read: Option<Py<PyAny>>,
 }
 
@@ -37,7 +37,7 @@ impl InputState {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a value. Nothing here needs the interpreter.
+    /// Takes a value. This does not need the interpreter.
     pub(crate) fn deliver(&self, bytes: Vec<u8>, arrived: Time) -> Result<(), Refused> {
         let message = self.message.get();
         let Some(look) = message.look(&bytes) else { return Err(Refused::Malformed) };
@@ -83,7 +83,8 @@ impl InputState {
         self.held().arrivals
     }
 
-    /// Returns the newest value. It is made once; the interpreter runs no code while the state is locked.
+    /// Returns the newest value. It is converted only once. The interpreter runs no other code while the state is
+    /// locked.
     fn newest(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         let bytes = {
             let held = self.held();
@@ -105,77 +106,78 @@ impl InputState {
 /// Why a value was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refused {
-    /// The bytes are not of the type of the input.
+    /// The bytes do not have the type of the input.
     Malformed,
-    /// A number in it is infinite, or not a number.
+    /// A number in the value is infinite or NaN.
     NotFinite,
 }
 
-/// An input of a controller: holds the newest value that arrived.
+/// An input of a controller. It holds the newest value that has arrived.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Input(pub(crate) Arc<InputState>);
 
 #[pymethods]
 impl Input {
-    /// Returns the newest value, however old; `None` before the first.
+    /// Returns the newest value of any age; `None` before the first one.
     fn latest(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         self.0.newest(py)
     }
 
-    /// Returns the newest value if it arrived since the last calculation.
+    /// Returns the newest value if it arrived since the last calculation, otherwise `None`.
     fn fresh(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         if self.0.arrivals().is_fresh() { self.0.newest(py) } else { Ok(None) }
     }
 
-    /// Returns the newest value if it is at most `age_max` old at `now`.
+    /// Returns the newest value if it is at most `age_max` old at `now`, otherwise `None`.
     fn fresh_within(&self, py: Python<'_>, now: f64, age_max: &Bound<'_, PyAny>) -> PyResult<Option<Py<PyAny>>> {
         if self.stale(now, age_max)? { Ok(None) } else { self.0.newest(py) }
     }
 
-    /// Returns whether there is no value that is at most `age_max` old at `now`.
+    /// Returns whether no value is at most `age_max` old at `now`.
     fn stale(&self, now: f64, age_max: &Bound<'_, PyAny>) -> PyResult<bool> {
         let (now, age_max) = (time(now).unwrap_or(Time::ZERO), span(age_max)?);
         Ok(!self.0.arrivals().is_fresh_within(now, age_max))
     }
 
-    /// Returns how old the newest value is at `now`, in seconds.
+    /// Returns the age of the newest value at `now`, in seconds; `None` before the first one.
     fn age(&self, now: f64) -> Option<f64> {
         self.0.arrivals().age(time(now)?).map(|age| age.as_secs_f64())
     }
 
-    /// The time when the newest value was measured, or else when it arrived.
+    /// The time when the newest value was measured, or when it arrived if it has no time of measurement; seconds on
+    /// this host's clock.
     #[getter]
     fn measured(&self) -> Option<f64> {
         self.0.arrivals().measured().map(seconds)
     }
 
-    /// The time when the newest value arrived.
+    /// The time when the newest value arrived, in seconds on this host's clock.
     #[getter]
     fn arrived(&self) -> Option<f64> {
         self.0.arrivals().arrived().map(seconds)
     }
 
-    /// How many values have arrived in this activation.
+    /// The number of values that have arrived in this activation.
     #[getter]
     fn received(&self) -> u64 {
         self.0.arrivals().received()
     }
 
-    /// How many values were sent to this input in this activation and have not come.
+    /// The number of values that were sent to this input in this activation but did not arrive.
     #[getter]
     fn lost(&self) -> u64 {
         self.0.arrivals().lost()
     }
 
-    /// How many values were refused in this activation, because a number in them was not finite.
+    /// The number of values that were refused in this activation because a number in them was not finite.
     #[getter]
     fn refused(&self) -> u64 {
         self.0.arrivals().refused()
     }
 }
 
-/// An input that keeps every value that has arrived since the last calculation.
+/// An input that keeps every value since the last calculation.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct EveryInput(pub(crate) Arc<InputState>);
@@ -194,13 +196,13 @@ impl EveryInput {
         self.0.held().values.len()
     }
 
-    /// How many values were sent to this input in this activation and have not reached it.
+    /// The number of values that were sent to this input in this activation but did not arrive.
     #[getter]
     fn lost(&self) -> u64 {
         self.0.arrivals().lost()
     }
 
-    /// How many values were refused in this activation, because a number in them was not finite.
+    /// The number of values that were refused in this activation because a number in them was not finite.
     #[getter]
     fn refused(&self) -> u64 {
         self.0.arrivals().refused()

@@ -1,7 +1,7 @@
-//! An instance of a class, as a module of the kit.
+//! An instance of a Python class, as a module of the kit.
 //!
-//! The interpreter is attached for `init`, a calculation, `stop`, calls and signals, and for nothing else: values arrive and
-//! leave without it. Each activation begins with a new object of the class.
+//! The interpreter is attached only for `init`, calculations, `stop`, calls and signals; values arrive and leave without it.
+//! Each activation begins with a new object of the class.
 
 use crate::calls::{CallState, Calls};
 use crate::database::{DatabaseOf, DatabaseState};
@@ -30,10 +30,10 @@ use pyo3::types::{PyBytes, PyDict};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The most signals of a controller, as of one in Rust.
+/// The most signals of a controller, the same as in Rust.
 const SIGNALS_MAX: usize = comms::logic::signals::VALUES_MAX;
 
-/// The name by which a class is triggered by answers of the database.
+/// The trigger name for answers of the database.
 const DATABASE: &str = "database";
 
 /// An instance with its ports.
@@ -51,12 +51,12 @@ pub(crate) struct Instance {
     connected: Vec<&'static str>,
     arguments: Arguments,
     object: Py<PyAny>,
-    /// Whether an activation has used the object.
+    /// Whether an activation has already used the object.
     is_used: bool,
     last: Option<Time>,
 }
 
-/// A signal as Python gives it.
+/// A signal in the form that Python returns.
 #[derive(FromPyObject)]
 struct GivenSignal {
     name: String,
@@ -69,7 +69,7 @@ impl Instance {
     /// Makes an idle instance.
     ///
     /// # Errors
-    /// The last line of the exception of its `__init__`.
+    /// The last line of the exception, if `__init__` raises one.
     pub(crate) fn new(class: &Arc<Class>, arguments: &Arguments) -> Result<Self, String> {
         forked::call(|py| {
             let inputs: Vec<_> =
@@ -135,7 +135,7 @@ impl Instance {
         Tick { now: seconds(now), elapsed: elapsed.as_secs_f64() }
     }
 
-    /// Delivers the values of keys that ports are connected with.
+    /// Delivers the values of the keys that ports are connected to.
     fn tell_news(&mut self, now: Time) {
         for (port, bytes) in self.key_ports.news(now) {
             for (keys, declared) in self.keys.iter().zip(&self.class.keys).filter(|(_, of)| of.interface.name == port) {
@@ -161,7 +161,7 @@ impl Instance {
         }
     }
 
-    /// Returns a reason to abort together with the problems of the inputs.
+    /// Returns a reason for an abort, with the problems of the inputs added.
     fn explained(&self, mut reason: String) -> String {
         for (input, declared) in self.inputs.iter().zip(&self.class.interface.ports) {
             if let Some(trouble) = input.trouble() {
@@ -186,7 +186,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Returns how a calculation ends, by its returned value.
+    /// Returns how a calculation ends, according to its returned value.
     fn progress(&self, returned: &Bound<'_, PyAny>) -> PyResult<Progress> {
         if returned.is_none() {
             return Ok(Progress::Continue);
@@ -218,7 +218,7 @@ impl Module for Instance {
         self.take(port, bytes.to_vec(), arrived)
     }
 
-    /// The bytes are copied once, to where they stay.
+    /// The bytes are copied once, to their final place.
     fn deliver_from(&mut self, port: &str, source: &mut dyn Source, arrived: Time) -> Result<Delivery, DeliveryError> {
         let mut bytes = Vec::new();
         source.append(source.left(), &mut bytes);
@@ -290,7 +290,7 @@ impl Module for Instance {
             if !object.hasattr("stop")? {
                 return Ok(true);
             }
-            // A method without a `return` has finished.
+            // A method without a `return` counts as finished.
             let returned = object.call_method1("stop", (tick,))?;
             Ok(returned.is_none() || returned.is_truthy()?)
         };
@@ -402,7 +402,7 @@ struct Ends<'a> {
     database: &'a Arc<DatabaseState>,
 }
 
-/// Makes an object of the class, with its ports and parameters as attributes.
+/// Makes an object of the class, with ports and parameters as attributes.
 fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -> PyResult<Py<PyAny>> {
     let (attributes, values) = (PyDict::new(py), values(py, &class.interface, arguments)?);
     if let Some(attribute) = &class.database {

@@ -1,4 +1,4 @@
-//! Ports that a spec connects with keys of the database.
+//! Ports that a spec connects to keys of the database.
 
 use crate::database::{WatchChange, change};
 use crate::quantity::span;
@@ -10,10 +10,10 @@ use pyo3::types::PyList;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The most that waits at a port; the oldest gives way.
+/// The most values that wait at a port. For a further one, the oldest is dropped.
 const WAITING_MAX: usize = 8192;
 
-/// As `_messaging.py` has it.
+/// The declaration, with the fields of `_messaging.py`.
 #[derive(FromPyObject)]
 pub(crate) struct DeclaredKeys {
     name: String,
@@ -81,13 +81,13 @@ impl KeysState {
         held.answers.drain(..answers.saturating_sub(WAITING_MAX));
     }
 
-    /// Takes what an output puts, encoded.
+    /// Takes the encoded values that an output writes.
     pub(crate) fn take(&self) -> Vec<Vec<u8>> {
         let puts = std::mem::take(&mut self.held().puts);
         puts.iter().filter_map(|put| postcard::to_stdvec(put).ok()).collect()
     }
 
-    /// Returns the value that the object of a class has in the place of the port.
+    /// Returns the Python object for the port.
     pub(crate) fn object(self: &Arc<Self>, py: Python<'_>, type_name: &str) -> PyResult<Py<PyAny>> {
         let state = Arc::clone(self);
         Ok(match type_name {
@@ -98,14 +98,15 @@ impl KeysState {
     }
 }
 
-/// The input that hears of the keys that it is connected with.
+/// An input that receives the changes of the keys that it is connected to.
 #[pyclass(frozen, module = "dca", name = "KeyNews")]
 #[derive(Debug)]
 pub(crate) struct KeyNewsOf(Arc<KeysState>);
 
 #[pymethods]
 impl KeyNewsOf {
-    /// Iterates over the events since the last look, in order: as of a watch. Raises `dca.DatabaseFailure` if nothing comes.
+    /// Iterates over the events since the last iteration, in order, like a watch. Raises `dca.DatabaseFailure` if the watch has
+    /// failed.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let news = std::mem::take(&mut self.0.held().news);
         let events: Vec<Py<WatchChange>> =
@@ -114,15 +115,15 @@ impl KeyNewsOf {
     }
 }
 
-/// The input that hears whether the puts of an output were committed.
+/// An input that receives whether the writes of an output were committed.
 #[pyclass(frozen, module = "dca", name = "KeyAnswers")]
 #[derive(Debug)]
 pub(crate) struct KeyAnswersOf(Arc<KeysState>);
 
 #[pymethods]
 impl KeyAnswersOf {
-    /// Iterates over the answers since the last look: the number of the put, and `None` if it was committed, else why it was not, or
-    /// may not be.
+    /// Iterates over the answers since the last iteration. Each has the number of the write, and `None` if it was committed, otherwise
+    /// the reason why it was not, or may not be.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let answers = std::mem::take(&mut self.0.held().answers);
         let told = answers.into_iter().map(|KeyAnswer { number, result }| match result {
@@ -134,14 +135,15 @@ impl KeyAnswersOf {
     }
 }
 
-/// An output that puts values at the keys that it is connected with.
+/// An output that writes values at the keys that it is connected to.
 #[pyclass(frozen, module = "dca", name = "KeyWriter")]
 #[derive(Debug)]
 pub(crate) struct KeyWriterOf(Arc<KeysState>);
 
 #[pymethods]
 impl KeyWriterOf {
-    /// Puts a value at a key after this calculation, or deletes it with `None`; returns the number of the put, which its answer bears.
+    /// Writes a value at a key after this calculation; `None` deletes the key. Returns the number of the write, which its answer
+    /// repeats.
     #[pyo3(signature = (key, value, *, within, expected = None))]
     fn put(
         &self,

@@ -1,11 +1,12 @@
 //! The native half of the Python package `dca`: Python classes as controllers of the kit.
 //!
-//! A class becomes a [`Module`](controllers::sdk::Module), which the kit's process runs as it runs a controller in Rust. The loop, the
-//! wires, the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called
-//! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
+//! A class becomes a [`Module`](controllers::sdk::Module), and the kit's process runs it like a controller in Rust. The loop, the wires,
+//! the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called once per
+//! calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
 //!
-//! `exports` and `calls` are procedures of its own and of others, `database` and `stored` the database. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process, `forked` its children,
-//! `failure` what an exception becomes, `standard` the messages of ROS 2.
+//! - `declaration`: a class; `instance`: its module; `input` and `output`: its ports; `form` and `message`: its message types
+//! - `exports` and `calls`: procedures of the class and of other processes; `database` and `stored`: the database
+//! - `program`: the process; `forked`: its child processes; `failure`: exceptions; `standard`: the messages of ROS 2
 
 mod calls;
 mod database;

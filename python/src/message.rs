@@ -10,17 +10,17 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::sync::Arc;
 
-/// The type of values that travel: what `@dca.message` makes of a dataclass.
+/// The type of values that are sent: `@dca.message` makes it from a dataclass.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct MessageType {
-    /// Its name in interfaces.
+    /// The name of the type in interfaces.
     #[pyo3(get)]
     pub(crate) name: String,
-    /// Its fields, as a spec spells them.
+    /// The fields, as a spec spells them.
     #[pyo3(get)]
     pub(crate) fields: String,
-    /// The message types that lists in it have as elements: their names and fields.
+    /// The message types of list elements: their names and fields.
     #[pyo3(get)]
     pub(crate) inner: Vec<(String, String)>,
     form: Form,
@@ -29,7 +29,7 @@ pub(crate) struct MessageType {
     pub(crate) allows_nan: bool,
 }
 
-/// As `_message.py` has it.
+/// The description, with the fields of `_message.py`.
 #[derive(FromPyObject)]
 struct Described {
     name: String,
@@ -47,28 +47,29 @@ impl MessageType {
         Ok(Self { name, fields, inner, form: Form::of(form, 0)?, stamp, allows_nan })
     }
 
-    /// Returns the type of a standard message of ROS 2, whose structs have these classes.
+    /// Returns the type of a standard ROS 2 message. `classes` are the Python classes of its structs.
     #[staticmethod]
     fn of_ros(py: Python<'_>, name: String, classes: Vec<Py<PyAny>>, allow_nan: bool) -> PyResult<Self> {
         let form = Form::Standard(Arc::new(Standard::new(py, &name, classes)?));
         Ok(Self { name, fields: String::new(), inner: Vec::new(), form, stamp: None, allows_nan: allow_nan })
     }
 
-    /// Whether it is a standard message of ROS 2.
+    /// Whether the type is a standard ROS 2 message.
     #[getter]
     fn is_standard(&self) -> bool {
         matches!(self.form, Form::Standard(_))
     }
 
-    /// Returns a value as ROS 2 sends it. Only ports refuse numbers that are not finite.
+    /// Returns the CDR of a value, as ROS 2 sends it. Numbers that are not finite are accepted; only ports refuse
+    /// them.
     fn encode_cdr<'py>(&self, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
         Ok(PyBytes::new(value.py(), &self.standard()?.write(value, true)?))
     }
 
-    /// Returns the value in bytes that ROS 2 has sent.
+    /// Returns the value in the CDR that ROS 2 has sent.
     fn decode_cdr<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
         let standard = self.standard()?;
-        // The look refuses, before any value is made, what no look at a single value could.
+        // Checks all bytes before any value is made; checks of single values could not refuse some of them.
         if standard.is_finite(bytes).is_none() {
             return Err(self.wrong());
         }
@@ -83,7 +84,7 @@ impl MessageType {
 
     /// Returns the value of bytes.
     pub(crate) fn decode<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-        // The look refuses, before any value is made, what no look at a single value could.
+        // Checks all bytes before any value is made; checks of single values could not refuse some of them.
         if self.look(bytes).is_none() {
             return Err(self.wrong());
         }
@@ -92,7 +93,7 @@ impl MessageType {
 }
 
 impl MessageType {
-    /// Returns the standard message that this type is.
+    /// Returns the standard message of this type.
     pub(crate) fn standard(&self) -> PyResult<Arc<Standard>> {
         let Form::Standard(standard) = &self.form else {
             return Err(PyTypeError::new_err(format!("`{}` is not a message of ROS 2", self.name)));
@@ -109,19 +110,19 @@ impl MessageType {
         self.encoded(value).map(Encoded::whole)
     }
 
-    /// Returns a value that waits to be sent.
+    /// Returns a value in its encoded form, ready to be sent.
     pub(crate) fn encoded(&self, value: &Bound<'_, PyAny>) -> PyResult<Encoded> {
         let mut encoded = Encoded::new(self.allows_nan);
         self.form.write(value, &mut encoded)?;
         Ok(encoded)
     }
 
-    /// Looks at the bytes of a value; none if they are not of this type.
+    /// Checks the bytes of a value; none if they do not have this type.
     pub(crate) fn look(&self, bytes: &[u8]) -> Option<Look> {
         self.form.look(bytes, self.stamp)
     }
 
-    /// Returns the value of bytes that were looked at.
+    /// Returns the value of bytes that were checked.
     pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &Arc<Arrived>) -> PyResult<Bound<'py, PyAny>> {
         self.form.read(py, &mut Reader::new(bytes), bytes)
     }

@@ -1,7 +1,7 @@
 //! Queues, locks and routers of a class, and the clients for those of other processes.
 //!
-//! Each is a [`Station`]: it exports a procedure or makes calls, as its counterpart of the kit does in Rust, and an object of the class has it as an
-//! attribute. Data is encoded and checked by its message type; the protocol is that of the kit.
+//! Each is a [`Station`]: it exports a procedure or makes calls, like its counterpart of the kit in Rust. The object of the class has it as
+//! an attribute. Its message type encodes and checks the data; the kit implements the protocol.
 
 mod lock;
 mod queue;
@@ -27,27 +27,27 @@ use std::time::Duration;
 
 /// One queue, lock, router or client of an instance.
 pub(crate) trait Station: Debug + Send + Sync {
-    /// Begins an activation; says whether the spec connects its calls with something.
+    /// Begins an activation. `is_connected` tells whether the spec connects the station's calls.
     fn begin(&self, is_connected: bool);
-    /// Hears and sends: before a calculation, and again after it.
+    /// Receives and sends; called before and after each calculation.
     fn work(&self, now: Time);
-    /// Takes the pending orders for its calls.
+    /// Takes the pending orders for the station's calls.
     fn take(&self) -> Vec<CallOrder> {
         Vec::new()
     }
-    /// Takes the answer to one of its calls.
+    /// Takes the answer to one of the station's calls.
     fn deliver(&self, number: u64, result: Result<Vec<u8>, ObjectError>) {
         let _ = number;
         drop(result);
     }
-    /// Carries out a call of one of its exports.
+    /// Carries out a call of one of the station's exports.
     fn serve(&self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let _ = (name, argument, activity);
         drop(reply);
     }
 }
 
-/// As `_messaging.py` has it: one class for all kinds.
+/// The declaration, with the fields of `_messaging.py`. All kinds share one class.
 #[derive(FromPyObject)]
 pub(crate) struct DeclaredStation {
     kind: String,
@@ -65,7 +65,7 @@ pub(crate) struct DeclaredStation {
     is_optional: bool,
 }
 
-/// As `dca.Filter` has it.
+/// A filter, with the fields of `dca.Filter`.
 #[derive(Clone, Debug, FromPyObject)]
 pub(crate) struct DeclaredFilter {
     category: Option<String>,
@@ -79,7 +79,7 @@ pub(crate) struct DeclaredFilter {
 pub(crate) struct StationOf {
     pub(crate) attribute: String,
     pub(crate) kind: Kind,
-    /// Its name in interfaces.
+    /// The name of the station in interfaces.
     pub(crate) name: &'static str,
     status: Option<&'static str>,
     doc: &'static str,
@@ -138,7 +138,7 @@ impl DeclaredStation {
 }
 
 impl StationOf {
-    /// Returns its exports.
+    /// Returns the exports of the station.
     pub(crate) fn exports(&self) -> Vec<ExportInterface> {
         match &self.kind {
             Kind::Queue { .. } => queue::exports(self.name, self.status, self.doc).interfaces(),
@@ -148,7 +148,7 @@ impl StationOf {
         }
     }
 
-    /// Returns the calls that it makes.
+    /// Returns the calls that the station makes.
     pub(crate) fn calls(&self) -> Option<CallInterface> {
         use controllers::sdk::messaging::{Delivery, LockAnswer, LockRequest, QueueMessage, Receipt, Subscription};
         let required = !self.is_optional;
@@ -167,11 +167,11 @@ impl StationOf {
 #[derive(Debug, Default)]
 pub(crate) struct Stations {
     all: Vec<(Arc<dyn Station>, Names)>,
-    /// The attributes of the object in the places of the stations.
+    /// The names of the stations' attributes, each with its object.
     pub(crate) objects: Vec<(String, Py<PyAny>)>,
 }
 
-/// The names in an interface that lead to a station.
+/// The names in an interface that belong to a station.
 #[derive(Debug)]
 struct Names {
     exports: Vec<&'static str>,
@@ -182,7 +182,7 @@ impl Stations {
     /// Makes the stations of an instance at `path`.
     ///
     /// # Errors
-    /// If the system gives no random number, or a queue has a lock that the class does not have.
+    /// If the system has no random number, or a queue names a lock that the class does not have.
     pub(crate) fn make(py: Python<'_>, declared: &[StationOf], path: &str) -> PyResult<Self> {
         let mut stations = Self::default();
         let locks: Vec<(&str, Arc<lock::LockStation>)> = declared
@@ -277,7 +277,7 @@ impl Stations {
     }
 }
 
-/// Says that the system gives no random number.
+/// Returns the exception for a missing random number.
 fn no_number(error: std::io::Error) -> PyErr {
     pyo3::exceptions::PyOSError::new_err(error.to_string())
 }

@@ -21,7 +21,7 @@ impl OutputState {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the value that waits.
+    /// Takes the waiting value.
     pub(crate) fn take(&self) -> Option<Encoded> {
         self.pending().take()
     }
@@ -34,7 +34,7 @@ pub(crate) struct Output(pub(crate) Arc<OutputState>);
 
 #[pymethods]
 impl Output {
-    /// Sends a value after this calculation; of two values in one calculation the second goes.
+    /// Sends a value after this calculation. If several are sent in one calculation, only the last one leaves.
     fn send(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let encoded = self.0.message.get().encoded(value)?;
         *self.0.pending() = Some(encoded);

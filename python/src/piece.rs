@@ -1,8 +1,9 @@
-//! Bytes of a value that has arrived, for Python to look at without a copy.
+//! Bytes of a received value, which Python can view without a copy.
 //!
-//! The one module of this crate with `unsafe` code. A `memoryview` of a [`Piece`] keeps the piece, and the piece keeps the bytes of its value. The
-//! bytes are not changed, and not freed before the last view is gone. Python gives a view no way to end its copies in other views and
-//! arrays, so ending a view with its value would leave pointers to freed bytes. Instead, the kept bytes have a limit.
+//! This is the only module of this crate with `unsafe` code. A `memoryview` of a [`Piece`] keeps the piece alive, and the piece keeps the
+//! bytes of its value alive. The bytes are not changed, and not freed before the last view has ended. Python has no way to end other views
+//! and arrays that were made from a view. So ending a view together with its value would leave pointers to freed bytes. Instead, the number
+//! of kept bytes is limited.
 
 use pyo3::exceptions::{PyBufferError, PyMemoryError};
 use pyo3::ffi;
@@ -13,12 +14,12 @@ use std::ops::{Deref, Range};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// The most bytes of values that views keep, in this process.
+/// The most bytes of values that views may keep in this process.
 const KEPT_MAX: usize = 512 << 20;
-/// How many bytes they keep now.
+/// How many bytes are kept now.
 static KEPT: AtomicUsize = AtomicUsize::new(0);
 
-/// The bytes of a value that has arrived. While views look at them they count as kept.
+/// The bytes of a received value. They count as kept while there are views of them.
 #[derive(Debug)]
 pub(crate) struct Arrived {
     bytes: Vec<u8>,
@@ -30,7 +31,7 @@ impl Arrived {
         Arc::new(Self { bytes, is_kept: AtomicBool::new(false) })
     }
 
-    /// Counts the bytes as kept; returns whether there is room for them.
+    /// Counts the bytes as kept; returns false if the limit does not permit it.
     fn keep(&self) -> bool {
         if self.is_kept.swap(true, Ordering::Relaxed) {
             return true;
@@ -70,7 +71,7 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    /// Returns the bytes that it is a part of, and which.
+    /// Returns the bytes that contain this piece, and its range in them.
     pub(crate) fn part(&self) -> (&Arc<Arrived>, Range<usize>) {
         (&self.whole, self.range.clone())
     }
@@ -85,7 +86,7 @@ impl Piece {
         range: Range<usize>,
     ) -> PyResult<Bound<'py, PyMemoryView>> {
         if !whole.keep() {
-            // Views in cycles of references are gone only when Python looks for such.
+            // Views in reference cycles end only when Python collects garbage.
             py.import("gc")?.call_method0("collect")?;
             if !whole.keep() {
                 return Err(PyMemoryError::new_err(format!(
@@ -108,8 +109,8 @@ impl Piece {
         let piece = slf.get();
         let bytes = piece.whole.get(piece.range.clone()).unwrap_or_default();
         let length = bytes.len().try_into().map_err(|_too_long| PyBufferError::new_err("too many bytes"))?;
-        // SAFETY: the view is Python's own. It gets a reference to `slf`, which owns the bytes and never changes them, and it is
-        // marked read-only: so Python does not write through the pointer, and refuses a view that asks to.
+        // SAFETY: the view belongs to Python. It gets a reference to `slf`, which owns the bytes and never changes them, and it is marked
+        // as read-only. So Python does not write through the pointer, and refuses a request for a writable view.
         let filled = unsafe {
             ffi::PyBuffer_FillInfo(view, slf.as_ptr(), bytes.as_ptr() as *mut c_void, length, READ_ONLY, flags)
         };

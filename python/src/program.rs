@@ -1,4 +1,4 @@
-//! The process: what `dca.run` does.
+//! The process: the implementation of `dca.run`.
 
 use crate::declaration::Class;
 use crate::forked;
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Runs this process as the controller that its arguments name; returns its exit code. Other threads of Python run in the meantime.
+/// Runs this process as the controller that its arguments name; returns its exit code. Other Python threads run in the meantime.
 #[pyfunction]
 pub(crate) fn run(py: Python<'_>, declarations: Vec<Py<PyAny>>, arguments: Vec<String>) -> PyResult<u8> {
     let registry = registry(py, &declarations)?;
@@ -21,7 +21,7 @@ pub(crate) fn run(py: Python<'_>, declarations: Vec<Py<PyAny>>, arguments: Vec<S
     Ok((0..=2).find(|number| ExitCode::from(*number) == code).unwrap_or(1))
 }
 
-/// Returns the interfaces of classes, as `module` blocks of a spec. A name that cannot be in a spec is refused.
+/// Returns the interfaces of classes, as `module` blocks of a spec. Names that a spec cannot have are refused.
 #[pyfunction]
 pub(crate) fn interface(py: Python<'_>, declarations: Vec<Py<PyAny>>) -> PyResult<String> {
     let text = registry(py, &declarations)?.interface_text();
@@ -65,7 +65,8 @@ fn twice(kind: &str, name: &str) -> PyErr {
     PyTypeError::new_err(format!("there are two {kind} `{name}`: give one of them another `name`"))
 }
 
-/// Runs the control loop as one thread of Python. Without this, each calculation would be a new thread to Python, with new thread-local values.
+/// Runs the control loop as one Python thread. Without this, Python would treat each calculation as a new thread, with new thread-local
+/// values.
 fn around(run: &mut (dyn FnMut() + Send)) {
     Python::attach(|py| py.detach(run));
 }

@@ -1,7 +1,7 @@
 //! The standard messages of ROS 2: their definitions for Python, and their values as CDR.
 //!
-//! A list of numbers that arrives is a read-only `memoryview`. Bytes are seen where they have arrived. Other numbers are copied once, because their
-//! place in the bytes of a value is rarely a multiple of their size. Any buffer of the same numbers is copied once when it is sent.
+//! A received list of numbers is a read-only `memoryview`. Lists of bytes are viewed in place. Other numbers are copied once, because their
+//! place in the bytes of a value is rarely a multiple of their size. When a buffer of such numbers is sent, it is copied once.
 
 mod read;
 mod write;
@@ -15,7 +15,7 @@ use ros::logic::library;
 use ros::logic::name::spec_package;
 use ros::logic::schema::Schema;
 
-/// A standard message with its classes in Python.
+/// A standard message with its Python classes.
 #[derive(Debug)]
 pub(crate) struct Standard {
     schema: Schema,
@@ -23,7 +23,7 @@ pub(crate) struct Standard {
     classes: Vec<Class>,
 }
 
-/// A class in Python, and the names of its fields.
+/// A Python class, and the names of its fields.
 #[derive(Debug)]
 struct Class {
     class: Py<PyAny>,
@@ -31,7 +31,7 @@ struct Class {
 }
 
 impl Standard {
-    /// Returns the message with the name `spec`, whose structs have these classes.
+    /// Returns the message with the name `spec`; `classes` are the Python classes of its structs.
     pub(crate) fn new(py: Python<'_>, spec: &str, classes: Vec<Py<PyAny>>) -> PyResult<Self> {
         let schema = schema(spec).ok_or_else(|| PyTypeError::new_err(format!("`{spec}` is not a message of ROS 2")))?;
         if classes.len() != schema.structs().len() {
@@ -49,7 +49,7 @@ impl Standard {
     }
 }
 
-/// Returns the schema of a message that a spec names.
+/// Returns the schema of the message with a name from a spec.
 fn schema(spec: &str) -> Option<Schema> {
     library::schema(&library::by_spec(spec)?).ok()
 }
@@ -58,15 +58,15 @@ fn schema(spec: &str) -> Option<Schema> {
 #[pyclass(frozen, get_all, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct RosDefinition {
-    /// Its name in ROS 2: `sensor_msgs/msg/LaserScan`.
+    /// The name in ROS 2: `sensor_msgs/msg/LaserScan`.
     name: String,
-    /// Its name in a spec: `ros.sensor.LaserScan`.
+    /// The name in a spec: `ros.sensor.LaserScan`.
     spec: String,
     fields: Vec<Py<RosField>>,
     constants: Vec<(String, Py<PyAny>)>,
-    /// The names in specs of the messages in it.
+    /// The messages in its fields, by their names in a spec.
     inner: Vec<String>,
-    /// Whether its numbers may be infinite, or not numbers.
+    /// Whether its numbers may be infinite or NaN.
     allow_nan: bool,
 }
 
@@ -77,7 +77,7 @@ pub(crate) struct RosField {
     name: String,
     /// The type of the value or of an element: `float32`, `string`, `ros.geometry.Point`.
     of: String,
-    /// The number of elements of an array, 0 of another list; none for a single value.
+    /// The number of elements of an array, 0 for a list of any length; none for a single value.
     count: Option<usize>,
     default: Option<String>,
 }
@@ -112,7 +112,7 @@ pub(crate) fn ros_definition(py: Python<'_>, spec: &str) -> PyResult<Option<RosD
     }))
 }
 
-/// Returns the names of the standard messages in a package, as a spec has its name: `sensor`.
+/// Returns the names of the standard messages in a package. The package has its name from a spec: `sensor`.
 #[pyfunction]
 pub(crate) fn ros_names(package: &str) -> Vec<String> {
     let all = library::messages().chain(library::parts());
@@ -133,7 +133,7 @@ fn constant<R>(py: Python<'_>, of: &Element<R>, text: &str) -> PyResult<Py<PyAny
     })
 }
 
-/// Returns the letter by which Python knows numbers of this type in a buffer.
+/// Returns the letter of Python's buffer format for numbers of this type.
 fn letter(of: Primitive) -> &'static str {
     match of {
         Primitive::Bool => "?",

@@ -1,4 +1,4 @@
-//! Values of the database as Python values, and the other way round.
+//! Conversion between values of the database and Python values.
 
 use comms::logic::database::Stored;
 use controllers::sdk::{Entry, TxnId, Value};
@@ -7,10 +7,10 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use std::collections::BTreeMap;
 
-/// The deepest nesting of lists and tables that is converted; the database itself takes less.
+/// The deepest nesting of lists and tables that is converted; the limit of the database itself is smaller.
 const DEPTH_MAX: usize = 64;
 
-/// A value that this program cannot read, such as a sealed secret. It is written back as it was.
+/// A value that this program cannot read, such as a sealed secret. It is written back unchanged.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Opaque {
@@ -18,7 +18,7 @@ pub(crate) struct Opaque {
     bytes: Vec<u8>,
 }
 
-/// A key with its value, when it was read.
+/// A key and its value at the time when it was read.
 #[pyclass(frozen, module = "dca", name = "Entry")]
 #[derive(Debug)]
 pub(crate) struct EntryOf {
@@ -28,10 +28,10 @@ pub(crate) struct EntryOf {
     /// The value; `None` if it was deleted.
     #[pyo3(get)]
     value: Py<PyAny>,
-    /// The transaction that has written it.
+    /// The transaction that has written the value.
     #[pyo3(get)]
     version: String,
-    /// Whether another value was written concurrently, and the conflict is not settled.
+    /// Whether another value was written concurrently, and the conflict is not resolved.
     #[pyo3(get)]
     is_conflict: bool,
 }
@@ -52,7 +52,7 @@ impl EntryOf {
     }
 }
 
-/// Reads the name of a transaction, as an entry shows it.
+/// Reads the name of a transaction from the text in an entry.
 pub(crate) fn version(text: &str) -> PyResult<TxnId> {
     let parts = text.split_once(':');
     let read = parts.and_then(|(origin, seq)| {
@@ -81,7 +81,7 @@ fn shown<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     })
 }
 
-/// Returns the value of the database that a Python value is.
+/// Returns the value of the database for a Python value.
 pub(crate) fn value(given: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
     if depth > DEPTH_MAX {
         return Err(PyValueError::new_err("lists and dicts lie too deep in each other"));

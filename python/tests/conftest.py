@@ -1,4 +1,4 @@
-"""Where the programs of DCA are, and missions of Python controllers by real processes."""
+"""Finds the programs of DCA, and runs missions of Python controllers in real processes."""
 
 import os
 import shutil
@@ -14,12 +14,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def target() -> Path:
-    """Returns the folder that cargo builds in."""
+    """Returns the folder in which cargo builds."""
     return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 
 
 def program() -> Path | None:
-    """Returns `dca`: `$DCA`, or what `cargo build` has built."""
+    """Returns the path of `dca`: `$DCA`, or the program that `cargo build` has built."""
     if "DCA" in os.environ:
         return Path(os.environ["DCA"])
     found = target() / "debug" / "dca"
@@ -27,13 +27,13 @@ def program() -> Path | None:
 
 
 class Missions:
-    """Runs missions in a folder of the test's own, with the interpreter that runs the tests."""
+    """Runs missions in a separate folder for each test, with the interpreter that runs the tests."""
 
     def __init__(self, dca: Path, folder: Path) -> None:
         self.dca, self.folder = dca, folder
-        # Its path is short enough for a socket.
+        # The path of this folder is short enough for a socket.
         self.run_dir = Path(tempfile.mkdtemp(prefix="dca"))
-        # A link to an environment is what `venv` of a module leads through.
+        # `venv` of a module names a virtual environment, possibly through a link.
         (folder / ".venv").symlink_to(sys.prefix)
 
     def __call__(self, *words: str, within: float = 60.0) -> subprocess.CompletedProcess[str]:
@@ -46,7 +46,7 @@ class Missions:
         return subprocess.CompletedProcess(begun.args, begun.returncode, out, err)
 
     def begin(self, *words: str, stderr: int = subprocess.STDOUT) -> subprocess.Popen[str]:
-        """Starts a command, which finds the nodes of this test alone."""
+        """Starts a command, which finds only the nodes of this test."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         environment["DCA_RUN_DIR"] = str(self.run_dir)
         return subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The client for asyncio, against a mission that runs."""
+"""The client for asyncio, with a running mission."""
 
 import asyncio
 
@@ -55,7 +55,7 @@ process main(){
 
 
 async def until(ask):
-    """Asks until there is an answer: the mission begins."""
+    """Repeats a request until it is answered, since the mission may just be starting."""
     for _ in range(100):
         try:
             return await ask()
@@ -74,14 +74,14 @@ async def talk(robot):
         await robot.call("--help")
     values = [value async for value in robot.echo("hand.Out", count=2)]
     assert len(values) == 2 and "0.2" in str(values[0]), values
-    # Several at a time, on one loop.
+    # Several requests at a time, on one loop.
     answers = await asyncio.gather(*(robot.get("hand.opening") for _ in range(3)))
     assert answers == [{"length": 0.2}] * 3
     async for event in robot.events():
         assert isinstance(event, dict)
         break
     assert "hand" in str(await robot.status())
-    # A request that is given up is ended.
+    # A cancelled request is ended.
     watching = asyncio.create_task(anext(robot.watch("team/nothing/")))
     await asyncio.sleep(0.3)
     watching.cancel()

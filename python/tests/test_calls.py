@@ -1,4 +1,4 @@
-"""Calls and exports, by real processes: two Python controllers, and a person with `dca call`."""
+"""Calls and exports in real processes: two Python controllers, and a person with `dca call`."""
 
 from dataclasses import dataclass
 

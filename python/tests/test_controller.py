@@ -1,4 +1,4 @@
-"""Declarations of controllers, as a spec sees them, and what is refused where the class is written."""
+"""Declarations of controllers in the form of a spec, and errors that are reported at the class definition."""
 
 import re
 from dataclasses import dataclass, make_dataclass

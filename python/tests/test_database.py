@@ -1,4 +1,4 @@
-"""The database, by real processes."""
+"""The database, with real processes."""
 
 PROGRAM = """
 import dca

@@ -1,4 +1,4 @@
-"""What ends a Python program from outside, or keeps it from its start: each has its cause in the mission, and nothing is left."""
+"""Events outside of a Python program that end it, or prevent its start: the mission shows each cause, and no process is left."""
 
 import os
 import signal
@@ -25,7 +25,7 @@ if __name__ == "__main__":
     dca.run(Bad)
 """
 
-# The module says its interface itself, so the program is not asked before PREPARE.
+# The module block has the interface, so the program is not asked for it before PREPARE.
 SPEC = """
 module Bad(host: Host) {{ python "bad.py"; venv "{venv}"; done; stop within 500 ms; }}
 process main(){{
@@ -51,7 +51,7 @@ def pid_of(missions, running):
 
 
 def is_there(pid):
-    """Whether the process lives: one that has ended may wait for its parent."""
+    """Whether the process is running. A process that has ended may still wait for its parent."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
@@ -94,7 +94,7 @@ def test_a_package_of_another_version_is_refused_at_prepare(missions):
 
 
 def test_an_environment_without_the_package_is_refused_at_prepare(missions):
-    # The one that was there has been replaced.
+    # The previous process has been replaced.
     venv.create(missions.folder / "other", with_pip=False, symlinks=True)
     write(missions, environment="other")
     ended = missions.run("bad.dca")

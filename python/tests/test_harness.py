@@ -1,4 +1,4 @@
-"""Controllers on virtual time."""
+"""Controllers in virtual time."""
 
 from dataclasses import dataclass
 
@@ -62,7 +62,7 @@ def test_a_trigger_and_the_age_of_a_value():
     harness.run("1 ms")
     assert keep.last("Out").forward == pytest.approx(0.8 * 0.4)
     assert keep.sent("Out")[-1].at == pytest.approx(0.0011)
-    # Nothing else comes: after 100 ms it stands.
+    # No further value comes, so the robot stands still after 100 ms.
     harness.run("200 ms")
     assert keep.last("Out").forward == 0.0
     keep.stop()
@@ -258,7 +258,7 @@ def test_a_parameter_changes_while_it_runs():
     with pytest.raises(ValueError, match="parameter `Steps` is `2.5`, which is not a whole number from 0 to 10"):
         turn.configure(Steps=2.5)
     turn.configure(Steps=7, reach="20 cm")
-    # The attribute has the value, as a whole number, and not an attribute of the parameter's name.
+    # The declared attribute has the value, as a whole number. There is no attribute with the parameter's name.
     assert harness.run("50 ms").reason == "(1, 7, 0.2)"
     turn.configure(Steps=8)
     assert harness.run("50 ms") is None

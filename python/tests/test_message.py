@@ -1,4 +1,4 @@
-"""Messages: the bytes of Rust types, what is refused, and what a field may be."""
+"""Messages: the bytes of Rust types, refused values, and permitted types of fields."""
 
 import enum
 import math
@@ -131,7 +131,7 @@ def test_any_buffer_goes_out():
     numpy = pytest.importorskip("numpy")
     image = numpy.frombuffer(b"abcdef", dtype=numpy.uint8).reshape(2, 3)
     assert dca.encode(everything(image=image)) == plain
-    # A slice of columns is not one piece, and is copied.
+    # A slice of columns is not contiguous, so it is copied.
     assert dca.decode(Everything, dca.encode(everything(image=image[:, :2]))).image == b"abde"
     assert numpy.asarray(dca.decode(Everything, plain).image).sum() == sum(b"abcdef")
 
@@ -307,11 +307,11 @@ def test_views_keep_a_limited_number_of_bytes():
         for _ in range(9):
             kept.append(dca.decode(Image, data))
     assert len(kept) == 7
-    # A second view of a value costs nothing, and a released one makes room.
+    # A second view of a value takes no further room, and a released view frees its room.
     memoryview(kept[0].pixels)
     kept.pop().pixels.release()
     kept.append(dca.decode(Image, data))
-    # So do views in a cycle of references, which nothing else frees in time.
+    # Views in a reference cycle free their room as well: the garbage collector is called when room is needed.
     circle = [kept.pop()]
     circle.append(circle)
     del circle

@@ -1,4 +1,4 @@
-"""Queues, locks, routers, requests and ports of keys, by real processes."""
+"""Queues, locks, routers, requests and ports of keys, with real processes."""
 
 from dataclasses import dataclass
 

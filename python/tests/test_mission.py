@@ -1,4 +1,4 @@
-"""Missions of Python controllers, by real processes: what they do, and how they end."""
+"""Missions of Python controllers in real processes: their work and their ends."""
 
 import shutil
 from pathlib import Path
@@ -141,7 +141,7 @@ if __name__ == "__main__":
     dca.run(Many)
 """,
     )
-    # One calculation starts two interpreters, which takes long beside other work.
+    # One calculation starts two interpreters, which takes long on a busy machine.
     missions.write("many.dca", SPEC.format(policy=" { watchdog 60 s; }").replace("bad.py", "many.py").replace("Bad", "Many"))
     ended = missions.run("many.dca")
     assert ended.returncode == 0, ended.stdout + ended.stderr

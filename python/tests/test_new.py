@@ -1,4 +1,4 @@
-"""What `dca new --python` makes passes its tests and runs at once."""
+"""A project made by `dca new --python` passes its tests and runs at once."""
 
 import os
 import subprocess

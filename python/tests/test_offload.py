@@ -1,4 +1,4 @@
-"""Long work beside the loop."""
+"""Long work on other threads."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""Parameters that change while a controller runs, by real processes."""
+"""Parameters that change while a controller runs, with real processes."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Random types and values: the bytes are those that serde and postcard write for the same type in Rust, and come back as they were."""
+"""Random types and values: serde and postcard write the same bytes for the same type in Rust, and the values are read back unchanged."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ VALUES = 20
 
 
 def size(dice: random.Random) -> int:
-    """The length of a text or a list: now and then one that takes two bytes."""
+    """Returns the length of a text or a list; sometimes one that needs two bytes."""
     return dice.randrange(128, 200) if dice.random() < 0.02 else dice.randrange(20)
 
 
@@ -48,7 +48,7 @@ def reference() -> Reference:
 
 
 def leaf(dice: random.Random) -> tuple[Any, Any, Any, Any]:
-    """Returns an annotation, its type for the reference, what makes a value, and the same value for the reference."""
+    """Returns an annotation, its type for the reference, a function that makes a value, and the same value for the reference."""
     number = lambda: dice.choice((0.0, -0.0, 5e-324, 1.7e308, dice.uniform(-1e9, 1e9)))  # noqa: E731
     text = lambda: "".join(dice.choice("aä€😀\0") for _ in range(size(dice)))  # noqa: E731
     return dice.choice(

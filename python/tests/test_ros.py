@@ -1,4 +1,7 @@
-"""The standard messages of ROS 2: their bytes are those of Rust and of `rosbags`, their fields have the values of ROS, and wrong ones are named."""
+"""The standard messages of ROS 2.
+
+Their bytes equal those of Rust and `rosbags`, their fields have ROS values, and errors name wrong fields.
+"""
 
 import array
 import copy
@@ -67,7 +70,7 @@ def message(dice: random.Random, spec: str, depth: int = 0) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Returns a value as JSON has it, and floats as the bits of a `float32`, which two texts of the same number share."""
+    """Returns a value in the form of JSON. Floats become the bits of a `float32`, which are equal for different texts of one number."""
     if isinstance(value, ros.Message):
         return {field.name: plain(getattr(value, field.name)) for field in _dca.ros_definition(spec_of(value)).fields}
     if isinstance(value, dict):
@@ -185,7 +188,7 @@ def test_numpy_sees_numbers_without_a_copy():
     ranges = numpy.asarray(back.ranges)
     assert ranges.dtype == numpy.float32 and ranges.flags.aligned and not ranges.flags.owndata and not ranges.flags.writeable
     assert (ranges == scan.ranges).all() and back == scan
-    # Numbers of another size are written one by one, and a matrix row by row.
+    # Numbers of another size are written one by one, and a matrix is written row by row.
     scan.ranges = numpy.linspace(0, 1, 5)
     assert dca.decode(ros.sensor.LaserScan, dca.encode(scan)) == back
     pose = ros.geometry.PoseWithCovariance(covariance=numpy.arange(36.0).reshape(6, 6).T)

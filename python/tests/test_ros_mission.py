@@ -1,4 +1,4 @@
-"""Missions whose controllers in Python work with ROS 2: a peer on plain Zenoh is the robot, and the bridge is between them."""
+"""Missions of Python controllers with ROS 2: a peer on plain Zenoh plays the robot, and the bridge connects the two."""
 
 import queue
 import shutil
@@ -33,14 +33,14 @@ def attachment(sequence: int) -> bytes:
 
 
 def scan(*ranges: float) -> bytes:
-    """Returns a scan as ROS 2 sends it, written by hand."""
+    """Returns the CDR of a scan, as ROS 2 sends it, made by hand."""
     body = struct.pack("<iI", 12, 34) + struct.pack("<I", 6) + b"laser\0" + b"\0\0"
     body += struct.pack("<7f", -1.0, 1.0, 0.5, 0.0, 0.1, 0.05, 10.0)
     return HEADER + body + struct.pack(f"<I{len(ranges)}f", len(ranges), *ranges) + struct.pack("<I", 0)
 
 
 class Robot:
-    """A router and a node of ROS 2 in one session."""
+    """A Zenoh router and a ROS 2 node in one session."""
 
     def __init__(self) -> None:
         for _ in range(20):
@@ -56,7 +56,7 @@ class Robot:
                 self.session = zenoh.open(config)
                 break
             except zenoh.ZError:
-                # Another program has taken the port.
+                # Another program uses the port.
                 continue
         self.commands: queue.Queue[tuple[float, float]] = queue.Queue(1000)
         self.session.declare_subscriber(COMMAND, self.hear)
@@ -69,7 +69,7 @@ class Robot:
         self.commands.put_nowait((numbers[0], numbers[5]))
 
     def answers(self, expected: tuple[float, float], ranges: tuple[float, ...]) -> bool:
-        """Sends scans until a command comes that is as expected."""
+        """Sends scans until the expected command comes."""
         until = time.monotonic() + 60.0
         while time.monotonic() < until:
             self.sequence += 1
@@ -83,7 +83,7 @@ class Robot:
         return False
 
     def enable(self, on: bool) -> bytes | None:
-        """Calls the service until it answers."""
+        """Calls the service repeatedly until it answers."""
         until = time.monotonic() + 60.0
         while time.monotonic() < until:
             self.sequence += 1

@@ -1,4 +1,4 @@
-"""Message types that are written once in a spec: the dataclasses and the structs that `dca types` prints declare the same fields."""
+"""Message types that are written once in a spec: `dca types` prints dataclasses and structs that declare the same fields."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""A program that type checkers accept: `test_ros.py` asks one."""
+"""A program that type checkers accept; `test_ros.py` runs one on it."""
 
 import array
 

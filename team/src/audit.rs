@@ -1,6 +1,6 @@
-//! The audit log of a node, on its disk: a separate thread writes it, so that a refusal does not wait for the disk.
+//! The audit log of a node, on its disk. A separate thread writes it, so that refusing a request does not wait for the disk.
 //!
-//! `STATE/r1/team/audit` is the log, `audit.1` the previous one, which ends where the log begins.
+//! `STATE/r1/team/audit` is the log. `audit.1` is the previous one, which ends where the log begins.
 
 use crate::folder;
 use anyhow::Context as _;
@@ -20,22 +20,22 @@ use trust::name::UnixTime;
 
 /// The name of the log.
 pub const FILE: &str = "audit";
-/// The most bytes of the log; then a new one begins.
+/// The most bytes of the log. When it reaches them, a new log begins.
 const SIZE_MAX: u64 = 16 << 20;
-/// The most bytes of a log that is read: a log may have grown while no new log could begin.
+/// The most bytes of a log that is read. A log may exceed `SIZE_MAX` if no new log could begin.
 const LOG_MAX: usize = 64 << 20;
-/// How many records wait for the disk; further ones are only counted.
+/// How many records may wait for the disk; further records are only counted.
 const WAITING_MAX: usize = 256;
-/// How many additional records are written at once.
+/// How many further records are written together with the first one.
 const TOGETHER_MAX: usize = 63;
-/// How many of the waiting records may be refusals: repeated refusals must not keep out records of actions.
+/// How many of the waiting records may be refusals. Repeated refusals must not displace the records of actions.
 const REFUSED_MAX: usize = 128;
-/// The most records of a minute that tell of something done, and the most that tell of a refused member. The disk stays free of
-/// more: they are only counted.
+/// The most records of actions in a minute, and the most records of refused members. Further records are only counted, so that they do not
+/// fill the disk.
 const PER_MINUTE: u32 = 600;
-/// The most records of a minute that tell of a refused stranger. Strangers have a count of their own, so they hide no refusal of a member.
+/// The most records of refused strangers in a minute. Strangers are counted separately, so they cannot hide refusals of members.
 const STRANGERS_PER_MINUTE: u32 = 8;
-/// The pause before a disk that has refused is tried again.
+/// The pause before the next attempt after the disk has refused a write.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 const TOO_MANY: &str = "too many in a minute";
 
@@ -44,15 +44,15 @@ const TOO_MANY: &str = "too many in a minute";
 pub struct AuditEntry {
     /// The result.
     pub decision: Decision,
-    /// The client that made it, as far as known.
+    /// The client that made the attempt, as far as known.
     pub who: String,
     /// The requested action.
     pub what: String,
-    /// Why it was refused, or not done; else empty.
+    /// Why the attempt was refused or failed; otherwise empty.
     pub reason: String,
 }
 
-/// An open log. When it is dropped, it writes its pending records, and ends.
+/// An open log. Dropping it writes the pending records and ends its thread.
 #[derive(Debug)]
 pub struct Audit {
     records: Option<SyncSender<(UnixTime, AuditEntry)>>,
@@ -65,7 +65,7 @@ pub struct Audit {
     position: watch::Receiver<Option<Position>>,
 }
 
-/// The kinds of records, each with a count of its own.
+/// The kinds of records; each kind is counted separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Class {
     Done,
@@ -88,7 +88,7 @@ impl Class {
     }
 }
 
-/// How many records there were in this minute, and how many there would have been.
+/// How many records were written in this minute (`count`), and how many more were left out (`lost`).
 #[derive(Debug, Default)]
 struct Quota {
     minute: u64,
@@ -100,7 +100,7 @@ impl Audit {
     /// Continues the log in a folder, or begins a new one.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// If the disk refuses.
     pub fn open(folder: &Path, team: KeyId, node: KeyId) -> anyhow::Result<Self> {
         let (records, waiting) = sync_channel(WAITING_MAX);
         let writer = Writer::open(folder.join(FILE), team, node)?;
@@ -114,19 +114,18 @@ impl Audit {
         Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default(), position })
     }
 
-    /// Publishes the position of the log on the disk; none before its first record.
+    /// Returns a receiver of the log's position on the disk; none before its first record.
     pub fn position(&self) -> watch::Receiver<Option<Position>> {
         self.position.clone()
     }
 
-    /// Writes a record. Records above the rate limit are only counted, and reported in the next minute, or at the end.
+    /// Writes a record. Records above the rate limit are only counted. The count is recorded in the next minute, or at the end.
     pub fn record(&self, entry: AuditEntry) {
         let class = if entry.decision == Decision::Refused { Class::Refused } else { Class::Done };
         self.record_of(class, entry);
     }
 
-    /// Writes a record of a refused stranger, like [`Audit::record`], but only a few in a minute. Returns whether this
-    /// one is written.
+    /// Writes a record of a refused stranger, like [`Audit::record`], but only a few per minute. Returns whether it is written.
     pub fn record_stranger(&self, entry: AuditEntry) -> bool {
         self.record_of(Class::Stranger, entry)
     }
@@ -145,7 +144,7 @@ impl Audit {
         is_taken
     }
 
-    /// Gives a record to the writer; returns whether there was room.
+    /// Gives a record to the writer; returns whether the queue had room.
     fn send(&self, now: UnixTime, entry: AuditEntry) -> bool {
         let is_refusal = entry.decision == Decision::Refused;
         if is_refusal && self.refused.fetch_add(1, Ordering::Relaxed) >= REFUSED_MAX {
@@ -173,7 +172,7 @@ impl Drop for Audit {
         if let Some(records) = self.records.take() {
             for (quota, class) in quotas.into_iter().zip(Class::ALL) {
                 if quota.lost > 0 {
-                    // The writer takes the waiting records, and then this: no other sender is left.
+                    // The writer takes the waiting records first, and then this one: no other sender is left.
                     drop(records.send((crate::now(), class.more(quota.lost, TOO_MANY))));
                 }
             }
@@ -185,7 +184,7 @@ impl Drop for Audit {
 }
 
 impl Quota {
-    /// Begins a new minute, if it is one; returns how many were left out in the last one.
+    /// Begins a new minute, if the last one is over. Returns how many records were left out in the last minute.
     fn begin(&mut self, now: UnixTime) -> Option<u32> {
         if now.0 / 60 == self.minute {
             return None;
@@ -205,16 +204,16 @@ impl Quota {
 #[derive(Debug)]
 struct Writer {
     path: PathBuf,
-    /// As far as the disk has it.
+    /// The log, up to the last record on the disk.
     log: Log,
     file: File,
-    /// The bytes of the records that the disk has.
+    /// The size in bytes of the records on the disk.
     size: u64,
-    /// Whether there may be a piece of a record after them.
+    /// Whether a part of a record may follow them.
     is_torn: bool,
     /// Records that wait, the oldest first.
     waiting: Vec<(UnixTime, AuditEntry)>,
-    /// How many records were left out: of actions and of refusals.
+    /// How many records were left out: first those of actions, then those of refusals.
     lost: [u32; 2],
 }
 
@@ -227,13 +226,13 @@ impl Writer {
                 return Ok(Self::at(path, log, file, size));
             }
             Ok(None) => {
-                // A node that was killed between two logs has only the previous one.
+                // A node that was killed between two logs has only the previous log.
                 let before = read(&path.with_extension("1")).ok().flatten().filter(|log| log.of() == (team, node));
                 return Self::begin(path, team, node, before.as_ref());
             }
             Ok(Some(_of_another)) => {}
             Err(error) => {
-                // A manipulated log is kept, and not continued.
+                // A manipulated log is kept, but not continued.
                 tracing::error!(
                     error = format!("{error:#}"),
                     "the audit log is not as it was written; a new one begins"
@@ -249,7 +248,7 @@ impl Writer {
         Self { path, log, file, size, is_torn: false, waiting: Vec::new(), lost: [0; 2] }
     }
 
-    /// Makes a log of this name, with its first line or not at all.
+    /// Makes a log with this name. It has its first line, or is not made at all.
     fn begin(path: PathBuf, team: KeyId, node: KeyId, before: Option<&Log>) -> anyhow::Result<Self> {
         let (log, line) = Log::begin(team, node, before);
         folder::write(&path, format!("{line}\n").as_bytes())?;
@@ -271,7 +270,7 @@ impl Writer {
                 records.recv_timeout(AGAIN_AFTER)
             };
             is_open = first != Err(RecvTimeoutError::Disconnected);
-            // Waiting records are written together.
+            // The waiting records are written together.
             for (at, entry) in first.into_iter().chain(records.try_iter().take(TOGETHER_MAX)) {
                 if entry.decision == Decision::Refused {
                     refused.fetch_sub(1, Ordering::Relaxed);
@@ -282,7 +281,7 @@ impl Writer {
         }
     }
 
-    /// Adds a record to the waiting ones if there is room; otherwise the record is only counted.
+    /// Adds a record to the waiting ones. A record without room is only counted.
     fn take(&mut self, at: UnixTime, entry: AuditEntry) {
         let is_refusal = |entry: &AuditEntry| entry.decision == Decision::Refused;
         let refused = self.waiting.iter().filter(|(_, waiting)| is_refusal(waiting)).count();
@@ -296,7 +295,7 @@ impl Writer {
         }
     }
 
-    /// Writes the waiting records, or leaves the log unchanged.
+    /// Writes the waiting records. If this fails, the log is unchanged.
     fn write(&mut self, positions: &watch::Sender<Option<Position>>) {
         let lost = [Decision::Done, Decision::Refused].into_iter().zip(self.lost).filter(|(_, count)| *count > 0);
         let lost = lost.map(|(decision, count)| (crate::now(), more(decision, count, "the disk has refused them")));
@@ -315,7 +314,7 @@ impl Writer {
         self.log = log;
         self.waiting.clear();
         self.lost = [0; 2];
-        // The first record of a log says where the previous one ended: a signature on that end counts.
+        // The first record of a log contains the end of the previous log, so a signature on that end also covers the previous log.
         positions.send_replace(log.position());
         if self.size >= SIZE_MAX
             && let Err(error) = self.turn_over()
@@ -324,8 +323,8 @@ impl Writer {
         }
     }
 
-    /// Appends whole records. If the disk refuses the rest of them, the part it has taken is cut off, now or before the
-    /// next try.
+    /// Appends complete records. If the disk refuses a part of them, the part that it has taken is cut off, now or before the next
+    /// attempt.
     fn append(&mut self, lines: &[u8]) -> io::Result<()> {
         self.mend()?;
         self.is_torn = true;
@@ -347,7 +346,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Begins the next log. It is complete before it has the name, so after any failure one of them can be continued.
+    /// Begins the next log. It is complete before it gets the name, so after any failure one of the two logs can be continued.
     fn turn_over(&mut self) -> anyhow::Result<()> {
         let (next, kept) = (self.path.with_extension("next"), self.path.with_extension("1"));
         let (team, node) = self.log.of();
@@ -362,8 +361,8 @@ impl Writer {
     }
 }
 
-/// Returns whether a record of a node's log in a folder, or of the previous log, has a field with this beginning. An
-/// unreadable log has none, and neither has one that the node wrote with earlier keys.
+/// Returns whether the log of a node in a folder, or the previous one, has a record with a field that begins with `what`. An unreadable
+/// log counts as having none, and so does a log that the node wrote with earlier keys.
 pub fn mentions(folder: &Path, node: KeyId, what: &str) -> bool {
     let path = folder.join(FILE);
     let what = format!("\t{what}");
@@ -378,8 +377,8 @@ fn append(path: &Path) -> anyhow::Result<File> {
     file::appended(path, Privacy::Own).with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Returns the end of a log; nothing if the log is missing, or has not one whole line. A last line that a power cut or a full disk
-/// has left without its end does not count.
+/// Returns the end of a log; none if the log is missing, or has no complete line. An incomplete last line, after a power cut or on a full
+/// disk, does not count.
 fn read(path: &Path) -> anyhow::Result<Option<Log>> {
     let file = match file::opened(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -428,7 +427,7 @@ mod tests {
         }
         let log = read(&folder.join(FILE)).unwrap().unwrap();
         assert_eq!((log.last(), log.of()), (3, (team, node)));
-        // A manipulated log is kept beside a new one.
+        // A manipulated log is kept beside the new one.
         let changed = lines(&folder).join("\n").replace("somebody 1", "somebody 9") + "\n";
         fs::write(folder.join(FILE), changed).unwrap();
         drop(Audit::open(&folder, team, node).unwrap());
@@ -453,7 +452,7 @@ mod tests {
             writer.write(&positions);
         };
         give(&mut writer, "before");
-        // The disk takes a piece of a record, and no more. This piece cannot be removed either.
+        // The disk takes only a part of a record, and this part cannot be removed either.
         append(&folder.join(FILE)).unwrap().write_all(b"2\t7\tref").unwrap();
         let disk = std::mem::replace(&mut writer.file, full());
         (0..200).for_each(|number| give(&mut writer, &format!("somebody {number}")));
@@ -462,7 +461,7 @@ mod tests {
         writer.file = disk;
         give(&mut writer, "after");
         let (lines, log) = (lines(&folder), read(&folder.join(FILE)).unwrap().unwrap());
-        // The beginning, the first record, the records for which there was room, and the count of the others.
+        // The first line, the first record, the records for which there was room, and the count of the others.
         assert_eq!((lines.len(), log.last()), (2 + 128 + 1, 130));
         assert!(lines[130].contains("73 more that were refused\t") && lines[130].contains("the disk has refused"));
         assert_eq!(positions.borrow().map(|position| position.number), Some(130));
@@ -485,14 +484,14 @@ mod tests {
             writer.write(&positions);
             writer.size %= SIZE_MAX;
         };
-        // A folder in the way has the same effect as a full disk.
+        // A folder of this name has the same effect as a full disk.
         fs::create_dir(folder.join("audit.next")).unwrap();
         give(&mut writer);
         assert_eq!((lines(&folder).len(), folder.join("audit.1").exists()), (2, false));
         fs::remove_dir(folder.join("audit.next")).unwrap();
         give(&mut writer);
         assert_eq!(lines(&folder).len(), 1);
-        // A node that is killed between the two names has the previous log, and continues from it.
+        // A node that is killed between the two renames has the previous log, and continues from it.
         drop(writer);
         fs::remove_file(folder.join(FILE)).unwrap();
         let writer = Writer::open(folder.join(FILE), KeyId([1; 32]), KeyId([2; 32])).unwrap();
@@ -516,7 +515,7 @@ mod tests {
         let lines = lines(&folder);
         assert_eq!(lines.iter().filter(|line| line.contains("\tdan\t")).count(), 10);
         let strangers = lines.iter().filter(|line| line.contains("a stranger")).count();
-        // A minute may have ended in between.
+        // A minute may have ended in the meantime.
         let more = |line: &String| -> Option<usize> {
             line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
@@ -546,7 +545,7 @@ mod tests {
             line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
         let counts: Vec<usize> = sums.filter_map(counted).collect();
-        // A minute may have ended in between.
+        // A minute may have ended in the meantime.
         assert!(strangers <= 8 * counts.len() && counts.len() <= 2, "{strangers} {counts:?}");
         assert_eq!(strangers + counts.iter().sum::<usize>(), 10_000, "all are counted");
         fs::remove_dir_all(&folder).unwrap();

@@ -1,4 +1,4 @@
-//! The credentials of others, by their signing keys, so that later messages need not contain them.
+//! The credentials of other nodes, by their signing keys, so that later messages do not have to contain them.
 
 use comms::io::session::{Author, Digest, PublicKey};
 use comms::logic::proof::Proof;
@@ -11,9 +11,9 @@ use trust::role::Kind;
 use trust::statement;
 use trust::team::{Credential, Judge};
 
-/// How many credentials are kept. Only credentials of the team are kept, so there are no more than nodes.
+/// How many credentials are kept. Only credentials of the team are kept, so there are at most as many as nodes.
 const CARDS_MAX: usize = 1024;
-/// For how many seconds a trusted member is trusted without another check of the certificate.
+/// For how many seconds a member counts as trusted before its certificate is checked again.
 const JUDGED_FOR: u64 = 5;
 
 /// The credentials of others.
@@ -23,12 +23,12 @@ pub(crate) struct Cards(Mutex<BTreeMap<PublicKey, Card>>);
 #[derive(Debug)]
 struct Card {
     credential: Credential,
-    /// When it was trusted last.
+    /// When the certificate was last found to be trusted.
     judged: Option<UnixTime>,
 }
 
 impl Cards {
-    /// Keeps the credential of a node that is trusted.
+    /// Stores the credential of a trusted node.
     pub(crate) fn note(&self, credential: &Credential) {
         let key = *credential.certificate().claims().keys.signing();
         let mut cards = self.cards();
@@ -37,7 +37,7 @@ impl Cards {
         }
     }
 
-    /// Returns the holder's newer credential that is valid for longer, if there is one.
+    /// Returns a credential of the same holder that is valid for longer, if one is stored.
     pub(crate) fn newer(&self, credential: &Credential, judge: &Judge<'_>) -> Option<Credential> {
         let key = *credential.certificate().claims().keys.signing();
         let known = self.cards().get(&key)?.credential.clone();
@@ -55,7 +55,7 @@ impl Cards {
         self.cards().values_mut().for_each(|card| card.judged = None);
     }
 
-    /// Returns the node that has signed a digest. The node of this machine, whose certificate is `own`, is believed here even if it is
+    /// Returns the node that has signed a digest. The node of this machine, whose certificate is `own`, is trusted here even if it is
     /// revoked: the team refuses the node, but not the users at its machine.
     pub(crate) fn check(
         &self,
@@ -75,7 +75,7 @@ impl Cards {
         }
     }
 
-    /// Returns its name; none if the owner of the key is unknown.
+    /// Returns the name of the signer; none if the owner of the key is unknown.
     fn name(
         &self,
         proof: &Proof,
@@ -111,7 +111,7 @@ impl Cards {
     }
 
     fn cards(&self) -> MutexGuard<'_, BTreeMap<PublicKey, Card>> {
-        // A card is inserted as a whole.
+        // A card is inserted as a whole, so the map is valid even after a panic.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -9,27 +9,27 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::path::{Path, PathBuf};
 use zeroize::Zeroizing;
 
-/// Makes a folder that only this user can enter, if it is not there.
+/// Makes a folder that only this user can enter, if it does not exist.
 ///
 /// # Errors
-/// It cannot be made.
+/// If the folder cannot be made.
 pub fn make(folder: &Path) -> anyhow::Result<()> {
     let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
     made.with_context(|| format!("making the folder `{}`", folder.display()))
 }
 
-/// Writes a whole file, or leaves the previous one. The file is on the disk when this returns.
+/// Writes a complete file, or leaves the previous one unchanged. The file is on the disk when this returns.
 ///
 /// # Errors
-/// The disk refuses.
+/// If the disk refuses.
 pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     write_with(path, bytes, |_| Ok(()))
 }
 
-/// Writes a file as [`write()`] does, which a group may read.
+/// Writes a file like [`write()`]. Members of the group `gid` may read it.
 ///
 /// # Errors
-/// As of [`write()`], or this is not root.
+/// The errors of [`write()`], or if this process is not root.
 pub fn write_for_group(path: &Path, bytes: &[u8], gid: u32) -> anyhow::Result<()> {
     write_with(path, bytes, |file| {
         fchown(file, None, Some(gid))?;
@@ -37,11 +37,11 @@ pub fn write_for_group(path: &Path, bytes: &[u8], gid: u32) -> anyhow::Result<()
     })
 }
 
-/// The file has its rights before it has its name, so no reader finds an unreadable file.
+/// The file gets its permissions before its name, so no reader finds a file that it cannot read.
 fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result<()>) -> anyhow::Result<()> {
     let part = path.with_extension(format!("part-{}", std::process::id()));
     let write = || {
-        // A leftover of a process with the same id may have another mode.
+        // A file that an earlier process with the same id has left may have another mode.
         drop(fs::remove_file(&part));
         let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&part)?;
         file.write_all(bytes)?;
@@ -50,12 +50,12 @@ fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result
         fs::rename(&part, path)?;
         File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
     };
-    // A useless part of a file must not fill the disk further.
+    // An incomplete file is removed, so that it does not fill the disk.
     let written = write().inspect_err(|_| drop(fs::remove_file(&part)));
     written.with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Space on a disk that is reserved for a later write that must succeed.
+/// Reserved disk space for a later write that must succeed.
 #[derive(Debug)]
 pub struct Reserve(PathBuf);
 
@@ -63,7 +63,7 @@ impl Reserve {
     /// Reserves `size` bytes in a folder, which is made if it does not exist.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// If the disk refuses.
     pub fn take(folder: &Path, size: usize) -> anyhow::Result<Self> {
         make(folder)?;
         let reserve = Self(folder.join(format!(".reserve-{}", std::process::id())));
@@ -81,22 +81,22 @@ impl Drop for Reserve {
 /// Reads a file of at most `bytes_max` bytes; none if the file is missing.
 ///
 /// # Errors
-/// It cannot be read, is not a file or is too long, or another user may read or write it.
+/// If the file cannot be read, is not a regular file, is too long, or another user may read or write it.
 pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     read_with(path, bytes_max, 0o077)
 }
 
-/// Reads a file in which nothing is secret, as [`read`] does: others may read it.
+/// Reads a file without secrets, like [`read`], but other users may read it as well.
 ///
 /// # Errors
-/// It cannot be read, is not a file or is too long, or another user may write it.
+/// If the file cannot be read, is not a regular file, is too long, or another user may write it.
 pub fn read_open(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     read_with(path, bytes_max, 0o022)
 }
 
 fn read_with(path: &Path, bytes_max: usize, closed: u32) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     let reading = || format!("reading `{}`", path.display());
-    // Opened without waiting, whatever it is: a pipe may have no writer.
+    // Opened without waiting, since the file may be a pipe without a writer.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
     let file = match opened {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -138,13 +138,13 @@ mod tests {
         fs::create_dir_all(path("full/of")).unwrap();
         assert!(write(&path("full"), b"secret").is_err());
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
-        // A file that others may read is not secret, and one that they may write cannot be trusted.
+        // A file that others may read is not secret, and a file that others may write cannot be trusted.
         let mode = |mode| fs::set_permissions(path("keys"), Permissions::from_mode(mode)).unwrap();
         mode(0o644);
         assert!(read(&path("keys"), 6).is_err() && read_open(&path("keys"), 6).unwrap().is_some());
         mode(0o664);
         assert!(read_open(&path("keys"), 6).is_err());
-        // This pipe has no writer: to wait for one would take for ever.
+        // This pipe has no writer: waiting for one would take for ever.
         rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
         assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is not a file"));
         assert!(read(&folder, 5).unwrap_err().to_string().ends_with("is not a file"));

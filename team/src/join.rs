@@ -1,7 +1,7 @@
-//! Joining over the network: the messages of [`trust::invite`], each with its length before it, over a TCP connection.
+//! Joining over the network: the messages of [`trust::invite`] over a TCP connection, each with its length in front.
 //!
-//! It needs no encryption: the joiner knows the team from the line, and the secret is sealed to the signer. A listener
-//! learns that a robot joins, and under which name.
+//! Encryption is not needed: the joiner knows the team's key from the invitation line, and the secret is sealed for the signer.
+//! An eavesdropper learns only that a robot joins, and its name.
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use comms::io::{clock, entropy, stream};
@@ -20,17 +20,18 @@ use trust::team::{Credential, Team};
 
 /// How long one conversation may take: four messages on a slow network, and a signature.
 const TALK_WITHIN: Duration = Duration::from_secs(15);
-/// How long until the joiner tries the next address.
+/// How long the joiner waits for an address before it tries the next one.
 const CONNECT_WITHIN: Duration = Duration::from_secs(4);
-/// How many conversations there may be at a time; a new one replaces the oldest conversation of the address with the most.
+/// How many conversations there may be at a time. A further one replaces the oldest conversation of the address with the most.
 const TALKS_MAX: usize = 64;
-/// How long a conversation with a wrong proof stays: so a stranger causes few expensive checks, and the right line does not wait.
+/// How long a conversation with a wrong proof is kept open. So a stranger causes few expensive checks, and the right line does
+/// not have to wait.
 const WRONG_STAYS: Duration = Duration::from_secs(1);
 
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
 /// # Errors
-/// No answer comes, another team than that of the line answers, or the inviter refuses.
+/// If no answer comes, a different team from the one in the line answers, or the inviter refuses.
 ///
 /// # Cancellation
 /// The invitation may have been used.
@@ -74,19 +75,19 @@ async fn talk(
     }
 }
 
-/// Something that happens while an inviter waits.
+/// An event while an inviter waits.
 #[derive(Debug)]
 pub enum Event {
-    /// A robot has joined; the certificate is kept.
+    /// A robot has joined, and its certificate is stored.
     Joined(Box<Certificate>),
     /// A robot was refused; the reason.
     Refused(SocketAddr, String),
-    /// A certificate could not be kept; the reason. No robot has joined, and the invitation is spent.
+    /// A certificate could not be stored, for this reason. No robot has joined, but the invitation is used up.
     Failed(String),
 }
 
-/// Answers robots that want to join, until `events` is closed. `keep` puts a certificate on the disk; before that no
-/// robot is accepted.
+/// Answers robots that want to join, until `events` is closed. `keep` writes a certificate to the disk; a robot is accepted only
+/// after that.
 ///
 /// # Cancellation
 /// A join in progress is cut off.

@@ -47,11 +47,11 @@ const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
 const FOUNDS: &str = "founds";
-/// The file beside the folder with the name of the team.
+/// The file beside the folder that contains the name of the team.
 const IN_TEAM: &str = "in-team";
 /// The name of the file with signed heads of audit logs.
 pub const HEADS: &str = "heads";
-/// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
+/// The most bytes that [`Member::begin`] writes, with a reserve for the file system.
 pub const BEGIN_SIZE_MAX: usize = SECRET_LEN + TEAM_MAX + CREDENTIAL_MAX + (32 << 10);
 
 /// A node in a team.
@@ -60,33 +60,34 @@ pub struct Member {
     folder: PathBuf,
     keys: SecretKeys,
     team: Team,
-    /// The identity as it was when this node was started.
+    /// The credential at the start of this node.
     credential: Credential,
-    /// The same, with the newest renewal.
+    /// The credential with the newest renewal.
     newest: Mutex<Credential>,
-    /// The credentials of its programs, and the files from which they read them.
+    /// The credentials for the node's programs and visitors, and the files from which these read them.
     vouched: Mutex<Option<Vouched>>,
-    /// The file that programs of another user read, and the group of that.
+    /// The file that programs of another user read, and the group of that user.
     shared: Mutex<Option<(PathBuf, u32)>>,
     revoked: Mutex<Revocations>,
-    /// The credentials that others have shown.
+    /// The credentials that other nodes have shown.
     cards: Cards,
     changes: watch::Sender<()>,
-    /// The audit log; none if the disk takes none.
+    /// The audit log; none if the disk refuses it.
     audit: Option<Audit>,
     heads: Mutex<Heads>,
     refusals: Mutex<Refusals>,
 }
 
 impl Member {
-    /// Returns the member that a node is, by the folder of its state; nothing if it is in no team.
+    /// Returns the member for a node, read from the node's state folder; none if the node is not in a team.
     ///
     /// # Errors
-    /// A file cannot be read, or is invalid. Such a node must not run as if it were not in a team.
+    /// If a file cannot be read, or is invalid. Such a node must not run as if it were not in a team.
     pub fn open(state: &Path) -> anyhow::Result<Option<Self>> {
         let folder = state.join(FOLDER);
         let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else {
-            // Any entry there belongs to a team, even a dangling link, for example to a disk that is not mounted.
+            // Any entry here shows that the node has been in a team, even a dangling link, for example to a disk that is not
+            // mounted.
             ensure!(
                 folder.symlink_metadata().is_err(),
                 "`{}` is that of a node whose joining was cut short, or leads nowhere: join again with `dca team join`, or remove it \
@@ -139,17 +140,17 @@ impl Member {
         Ok(Some(member))
     }
 
-    /// Returns whether a node is in a team, without a look at anything else.
+    /// Returns whether a node is in a team; it only checks whether the credential exists.
     #[must_use]
     pub fn is_there(state: &Path) -> bool {
         state.join(FOLDER).join(CREDENTIAL).exists()
     }
 
-    /// Writes the new identity of a node, and whether it `founds`: the first node of its team begins the team's
-    /// database when it starts.
+    /// Writes the new identity of a node. If `founds`, the node is the first of its team, and begins the team's database when it
+    /// starts.
     ///
     /// # Errors
-    /// The disk refuses; then the node keeps its previous identity.
+    /// If the disk refuses. The node keeps its previous identity then.
     pub fn begin(
         state: &Path,
         keys: &SecretKeys,
@@ -173,16 +174,16 @@ impl Member {
         folder::write(&folder.join(CREDENTIAL), &credential.to_bytes())
     }
 
-    /// Returns whether this node is to create the team's database.
+    /// Returns whether this node has to create the team's database.
     #[must_use]
     pub fn founds(&self) -> bool {
         self.folder.join(FOUNDS).is_file()
     }
 
-    /// Removes the mark that asks this member to create the team's database.
+    /// Removes the mark that this member has to create the team's database.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// If the disk refuses.
     pub fn has_founded(&self) -> std::io::Result<()> {
         std::fs::remove_file(self.folder.join(FOUNDS))
     }
@@ -193,24 +194,24 @@ impl Member {
         &self.team
     }
 
-    /// Returns the name in its certificate.
+    /// Returns the name in the node's certificate.
     #[must_use]
     pub const fn name(&self) -> &Name {
         &self.credential.certificate().claims().name
     }
 
-    /// Returns the id of its keys.
+    /// Returns the id of the node's keys.
     pub fn id(&self) -> KeyId {
         self.keys.public().id()
     }
 
-    /// Returns the folder with its keys.
+    /// Returns the folder with the node's keys.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Passes the team, its revocations and the time to `judge`.
+    /// Calls `judge` with the team, its revocations and the time.
     pub fn with_judge<T>(&self, judge: impl FnOnce(&Judge<'_>) -> T) -> T {
         let revoked = self.revoked().clone();
         judge(&self.by(&revoked))
@@ -219,27 +220,27 @@ impl Member {
     /// Checks that this node itself is trusted now.
     ///
     /// # Errors
-    /// It is not, with the reason.
+    /// The reason, if it is not trusted.
     pub fn check(&self) -> anyhow::Result<()> {
         let revoked = self.revoked();
         self.newest().check(&self.by(&revoked)).map(drop).context("this node is not trusted")
     }
 
-    /// Signs a digest of something that this node writes.
+    /// Signs a digest of data that this node writes.
     pub fn state(&self, digest: &Digest) -> [u8; SIGNATURE_LEN] {
         statement::sign(digest, &self.keys)
     }
 
-    /// Returns the bytes of its credential.
+    /// Returns the bytes of the node's credential.
     pub fn shown(&self) -> Vec<u8> {
         self.newest().to_bytes()
     }
 
-    /// Returns the node of the team that has a credential, however old it is, and whether or not it was revoked since:
-    /// its earlier transactions stay valid.
+    /// Returns the name and keys of the node of the team that has a credential. The credential may be of any age, and may have been
+    /// revoked since: the node's earlier transactions remain valid.
     ///
     /// # Errors
-    /// The credential does not belong to a node of the team; the reason is for a person.
+    /// If the credential does not belong to a node of the team; the reason is for people.
     pub fn node_of(&self, credential: &[u8]) -> Result<(String, PublicKeys), String> {
         let credential = Credential::from_bytes(credential).map_err(|error| format!("a credential: {error}"))?;
         let claims = credential.certificate().claims();
@@ -255,7 +256,7 @@ impl Member {
     /// Opens a secret of the team's database that is sealed for this node.
     ///
     /// # Errors
-    /// It is not for this node, or does not belong at this key.
+    /// If the secret is not sealed for this node, or not for this key.
     pub fn unseal(&self, key: &str, sealed: &Sealed) -> Result<Secret, SealError> {
         sealed.open(&Place { team: self.team.id(), path: key }, &self.keys)
     }
@@ -265,13 +266,13 @@ impl Member {
         self.audit.iter().for_each(|audit| audit.record(entry.clone()));
     }
 
-    /// Reports each change of the revocations.
+    /// Returns a receiver that changes with the revocations.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changes.subscribe()
     }
 
     fn revoked(&self) -> MutexGuard<'_, Revocations> {
-        // A set is taken in as a whole, or not at all.
+        // A set is added as a whole, so the sets are valid even after a panic.
         self.revoked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -280,7 +281,7 @@ impl Member {
     }
 }
 
-/// Judges by a team, with the grace for nodes that were offline.
+/// Returns a judge for a team, with the grace period for nodes that were offline.
 pub(crate) fn judge<'a>(team: &'a Team, revoked: &'a Revocations) -> Judge<'a> {
     Judge { team, revoked, now: crate::now(), grace: OFFLINE_GRACE }
 }
@@ -300,10 +301,10 @@ impl Identity for Member {
         if claims.keys.signing() != key {
             return Err("its credential is that of another key".to_owned());
         }
-        // This is a copy: a reader of the cards also asks for the revocations, so the two locks must not be held at once.
+        // A copy: a reader of the cards also takes the lock of the revocations, so the two locks must not be held together.
         let revoked = self.revoked().clone();
         let by = self.by(&revoked);
-        // The certificate may have been renewed since it was shown here.
+        // The certificate may have been renewed since the node showed it here.
         let newer = self.cards.newer(&credential, &by);
         newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.judged(&error))?;
         if credential.certificate().kind() != Kind::Node {
@@ -347,7 +348,7 @@ impl Authenticator for Member {
     }
 }
 
-/// Refuses to run without a team where a node of a team ran last: its folder may have been moved away, or its disk is not mounted.
+/// Refuses to run a node without a team if it last ran in one. Its folder may have been moved away, or its disk is not mounted.
 fn refuse_without(state: &Path, folder: &Path) -> anyhow::Result<()> {
     let noted = state.join(IN_TEAM);
     let Some(team) = folder::read(&noted, TEAM_MAX)? else { return Ok(()) };
@@ -360,7 +361,7 @@ fn refuse_without(state: &Path, folder: &Path) -> anyhow::Result<()> {
     );
 }
 
-/// Notes the team in which a node runs, for the next start.
+/// Notes the team in which a node runs, for its next start.
 fn note(state: &Path, team: &Team) {
     let (noted, name) = (state.join(IN_TEAM), team.name().to_string());
     if folder::read(&noted, TEAM_MAX).is_ok_and(|before| before.is_some_and(|before| before[..] == *name.as_bytes())) {

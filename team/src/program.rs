@@ -1,8 +1,8 @@
-//! The identity of a program's data session toward other hosts, and the clients it lets in: programs with a wire to
+//! The identity of a program's data session toward other hosts, and the clients that it lets in. These are programs with a wire to
 //! this one, and visitors from a machine of the team ([`crate::visitor`]).
 //!
-//! A program makes its keys when it starts; they never leave it. Its node vouches for the public one, and names the program. The node
-//! writes what else a program needs to a file of its run folder, in which nothing is secret.
+//! A program makes its keys when it starts, and they never leave it. Its node vouches for the public key, and names the program. The
+//! node writes the other data that its programs need to a file in its run folder, which contains no secrets.
 
 use crate::folder;
 use crate::member::{REVOKED_BYTES_MAX, judge, revocations};
@@ -23,9 +23,9 @@ use zeroize::Zeroizing;
 
 /// The longest file.
 const FILE_MAX: usize = 16 << 10;
-/// How many keys of others a program remembers: each start of a program at the other end of a wire is another one.
+/// How many keys of other programs a program remembers. A program at the other end of a wire has a new key after each start.
 const PARTNERS_MAX: usize = 1 << 16;
-/// The reason for refusing a program that has no wire with this one.
+/// The reason for refusing a program that has no wire to this one.
 const NO_WIRE: &str = "it has no wire with this program";
 
 /// The information about the team that a node gives to its programs.
@@ -45,7 +45,7 @@ impl Circle {
         Ok(postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
     }
 
-    /// Reads it.
+    /// Reads the file for programs.
     fn open(path: &Path) -> anyhow::Result<Self> {
         let bytes = folder::read_open(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
@@ -69,7 +69,7 @@ impl Circle {
         Ok(delegation)
     }
 
-    /// Returns the revocations last written by the node. An unreadable file must not lead to trust.
+    /// Returns the revocations that the node has last written. If the file cannot be read, this is an error, and no key is trusted.
     pub(crate) fn revocations_now(&self) -> Result<Revocations, String> {
         let read = folder::read_open(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
@@ -77,21 +77,21 @@ impl Circle {
     }
 }
 
-/// The function that gets each refused program without a wire to this one.
+/// A function that is called with each refused program that has no wire to this one.
 type OnStranger = Box<dyn Fn(String) + Send + Sync>;
 
-/// A program of a team, as others see it.
+/// The identity of a program in a team.
 pub struct ProgramIdentity {
-    /// Where its circle was read, and is read again: the certificate of its node may be renewed.
+    /// The file of the circle. It is read again, since the certificate of the node may be renewed.
     path: PathBuf,
     circle: Circle,
     keys: ProgramKeys,
-    /// The signature of its node; none before it has one.
+    /// The signature of the node on the program's key; none before the node has sent it.
     delegation: Mutex<Option<Delegation>>,
-    /// The keys of programs that have, or had, wires with this one. A program that has lost its wire is told nothing
-    /// any more, and its link is left to end by itself: it may still be needed for a value in transit.
+    /// The keys of programs that have, or had, wires to this one. A program that has lost its wire gets no more data. Its link is not
+    /// cut, because a value in transit may still need it.
     partners: Mutex<BTreeSet<PublicKey>>,
-    /// Reports that there are more keys.
+    /// Notified when keys are added.
     news: watch::Sender<()>,
     on_stranger: OnStranger,
 }
@@ -103,11 +103,11 @@ impl fmt::Debug for ProgramIdentity {
 }
 
 impl ProgramIdentity {
-    /// Makes keys, and reads the credentials that the node has written for its programs. `on_stranger` gets each
-    /// refused program that has no wire with this one, for a person.
+    /// Makes keys, and reads the credentials that the node has written for its programs. `on_stranger` gets a message for people
+    /// about each refused program that has no wire to this one.
     ///
     /// # Errors
-    /// There is no such file, or it is invalid, or the system has no random bytes.
+    /// If the file is missing or invalid, or the system has no random bytes.
     pub fn open(path: &Path, on_stranger: impl Fn(String) + Send + Sync + 'static) -> anyhow::Result<Self> {
         Ok(Self {
             path: path.to_owned(),
@@ -120,12 +120,12 @@ impl ProgramIdentity {
         })
     }
 
-    /// Returns its keys.
+    /// Returns the keys of the program.
     pub const fn keys(&self) -> &ProgramKeys {
         &self.keys
     }
 
-    /// Takes its node's signature on its key.
+    /// Stores the node's signature on the program's key.
     pub fn take_delegation(&self, bytes: &[u8]) {
         match Delegation::from_bytes(bytes) {
             Ok(delegation) if *delegation.key() == self.keys.signing().1 => *self.delegation() = Some(delegation),
@@ -134,7 +134,7 @@ impl ProgramIdentity {
         }
     }
 
-    /// Also lets programs with these public keys link.
+    /// Also permits programs with these public keys to link.
     pub fn let_in<'a>(&self, keys: impl Iterator<Item = &'a [u8]>) {
         let mut partners = self.partners();
         partners.extend(keys.filter_map(ProgramKeys::signing_of).take(PARTNERS_MAX));
@@ -145,7 +145,7 @@ impl ProgramIdentity {
         self.news.send_replace(());
     }
 
-    /// Returns the reason why a digest is not signed by a permitted visitor; none if it is.
+    /// Returns why a digest is not signed by a permitted visitor; none if it is.
     pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
         let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
         match self.circle.delegation(&proof.key, credential) {
@@ -157,7 +157,7 @@ impl ProgramIdentity {
     }
 
     fn delegation(&self) -> MutexGuard<'_, Option<Delegation>> {
-        // The delegation is replaced as a whole.
+        // The delegation is replaced as a whole, so it is valid even after a panic.
         self.delegation.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -170,7 +170,7 @@ impl ProgramIdentity {
     }
 }
 
-/// Returns the owner of the key that a node vouches for, for a person.
+/// Returns a description of a key's owner, for whom a node vouches, for people.
 fn named(delegation: &Delegation) -> String {
     let node = &delegation.node().certificate().claims().name;
     delegation.program().map_or_else(|| format!("a visitor from {node}"), |program| format!("{program} on {node}"))
@@ -183,7 +183,7 @@ impl Identity for ProgramIdentity {
 
     fn credential(&self) -> Vec<u8> {
         let Some(delegation) = self.delegation().clone() else { return Vec::new() };
-        // If the newest delegation cannot be read, the one it was given is valid for a while.
+        // If the newest credential cannot be read, the one from the start is valid for a while.
         let newest = Circle::open(&self.path).ok().and_then(|circle| delegation.renewed(circle.node));
         newest.as_ref().unwrap_or(&delegation).to_bytes()
     }
@@ -198,7 +198,7 @@ impl Identity for ProgramIdentity {
     }
 
     fn awaits(&self, key: &PublicKey, credential: &[u8]) -> Option<watch::Receiver<()>> {
-        // The receiver is made before the check, so that later changes are noticed.
+        // The receiver is made before the check, so that changes after the check are noticed.
         let news = self.news.subscribe();
         let delegation = self.circle.delegation(key, credential).ok()?;
         (!self.may_link(&delegation)).then_some(news)

@@ -1,7 +1,8 @@
-//! A visitor, which watches or calls programs from a machine of the team: `dca`, with the credentials that the node
-//! there gives to all clients on its machine.
+//! A visitor: a client that watches or calls programs from a machine of the team, such as `dca`. It uses the credentials that the
+//! node there gives to all clients on its machine.
 //!
-//! The node writes this identity to a file of its run folder. Its key was made when the node started, and is never the node's own.
+//! The node writes this identity to a file in its run folder. The key was made when the node started, and is not the node's own
+//! key.
 
 use crate::cards::Cards;
 use crate::folder;
@@ -25,7 +26,7 @@ const FILE_MAX: usize = 16 << 10;
 /// The identity of visitors from one machine.
 #[derive(Debug)]
 pub struct VisitorIdentity {
-    /// Where it was read, and is read again: its node's certificate may be renewed.
+    /// The file of the identity. It is read again, since the node's certificate may be renewed.
     path: PathBuf,
     keys: SecretKeys,
     circle: Circle,
@@ -35,8 +36,7 @@ pub struct VisitorIdentity {
 }
 
 impl VisitorIdentity {
-    /// Writes the file for visitors: their keys, the proof that the node vouches for them, and the place of its
-    /// revocations.
+    /// Writes the file for visitors: their keys, the proof that the node vouches for them, and the path of the revocations.
     pub(crate) fn keep(
         path: &Path,
         keys: &SecretKeys,
@@ -53,7 +53,7 @@ impl VisitorIdentity {
     /// Reads the file that a node has written for visitors.
     ///
     /// # Errors
-    /// There is no such file, or it is invalid.
+    /// If the file is missing or invalid.
     pub fn open(path: &Path) -> anyhow::Result<Self> {
         let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
@@ -66,14 +66,14 @@ impl VisitorIdentity {
         Ok(Self { path: path.to_owned(), keys, circle, delegation, cards: Cards::default() })
     }
 
-    /// Signs a visitor's message or call, through the node of this machine.
+    /// Signs a visitor's message or call; the signature is valid because the node of this machine vouches for visitors.
     pub fn sign_visit(&self, digest: &Digest) -> Proof {
         let signature = statement::sign(digest, &self.keys).to_vec();
         Proof { key: *self.delegation.key(), signature, credential: Some(self.credential()) }
     }
 
-    /// Returns the names of nodes whose known keys are all revoked: a node with new keys is not among them. Empty if
-    /// the revocations cannot be read.
+    /// Returns the names of nodes of which all known keys are revoked. A node with new keys is not one of them. Empty if the
+    /// revocations cannot be read.
     pub fn revoked(&self, shown: &[Vec<u8>]) -> BTreeSet<String> {
         let Ok(revoked) = self.circle.revocations_now() else { return BTreeSet::new() };
         let (mut gone, mut there) = (BTreeSet::new(), BTreeSet::new());
@@ -96,7 +96,7 @@ impl Identity for VisitorIdentity {
     }
 
     fn credential(&self) -> Vec<u8> {
-        // If the file cannot be read, the delegation from the start of the visitor is valid for a while.
+        // If the file cannot be read, the delegation from the visitor's start is valid for a while.
         let newest = Self::open(&self.path).ok().filter(|newest| newest.delegation.key() == self.delegation.key());
         newest.as_ref().unwrap_or(self).delegation.to_bytes()
     }
@@ -123,7 +123,7 @@ impl Identity for VisitorIdentity {
     }
 }
 
-/// A command line does not speak for a node, and checks the answers of nodes like a program of its machine.
+/// A command line does not act for a node. It checks the answers of nodes like a program on its machine.
 impl Authenticator for VisitorIdentity {
     fn sign(&self, _: &Digest, _: bool) -> Option<Proof> {
         None

@@ -1,5 +1,5 @@
-//! The cost of a team's keys, compared with a network without them: `cargo run --release -p dca-tests --example costs`,
-//! as root. One run prints all figures; measurements with and without keys alternate.
+//! The cost of a team's keys, compared with a network without keys: `cargo run --release -p dca-tests --example costs`,
+//! as root. One run prints all figures. Measurements with and without keys alternate.
 
 use anyhow::{Context as _, Result, bail, ensure};
 use comms::io::clock::now;
@@ -29,13 +29,13 @@ use trust::role::{Action, Role};
 use trust::team::Judge;
 use zeroize::Zeroizing;
 
-/// How many requests are signed and checked.
+/// The number of requests that are signed and checked.
 const REQUESTS: u64 = 500;
-/// How often each kind of hop is measured, in turn.
+/// The number of measurements of each kind of hop, in turn.
 const ROUNDS: usize = 7;
-/// The messages: bytes, round trips that are timed, and round trips before those.
+/// The messages: bytes, timed round trips, and the round trips before them.
 const SIZES: [(&str, usize, usize, usize); 2] = [("64 B", 64, 1500, 200), ("64 KiB", 64 << 10, 300, 40)];
-/// How often 50 programs are started with keys and without, in turn.
+/// The number of starts of 50 programs with and without keys, in turn.
 const STARTS: usize = 20;
 
 fn main() -> ExitCode {
@@ -73,7 +73,7 @@ fn micros(time: Duration) -> String {
     format!("{:.0} µs", time.as_secs_f64() * 1e6)
 }
 
-/// Signs requests as a command does, and checks them and writes them down as a node does.
+/// Signs requests like a command, and checks and records them like a node.
 fn requests() -> Result<()> {
     let team = MadeTeam::default();
     let (user, node, cluster) = (keys(), keys(), Cluster::new());
@@ -120,16 +120,16 @@ fn requests() -> Result<()> {
     Ok(())
 }
 
-/// Two data sessions like those of programs; one of them sends back its samples.
+/// Two data sessions like those of programs. The second session sends its samples back.
 struct Pair {
     ping: DataSession,
     echo: DataSession,
     name: &'static str,
-    /// The bytes that the seals of both directions cover, in a team.
+    /// In a team, the bytes under the seals of both directions.
     cover: Option<Cover>,
 }
 
-/// Returns both ends of a direction with its own key.
+/// Returns both ends of a direction. The direction has its own key.
 fn seals(secret: u8, cover: Cover) -> (Arc<Sealer>, Arc<Opener>) {
     let key = || Some(SealKey::new(&Zeroizing::new([secret; 32]), cover));
     let (sealer, opener) = (Sealer::new(&SealCounter::default()), Opener::new(|_, _| ()));
@@ -179,7 +179,7 @@ impl Pair {
                     times.push((now() - at) / 2);
                 }
             }
-            // So ends the thread that answers.
+            // This ends the thread that answers.
             drop(hears_ping);
             Ok(())
         })?;
@@ -215,8 +215,7 @@ fn hear(
     })
 }
 
-/// Measures a hop over TCP with TLS and without, and with seals, and over a Unix socket, which has no TLS in either
-/// case.
+/// Measures a hop over TCP with TLS and without, with seals, and over a Unix socket. A Unix socket never has TLS.
 fn hops() -> Result<()> {
     let (cluster, team) = (Cluster::new(), MadeTeam::default());
     let socket = |name: &str| cluster.folder().join(name);
@@ -262,7 +261,7 @@ fn hops() -> Result<()> {
     Ok(())
 }
 
-/// Measures a hop over a direct wire, as programs of one host have it, in a team and without.
+/// Measures a hop over a direct wire, which programs of one host have. It does so with a team and without.
 fn direct_hops() -> Result<()> {
     let cluster = Cluster::new();
     let pair = |name: &str, guards| {
@@ -292,7 +291,7 @@ fn direct_hops() -> Result<()> {
 struct Robots<'a> {
     cluster: Cluster,
     network: &'a Network,
-    /// The options with the operator's keys; none without a team.
+    /// The options with the operator's keys. There are none without a team.
     keys: Vec<String>,
 }
 
@@ -312,7 +311,7 @@ impl<'a> Robots<'a> {
         Self { cluster: Cluster::new(), network, keys: Vec::new() }
     }
 
-    /// Makes a team of both; returns how long each took to join.
+    /// Makes a team of both hosts. Returns how long each took to join.
     fn team(network: &'a Network) -> Result<(Self, Vec<Duration>)> {
         let cluster = Cluster::new();
         let passphrase = cluster.file("passphrase", "correct horse battery\n");
@@ -351,7 +350,7 @@ impl<'a> Robots<'a> {
         Ok(nodes)
     }
 
-    /// Deploys 50 programs; returns how long that took from PREPARE to GO.
+    /// Deploys 50 programs. Returns the time from PREPARE to GO.
     fn deploy(&self, number: usize) -> Result<Duration> {
         let name = format!("fifty{number}");
         let spec = self.cluster.file(&format!("{name}.dca"), &spec());
@@ -390,7 +389,7 @@ fn starts(network: &Network) -> Result<()> {
     for number in 0..=STARTS {
         for (robots, took) in [&robots, &alone].into_iter().zip(&mut took) {
             let go = robots.deploy(number)?;
-            // The first one reads the programs from the disk.
+            // The first deployment reads the programs from the disk, so it does not count.
             took.extend((number > 0).then_some(go));
         }
     }

@@ -10,10 +10,10 @@ use std::io::Write as _;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long nodes have to find each other and to grow quiet.
+/// How long nodes need to find each other and to become quiet.
 const SETTLED_AFTER: Duration = Duration::from_secs(15);
-/// Clock ticks of `/proc/PID/stat` in a second. Source: proc_pid_stat(5); `sysconf(_SC_CLK_TCK)` is 100 on every Linux
-/// of today.
+/// The number of clock ticks of `/proc/PID/stat` in a second. Source: proc_pid_stat(5); `sysconf(_SC_CLK_TCK)` is 100
+/// on every current Linux.
 const TICKS: f64 = 100.0;
 
 /// Starts nodes in network namespaces, without a mission, and prints what each sends and how much processor time it
@@ -47,7 +47,7 @@ fn say(line: &str) {
     writeln!(std::io::stdout(), "{line}").unwrap_or_default();
 }
 
-/// Nodes that know each other, and nothing more.
+/// Measures nodes that know each other and do nothing else.
 fn network(options: &Options) -> Result<()> {
     let network = Network::new(usize::from(options.nodes)).context("there is no network of namespaces")?;
     let cluster = Cluster::new();
@@ -83,7 +83,7 @@ fn network(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// A node with programs that sleep.
+/// Measures a node with programs that sleep.
 fn programs(options: &Options) -> Result<()> {
     let (cluster, mut instances) = (Cluster::new(), String::new());
     let here = cluster.here();
@@ -147,7 +147,7 @@ fn processor_time(pid: u32) -> Result<f64> {
     Ok((ticks(11)? + ticks(12)?) / TICKS)
 }
 
-/// Returns the memory that a process shares with no other, in bytes. Source: proc_pid_smaps(5).
+/// Returns the memory that a process shares with no other process, in bytes. Source: proc_pid_smaps(5).
 fn own_memory(pid: u32) -> Result<u64> {
     let text = fs::read_to_string(format!("/proc/{pid}/smaps_rollup"))?;
     let own = text.lines().filter(|line| line.starts_with("Private_"));

@@ -1,4 +1,4 @@
-//! The same work by DCA, supervisord and dora: programs start, one is killed, the supervisor is killed, all are
+//! The same work with DCA, supervisord and dora: programs start, one is killed, the supervisor is killed, and all are
 //! stopped.
 
 use anyhow::{Context as _, Result, bail, ensure};
@@ -16,9 +16,9 @@ use std::time::Duration;
 
 /// How long anything may take.
 const WITHIN: Duration = Duration::from_secs(60);
-/// How long programs are watched once their supervisor is gone, and once another one has come.
+/// How long programs are watched after the end of their supervisor, and after the start of the next one.
 const WATCHED: Duration = Duration::from_secs(5);
-/// The systems that are compared. A program counts once it runs, even if its supervisor still waits for something.
+/// The compared systems. A program counts once it runs, even if its supervisor still waits for something.
 const KINDS: [Kind; 3] = [Kind::Dca, Kind::Supervisord, Kind::Dora];
 
 /// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints the resources that
@@ -105,12 +105,12 @@ fn median<T, V: Copy + Default + Ord>(of: &[T], value: fn(&T) -> V) -> V {
 struct Round {
     started: Duration,
     replaced: Duration,
-    /// How many run without their supervisor.
+    /// The number of programs that run without their supervisor.
     alone: usize,
-    /// How many of those continue under the next one, and how many run then.
+    /// The number of them that continue under the next supervisor, and the number of all programs that then run.
     same: usize,
     after: usize,
-    /// None if some are left.
+    /// None if some programs are left.
     stopped: Option<Duration>,
 }
 
@@ -141,7 +141,7 @@ impl Kind {
     }
 }
 
-/// A folder and a namespace in which one supervisor runs. Dropping it kills the remaining processes.
+/// A folder and a namespace for one supervisor. Dropping it kills the remaining processes.
 struct Place {
     kind: Kind,
     folder: PathBuf,
@@ -177,7 +177,7 @@ impl Place {
         for process in self.supervisors()? {
             kill(process)?;
         }
-        // No event shows the fate of programs without a supervisor, so the test waits.
+        // No event shows whether programs continue without a supervisor, so the test waits.
         pass(WATCHED);
         let alone = self.running().intersection(&before).count();
         commands.extend(self.start()?);
@@ -201,14 +201,14 @@ impl Place {
         Ok(now().since(begun))
     }
 
-    /// Returns the programs that run.
+    /// Returns the running programs.
     fn running(&self) -> BTreeSet<u32> {
         let is_program = |arguments: &[&str]| arguments.len() == 2 && arguments[1] == self.mark;
         pids(|_, command| is_program(&command.split_terminator('\0').collect::<Vec<_>>()))
     }
 
-    /// Returns the processes of the supervisor: not its programs, and not the parents that DCA gives these so that they
-    /// outlive it.
+    /// Returns the processes of the supervisor. These do not include its programs. They also do not include the parents
+    /// that DCA gives to the programs, so that the programs outlive the supervisor.
     fn supervisors(&self) -> Result<BTreeSet<u32>> {
         let (folder, programs) = (self.folder.display().to_string(), self.running());
         let name = match self.kind {
@@ -267,8 +267,8 @@ impl Place {
         Ok(fs::write(self.folder.join(name), text)?)
     }
 
-    /// Starts the supervisor, and has it start the programs. After a `kill -9` of the supervisor a person would type
-    /// the same command.
+    /// Starts the supervisor and lets it start the programs. A person would type the same command after a `kill -9` of
+    /// the supervisor.
     fn start(&self) -> Result<Vec<Child>> {
         let run = self.folder.join("n").display().to_string();
         match self.kind {
@@ -318,7 +318,7 @@ impl Place {
         command
     }
 
-    /// Runs a command to its end. The caller learns its result from the programs that run afterwards.
+    /// Runs a command to its end. The programs that run afterwards show its result.
     fn run(&self, program: &str, arguments: &[&str]) -> Result<()> {
         let mut child = self.command(program).args(arguments).spawn()?;
         if wait_until(WITHIN, || !matches!(child.try_wait(), Ok(None))).is_none() {
@@ -345,7 +345,8 @@ fn is_in(pid: u32, folder: &Path) -> bool {
     fs::read_link(format!("/proc/{pid}/cwd")).is_ok_and(|cwd| cwd.starts_with(folder))
 }
 
-/// Returns the processes for which this is so, given the id and the command line, its words ended by zeros.
+/// Returns the processes for which `is_wanted` holds. It receives the id and the command line, in which every word ends
+/// with a zero.
 fn pids(is_wanted: impl Fn(u32, &str) -> bool) -> BTreeSet<u32> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());

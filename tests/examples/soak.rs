@@ -1,5 +1,5 @@
-//! The soak: hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are
-//! killed.
+//! The soak: hosts on a network run one mission for hours. During this time, programs are killed, cables are pulled and
+//! nodes are killed.
 
 use anyhow::{Result, bail, ensure};
 use clap::Parser;
@@ -15,17 +15,17 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Short cuts, which must have no effect, and every fifth one so long that a host is lost.
+/// Short cuts, which must have no effect. Every fifth cut is long, so that a host is lost.
 const CUT_SHORT: Duration = Duration::from_secs(2);
 const CUT_LONG: Duration = Duration::from_secs(9);
-/// How long the killed node stays away at most.
+/// The longest time for which the killed node is away.
 const AWAY_MAX_MS: u64 = 1500;
-/// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for
-/// 5 s.
+/// The longest time until everything runs again after a disturbance. A lost host has to be found again, and its group
+/// pauses for 5 s.
 const RECOVERED_WITHIN: Duration = Duration::from_secs(45);
-/// How often sizes are written down.
+/// How often sizes are printed.
 const SIZES_EVERY: Duration = Duration::from_secs(120);
-/// How much the largest size of the last quarter may exceed that of the second quarter.
+/// The greatest growth of the largest size, from the second quarter to the last.
 const GROWTH_MAX: f64 = 1.15;
 
 /// Runs a mission on namespaces for a long time. Each second a program is killed, each minute a cable is pulled (for 2
@@ -76,7 +76,7 @@ fn failed(error: &anyhow::Error) -> ExitCode {
 }
 
 fn say(line: &str) {
-    // A reader that went away ends no soak.
+    // The soak continues without its reader.
     writeln!(std::io::stdout(), "{line}").unwrap_or_default();
 }
 
@@ -89,7 +89,7 @@ struct Counts {
     kills: u32,
 }
 
-/// The resources that a process uses at a moment.
+/// The resources that a process uses at one moment.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sizes {
     memory: u64,
@@ -98,7 +98,7 @@ struct Sizes {
 
 #[derive(Debug)]
 struct Soak {
-    // Dropped in this order: the processes, their folder, the network.
+    // The fields are dropped in this order: the processes, their folder, the network.
     mission: Program,
     nodes: Vec<Option<Program>>,
     hosts: Vec<Host>,
@@ -108,7 +108,7 @@ struct Soak {
     options: Options,
     /// The instance path of the group on each host.
     parts: Vec<String>,
-    /// The programs that are still to be killed in this round, so that each is killed only as often as it is restarted.
+    /// The programs that this round still has to kill. Each program is killed once in a round, so that all are restarted equally often.
     victims: Vec<String>,
     paths: Vec<String>,
     counts: Counts,
@@ -177,21 +177,21 @@ impl Soak {
         self.expect_all("the last disturbance")
     }
 
-    /// Kills a program, as often one as another.
+    /// Kills a program. All programs are killed equally often.
     fn crash(&mut self) -> Result<()> {
         if self.victims.is_empty() {
             self.victims.clone_from(&self.paths);
         }
         let index = self.random.below(self.victims.len() as u64);
         let victim = self.victims.swap_remove(usize::try_from(index)?);
-        // It may be on its way back from the last loss of its host.
+        // The program may still be restarting after the last loss of its host.
         if let Some(pid) = self.programs()?.get(&victim).and_then(|pid| rustix::process::Pid::from_raw(*pid)) {
             self.counts.crashes += u32::from(rustix::process::kill_process(pid, Signal::KILL).is_ok());
         }
         Ok(())
     }
 
-    /// Pulls the cable of a host; the home keeps its own in the long cuts, which would end the mission with it.
+    /// Pulls the cable of a host. Long cuts leave out the home, since without it the mission would end.
     fn cut(&mut self) -> Result<()> {
         self.counts.cuts += 1;
         let is_long = self.counts.cuts.is_multiple_of(5);
@@ -203,7 +203,7 @@ impl Soak {
         self.network.heal(number);
         self.counts.losses += u32::from(is_long);
         self.expect_all(&format!("the cut of {}", name(number)))?;
-        // The programs below a group whose host was lost have been restarted.
+        // The programs below a group on the lost host have been restarted.
         let lost = format!("{}/", self.parts[number - 1]);
         let after = self.programs()?;
         let again =
@@ -235,13 +235,13 @@ impl Soak {
         Ok(first + usize::try_from(self.random.below(count as u64))?)
     }
 
-    /// Returns the process of each program. None may run twice.
+    /// Returns the process of each program. No program may run twice.
     fn programs(&self) -> Result<BTreeMap<String, i32>> {
         let mut programs = BTreeMap::new();
         for process in self.cluster.left() {
             let Some(path) = path(&process) else { continue };
             if let Some(other) = programs.insert(path.clone(), process.pid) {
-                // A process that was just read may have ended in between.
+                // Either process may have ended since it was read.
                 let both =
                     [other, process.pid].iter().all(|pid| std::path::Path::new(&format!("/proc/{pid}/exe")).exists());
                 ensure!(!both, "{path} runs twice: {other} and {}", process.pid);
@@ -292,7 +292,7 @@ impl Soak {
         self.sizes.push(largest);
     }
 
-    /// Stops it all; nothing is left, and nothing has grown.
+    /// Stops everything. Afterwards nothing is left, and nothing has grown.
     fn end(&mut self) -> Result<()> {
         self.note_sizes();
         let stop = self.hosts[0].ask(&["stop", "soak"]);
@@ -325,12 +325,12 @@ impl Soak {
     }
 }
 
-/// Returns the name of a host, whose numbers begin with 1.
+/// Returns the name of a host. The host numbers begin with 1.
 fn name(number: usize) -> String {
     format!("c{number}")
 }
 
-/// Returns the host of the group above a host's group.
+/// Returns the host of the parent group of a host's group.
 fn parent(number: usize) -> usize {
     (number + 1) / 3
 }
@@ -343,7 +343,7 @@ fn members(options: &Options) -> Vec<String> {
         .collect()
 }
 
-/// Returns the instance path of a program; none for shims, nodes and commands.
+/// Returns the instance path of a program, or none for shims, nodes and commands.
 fn path(process: &Process) -> Option<String> {
     let is_program = process.command.first().is_some_and(|name| !name.ends_with("dca-shim"));
     let mark = process.environment.iter().find_map(|entry| entry.strip_prefix("DCA_INSTANCE="));
@@ -355,8 +355,8 @@ fn mebibytes(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
-/// Returns a mission of a group on each host, whose programs are restarted when they die. A group whose host is lost is
-/// restarted.
+/// Returns a mission with a group on each host. Its programs are restarted when they die, and a group is restarted when
+/// its host is lost.
 fn spec(options: &Options) -> String {
     let mut text = "module Idle(host) { exec \"sleep 1000000\"; plain; done; }\n".to_owned();
     let hosts = usize::from(options.hosts);

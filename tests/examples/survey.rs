@@ -1,4 +1,5 @@
-//! The door survey: flies the door mission in many worlds on virtual time and prints how each kind of world ended.
+//! The door survey: it flies the door mission in many worlds on virtual time, and prints the result for each kind of
+//! world.
 
 use clap::Parser;
 use comms::logic::time::Time;
@@ -134,7 +135,7 @@ fn fly(rows: Vec<Row>, options: &Options, text: &str, limit: Duration) -> Result
         .collect())
 }
 
-/// The mission with a name as `--failures` has it.
+/// Returns the mission with a name from `--failures`.
 fn named<'a>(rows: &'a [Row], name: &str) -> Result<&'a Mission, String> {
     let found = name.rsplit_once('/').and_then(|(row, number)| {
         let row = rows.iter().find(|known| known.label() == row)?;

@@ -1,8 +1,8 @@
-//! Real processes: the workspace's own programs, each started by a test in its own folder.
+//! Real processes: a test starts the workspace's own programs, each in its own folder.
 //!
 //! A [`Cluster`] is the folder of one test. A [`Host`] is a place in it where commands and nodes are started: this
-//! machine, or one end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends
-//! from a test works in its folder or names it, so [`Cluster::left`] finds all of it, even if its parents have ended.
+//! machine, or one end of a [`Network`]. A [`Program`] is a started command with its output. Every descendant of a test
+//! works in the test's folder or names it, so [`Cluster::left`] finds all of them, even if their parents have ended.
 
 mod capture;
 mod fakes;
@@ -41,13 +41,13 @@ use std::str::FromStr;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// How long a command has that answers at once; a machine that builds something else at the same time is slow.
+/// The longest time for a command that answers at once. A machine is slow while it builds something else.
 pub const SOON: Duration = Duration::from_secs(30);
-/// How often a condition is checked that no event announces.
+/// How often a condition without an event is checked.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// Waits until `condition` holds, for changes without an event: other processes and files. Returns how long it took, or
-/// none if `condition` did not hold within `within`.
+/// Waits until `condition` holds. It is for changes without an event, such as those of other processes and files.
+/// Returns how long it took, or none if `condition` did not hold within `within`.
 pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Option<Duration> {
     let (began, pause) = (now(), Wakeup::default());
     loop {
@@ -61,17 +61,17 @@ pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Opti
     }
 }
 
-/// Returns how often a test repeats: `usual`, or the value of `DCA_TEST_ROUNDS`.
+/// Returns the number of rounds of a test: the value of `DCA_TEST_ROUNDS`, or `usual`.
 pub fn rounds<T: FromStr>(usual: T) -> T {
     std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
 }
 
-/// Returns whether the calling process is the one for `test` alone; if not, runs that test in such a process first.
-/// Zenoh's threads belong to the process and stay in the network namespace in which the first session was opened, so a
-/// test that opens a session in a namespace begins with `if !alone("module::name") { return }`.
+/// Returns whether this process runs only `test`. If not, it first runs that test in such a process. Zenoh's threads
+/// belong to the process, and stay in the network namespace of the first session. So a test that opens a session in a
+/// namespace begins with `if !alone("module::name") { return }`.
 ///
 /// # Panics
-/// The test has failed there.
+/// Panics if the test has failed there.
 pub fn alone(test: &str) -> bool {
     const ALONE: &str = "DCA_TEST_ALONE";
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {
@@ -90,7 +90,7 @@ pub fn alone(test: &str) -> bool {
     false
 }
 
-/// Lets `time` pass, for a test that measures during this time.
+/// Lets `time` pass, for a test that measures in the meantime.
 pub fn pass(time: Duration) {
     Wakeup::default().wait(Some(now() + time));
 }
@@ -103,7 +103,7 @@ pub fn spec(name: &str) -> String {
 /// Returns the path of a program of this workspace, built with the same profile as the test.
 ///
 /// # Panics
-/// It has not been built.
+/// Panics if the program has not been built.
 pub fn executable(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("Linux tells a process its executable");
     // target/PROFILE/deps/TEST
@@ -113,8 +113,8 @@ pub fn executable(name: &str) -> PathBuf {
     path
 }
 
-/// The folder of one test, with all processes started from it. Dropping it ends the remaining processes and removes the
-/// folder.
+/// The folder of one test, with all processes started from it. Dropping it ends the remaining processes, and removes
+/// the folder.
 #[derive(Debug)]
 pub struct Cluster {
     folder: PathBuf,
@@ -127,14 +127,14 @@ impl Default for Cluster {
 }
 
 impl Cluster {
-    /// Makes an empty folder with a short path, because sockets are made below it.
+    /// Makes an empty folder. Its path is short, since sockets are made below it.
     ///
     /// # Panics
-    /// The folder cannot be made.
+    /// Panics if the folder cannot be made.
     pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        // With a letter at its end no name begins another, so that looking for one does not find both.
+        // Each name ends with a letter, so no name is the beginning of another. A search for one does not find both.
         let folder = std::env::temp_dir().join(format!("dt{}-{number}t", getpid().as_raw_nonzero()));
         std::fs::create_dir_all(&folder).expect("the folder for temporary files can be written");
         Self { folder }
@@ -145,10 +145,10 @@ impl Cluster {
         &self.folder
     }
 
-    /// Writes a file; returns its path.
+    /// Writes a file, and returns its path.
     ///
     /// # Panics
-    /// It cannot be written.
+    /// Panics if the file cannot be written.
     pub fn file(&self, name: &str, text: &str) -> String {
         let path = self.folder.join(name);
         std::fs::write(&path, text).expect("a test can write in its own folder");
@@ -169,10 +169,10 @@ impl Cluster {
         }
     }
 
-    /// Returns host `number` of a network, with its own folder for sockets, like a separate machine.
+    /// Returns host `number` of a network. Like a separate machine, it has its own folder for sockets.
     ///
     /// # Panics
-    /// The folders cannot be made.
+    /// Panics if the folders cannot be made.
     pub fn host(&self, network: &Network, number: usize) -> Host {
         let run_dir = |number| self.folder.join(format!("n{number}"));
         let others: Vec<PathBuf> = network.hosts().filter(|other| *other != number).map(run_dir).collect();
@@ -192,32 +192,32 @@ impl Cluster {
         }
     }
 
-    /// Returns every process that descends from this test, but for the test itself.
+    /// Returns all descendants of this test, without the test itself.
     pub fn left(&self) -> Vec<Process> {
         processes::of_folder(&self.folder)
     }
 
-    /// Waits until nothing is left; returns how long that took.
+    /// Waits until no process is left, and returns how long that took.
     ///
     /// # Panics
-    /// Something is left after `within`; names it.
+    /// Panics if something is left after `within`. The message names it.
     #[track_caller]
     pub fn expect_nothing_left(&self, within: Duration) -> Duration {
         let took = wait_until(within, || self.left().is_empty());
         took.unwrap_or_else(|| panic!("left after {within:?}: {:#?}", self.left()))
     }
 
-    /// Returns the program that a node has started for `path`, recognised by its mark.
+    /// Returns the program that a node has started for `path`. Its mark identifies it.
     pub fn leaf(&self, path: &str) -> Option<Process> {
         let mark = format!("DCA_INSTANCE={path}");
         self.left().into_iter().find(|process| process.environment.contains(&mark))
     }
 
-    /// Returns the program that a node has started for `path`, once it can be seen: while a program makes way for
+    /// Returns the program that a node has started for `path`, once it is visible. While a program replaces itself by
     /// another, the system shows neither its arguments nor its environment.
     ///
     /// # Panics
-    /// There is none within `SOON`.
+    /// Panics if the program does not appear within `SOON`.
     #[track_caller]
     pub fn expect_leaf(&self, path: &str) -> Process {
         let mut found = None;
@@ -228,11 +228,11 @@ impl Cluster {
         found.unwrap_or_else(|| panic!("`{path}` does not run: {:#?}", self.left()))
     }
 
-    /// Returns the runs of numbers that a sink of `dca-counting` has written into the file of this name, the first and
+    /// Returns the runs of numbers that a sink of `dca-counting` has written to the file with this name: the first and
     /// last number of each.
     ///
     /// # Panics
-    /// It has not stopped.
+    /// Panics if the sink has not stopped.
     pub fn counted(&self, name: &str) -> Vec<(u64, u64)> {
         let text = std::fs::read_to_string(self.folder().join(name)).expect("the sink has stopped");
         let run = |run: &str| {
@@ -248,7 +248,8 @@ impl Drop for Cluster {
         for process in self.left() {
             process.signal(Signal::KILL);
         }
-        // A process that is being killed may still write. Its files stay until temporary files are next cleaned.
+        // A process that is being killed may still write. Its files stay until the temporary files are cleaned the next
+        // time.
         drop(std::fs::remove_dir_all(&self.folder));
     }
 }
@@ -258,22 +259,22 @@ impl Drop for Cluster {
 pub struct Host {
     folder: PathBuf,
     run_dir: PathBuf,
-    /// Its name, and the folders with sockets of the other hosts.
+    /// The name of the host, and the socket folders of the other hosts.
     namespace: Option<(String, Vec<PathBuf>)>,
-    /// A folder that can only be read there.
+    /// A folder that is read-only there.
     sealed: Option<PathBuf>,
-    /// The log filter of nodes there, where it is not the usual.
+    /// The log filter of nodes there, if it differs from the default.
     log: Option<String>,
-    /// The file systems that are not mounted there.
+    /// The file systems that are unmounted there.
     unmounted: Vec<String>,
-    /// By how many seconds its boot-time clock is ahead.
+    /// The number of seconds by which its boot-time clock is ahead.
     ahead: Option<u64>,
-    /// Variables of its programs.
+    /// Environment variables of its programs.
     variables: Vec<(String, String)>,
 }
 
 impl Host {
-    /// Returns the same machine with a variable in the environment of its programs.
+    /// Returns the same machine with an additional environment variable for its programs.
     #[must_use]
     pub fn with_variable(mut self, name: &str, value: &str) -> Self {
         self.variables.push((name.to_owned(), value.to_owned()));
@@ -286,7 +287,7 @@ impl Host {
         Self { run_dir: run_dir.into(), ..self }
     }
 
-    /// Returns the same machine with nodes that log with this filter, as `RUST_LOG`.
+    /// Returns the same machine. Its nodes log with this filter, as with `RUST_LOG`.
     #[must_use]
     pub fn with_log(self, filter: &str) -> Self {
         Self { log: Some(filter.to_owned()), ..self }
@@ -298,8 +299,8 @@ impl Host {
         Self { unmounted: mounts.iter().map(|mount| (*mount).to_owned()).collect(), ..self }
     }
 
-    /// Returns a host of a network whose boot-time clock is ahead by so many seconds, like a machine that has run for
-    /// longer.
+    /// Returns a host of a network whose boot-time clock is ahead by this number of seconds. A machine that has run for
+    /// longer has such a clock.
     #[must_use]
     pub fn with_clock_ahead(self, seconds: u64) -> Self {
         Self { ahead: Some(seconds), ..self }
@@ -313,7 +314,7 @@ impl Host {
 
     /// Returns the folder with the states of this host's nodes.
     pub fn state(&self) -> PathBuf {
-        // Two nodes of one name have different folders for sockets, so these are different too.
+        // Two nodes with the same name have different folders for sockets, so these folders also differ.
         self.folder.join(self.run_dir.file_name().unwrap_or_default()).with_extension("state")
     }
 
@@ -322,36 +323,37 @@ impl Host {
         &self.run_dir
     }
 
-    /// Starts `dca` with these arguments; verbs that talk to nodes get the folder.
+    /// Starts `dca` with these arguments. A verb that talks to nodes also receives the folder.
     pub fn dca(&self, arguments: &[&str]) -> Program {
         Program::start(self.dca_command(arguments))
     }
 
-    /// Runs `dca` to its end on a terminal of so many columns, with these variables in its environment. Returns its
-    /// exit code and all that came to the terminal.
+    /// Runs `dca` to its end on a terminal with this number of columns and these environment variables. Returns its
+    /// exit code and all of its output on the terminal.
     ///
     /// # Panics
-    /// Panics if the command has not ended `SOON`, or if no terminal can be opened.
+    /// Panics if the command does not end within `SOON`, or if no terminal can be opened.
     pub fn on_terminal(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.dca_command(arguments);
         command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
         terminal::run(command, columns, None)
     }
 
-    /// Runs `dca` on a terminal, and presses Ctrl-C once it has shown `wanted`; else as [`Host::on_terminal`].
+    /// Runs `dca` on a terminal, and presses Ctrl-C once it has shown `wanted`. Otherwise it is like
+    /// [`Host::on_terminal`].
     ///
     /// # Panics
-    /// As [`Host::on_terminal`].
+    /// Panics like [`Host::on_terminal`].
     pub fn on_terminal_until(&self, columns: u16, wanted: &str, arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.dca_command(arguments);
         command.env("TERM", "xterm");
         terminal::run(command, columns, Some(wanted))
     }
 
-    /// Starts `dca` on a terminal of so many columns, with these variables in its environment.
+    /// Starts `dca` on a terminal with this number of columns and these environment variables.
     ///
     /// # Panics
-    /// No terminal can be opened.
+    /// Panics if no terminal can be opened.
     pub fn typed(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> TypedTerminal {
         let mut command = self.dca_command(arguments);
         command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
@@ -377,7 +379,7 @@ impl Host {
         self.dca(arguments).ended(SOON)
     }
 
-    /// Runs `dca` to its end with this on its standard input, which fits into a pipe.
+    /// Runs `dca` to its end. The input fits into a pipe, and is the standard input of the command.
     ///
     /// # Panics
     /// Panics if the command has no pipes.
@@ -395,7 +397,7 @@ impl Host {
         mission
     }
 
-    /// Starts a node, without waiting for it to be ready.
+    /// Starts a node, but does not wait until it is ready.
     pub fn start_node(&self, name: &str, arguments: &[&str]) -> Program {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
@@ -404,7 +406,7 @@ impl Host {
         Program::start(command)
     }
 
-    /// Starts a node of this machine under another command, such as `nohup`, and waits until it can be called.
+    /// Starts a node of this machine under another command, such as `nohup`, and waits until the node can be called.
     pub fn node_under(&self, launcher: &[&str], name: &str) -> Program {
         let mut command = Command::new("env");
         command.args(launcher).arg(executable("dca-node")).args(["--name", name]);
@@ -422,10 +424,10 @@ impl Host {
         node
     }
 
-    /// Runs one test of this test program once more, in this place, with these variables in its environment.
+    /// Runs one test of this test program again, in this place and with these environment variables.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// Panics if the test cannot be started.
     pub fn test(&self, name: &str, environment: &[(&str, &str)]) -> Program {
         let own = std::env::current_exe().expect("Linux tells a process its executable");
         let mut command = self.command(&own.display().to_string());
@@ -436,7 +438,7 @@ impl Host {
     /// Returns the status of every node from `dca status`.
     ///
     /// # Panics
-    /// It is not the documented JSON.
+    /// Panics if the output is not the documented JSON.
     pub fn statuses(&self, arguments: &[&str]) -> Vec<NodeStatus> {
         let ended = self.ask(&[&["status", "--json"], arguments].concat());
         assert_eq!(ended.code, Some(0), "{ended}");
@@ -446,12 +448,12 @@ impl Host {
     /// Returns the process id of each program that is up, by its path.
     ///
     /// # Panics
-    /// No node answers.
+    /// Panics if no node answers.
     pub fn pids(&self) -> BTreeMap<String, u32> {
         self.processes(&[]).into_iter().filter_map(|(_, process)| Some((process.path, process.pid?))).collect()
     }
 
-    /// Returns every leaf and group that `dca status` shows, with its host.
+    /// Returns every leaf and group from `dca status`, with its host.
     pub fn processes(&self, arguments: &[&str]) -> Vec<(String, ProcessStatus)> {
         let parts = |node: NodeStatus| {
             let host = node.host;
@@ -480,9 +482,9 @@ impl Host {
             }
             (Some((namespace, others)), _) => {
                 let mut command = Command::new("ip");
-                // Hosts share no files: a socket of another host would be a way around the network. Only this program
-                // sees the file systems mounted here. Each command replaces itself by the next one, so the process id
-                // stays.
+                // Hosts share no files, since a socket of another host would bypass the network. Only this program sees
+                // the file systems that are mounted here. Each command replaces itself by the next one, so the process
+                // id stays the same.
                 const HIDE: &str =
                     "while [ \"$1\" != -- ]; do mount -t tmpfs none \"$1\"; shift; done; shift; exec \"$@\"";
                 command.args(["netns", "exec", namespace]);
@@ -494,7 +496,8 @@ impl Host {
                 command
             }
         };
-        // Relative paths and temporary files are the test's own, and every descendant is known by its folder.
+        // Relative paths and temporary files are in the test's own folder. Every descendant is recognised by this
+        // folder.
         command.current_dir(&self.folder).env("TMPDIR", &self.folder).env_remove("RUST_LOG");
         command.envs(self.variables.iter().map(|(name, value)| (name, value)));
         command

@@ -1,4 +1,4 @@
-//! A hop over a direct wire, as two programs of one host have it, in a team and without.
+//! A hop over a direct wire between two programs of one host, with and without a team.
 
 use anyhow::{Context as _, Result, ensure};
 use comms::io::clock::now;
@@ -29,7 +29,7 @@ pub struct End {
     _session: DataSession,
 }
 
-/// Returns guards of two programs of a team that have wires with each other.
+/// Returns the guards of two programs of a team that have wires to each other.
 pub fn guards() -> [Guard; 2] {
     [[1, 2], [2, 1]].map(|[shown, expected]| {
         let secret = |byte| Zeroizing::new([byte; 32]);
@@ -38,16 +38,16 @@ pub fn guards() -> [Guard; 2] {
     })
 }
 
-/// Connects two ends, which listen on these sockets.
+/// Connects two ends that listen on these sockets.
 ///
 /// # Errors
-/// The sockets cannot be used, or one end does not take the other.
+/// Fails if the sockets cannot be used, or if one end does not accept the other.
 pub fn pair(sockets: [PathBuf; 2], guards: [Option<Guard>; 2]) -> Result<[End; 2]> {
     let ([of_ping, of_echo], [guard, other]) = (sockets, guards);
     let (mut ping, mut echo) = (End::open(&of_ping, "hop/0", guard)?, End::open(&of_echo, "hop/1", other)?);
     ping.hear(&echo, "hop/1")?;
     echo.hear(&ping, "hop/0")?;
-    // A consumer is welcome before its producer's end has it.
+    // A consumer is welcome before the producer's end has added it.
     let until = now() + WITHIN;
     while !(ping.outlet.is_connected() && echo.outlet.is_connected()) {
         ensure!(now() < until, "the ends do not meet");
@@ -56,10 +56,11 @@ pub fn pair(sockets: [PathBuf; 2], guards: [Option<Guard>; 2]) -> Result<[End; 2
     Ok([ping, echo])
 }
 
-/// Returns how long each way took, as halves of round trips: `count` of them, after `warm_up` that do not count.
+/// Returns the time of each hop, as half of a round trip. There are `count` round trips, after `warm_up` that do not
+/// count.
 ///
 /// # Errors
-/// Nothing comes back.
+/// Fails if nothing comes back.
 pub fn measure([ping, echo]: &mut [End; 2], (size, count, warm_up): (usize, usize, usize)) -> Result<Vec<Duration>> {
     let inlets = Arc::clone(echo.path.inlets());
     let (is_over, mut times, value) = (AtomicBool::new(false), Vec::new(), vec![1; size]);
@@ -108,7 +109,7 @@ impl End {
         Ok(())
     }
 
-    /// Waits as a loop does; none if it is over before anything has come.
+    /// Waits like a loop. Returns none if `is_over` holds before a value arrives.
     fn next(&self, is_over: impl Fn() -> bool) -> Option<Vec<u8>> {
         while !is_over() {
             if let Ok(bytes) = self.came.try_recv() {

@@ -1,4 +1,4 @@
-//! Helpers for whole-system tests, which need more than one room.
+//! Helpers for tests of the whole system. Such tests need more than one room.
 
 pub mod cluster;
 pub mod direct_hop;

@@ -1,4 +1,4 @@
-//! A team with keys in the test: it makes any members and users, without the ceremonies.
+//! A team whose keys are in the test. It makes any members and users, without the ceremonies.
 
 use crate::cluster::Host;
 use std::fs;
@@ -23,7 +23,7 @@ pub struct MadeTeam {
 /// Returns new keys.
 ///
 /// # Panics
-/// If the system has no random bytes.
+/// Panics if the system has no random bytes.
 pub fn keys() -> SecretKeys {
     SecretKeys::generate(&mut team::random().expect("the system has random bytes"))
 }
@@ -40,16 +40,16 @@ impl MadeTeam {
     /// Returns a certificate that is valid for a month.
     ///
     /// # Panics
-    /// If `name` is none.
+    /// Panics if `name` is not a valid name.
     pub fn certify(&self, name: &str, role: Role, keys: &SecretKeys) -> Credential {
         let now = team::now();
         self.certify_between(name, (role, keys), (UnixTime(now.0 - 10), now.plus(30 * DAY)))
     }
 
-    /// Returns a certificate that begins and ends at these times, and can be renewed for a year.
+    /// Returns a certificate that is valid between these times and can be renewed for a year.
     ///
     /// # Panics
-    /// If `name` is none, or the times are not in order.
+    /// Panics if `name` is not a valid name, or if the times are not in order.
     pub fn certify_between(
         &self,
         name: &str,
@@ -69,18 +69,18 @@ impl MadeTeam {
         Credential::new(Certificate::issue(claims, &self.root).expect("good claims"), None)
     }
 
-    /// Makes a node of this host a member, with the state that [`Host::node`] gives it.
+    /// Makes a node of this host a member, with the state folder that [`Host::node`] gives it.
     ///
     /// # Panics
-    /// If the folder of its state cannot be made.
+    /// Panics if the folder of its state cannot be made.
     pub fn admit(&self, host: &Host, name: &str) {
         self.admit_at(&host.state().join(name), name);
     }
 
-    /// Returns a member that a test itself speaks for, with its state in a folder.
+    /// Returns a member for which a test itself acts, with its state in a folder.
     ///
     /// # Panics
-    /// If the folder cannot be made.
+    /// Panics if the folder cannot be made.
     pub fn member(&self, state: &Path, name: &str) -> Arc<Member> {
         self.admit_at(state, name);
         Arc::new(Member::open(state).expect("a folder of ours").expect("it is in a team"))
@@ -92,10 +92,10 @@ impl MadeTeam {
         self.begin(state, &own, &credential);
     }
 
-    /// Makes a node of this host a member with these keys and this credential.
+    /// Makes the node with this state folder a member with these keys and this credential.
     ///
     /// # Panics
-    /// If the folder of its state cannot be made.
+    /// Panics if the folder of its state cannot be made.
     pub fn begin(&self, state: &Path, keys: &SecretKeys, credential: &Credential) {
         fs::create_dir_all(state).expect("a folder of ours");
         Member::begin(state, keys, &self.team, false, credential).expect("a folder of ours");

@@ -1,8 +1,8 @@
-//! A whole deployment in one thread on virtual time: the real plan, the real algebra, the real controllers.
+//! A whole deployment in one thread on virtual time, with the real plan, the real algebra and the real controllers.
 //!
-//! Every group is run by `algebra::step`, every leaf by its controller under the virtual harness; events and orders
-//! between a leaf and its supervisor, and between supervisors, take one fixed latency. Nothing else is simulated: no
-//! node, no network, no process.
+//! `algebra::step` runs every group, and every leaf runs its controller under the virtual harness. Events and orders between a
+//! leaf and its supervisor, and between supervisors, take one fixed latency. Nothing else is simulated: no node, no network and no
+//! process.
 
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
@@ -15,16 +15,17 @@ use rustix::process::setpriority_process;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// From a leaf's end to its supervisor's reaction, and from one supervisor to the next.
+/// The time from a leaf's end to its supervisor's reaction, and from one supervisor to the next.
 pub const LATENCY: Duration = Duration::from_millis(1);
 const SLICE: Duration = Duration::from_millis(4);
-/// The priority of simulated missions, as setpriority(2) counts it: a thread of priority 0 gets about nine times as much.
+/// The priority of simulated missions, in the numbers of setpriority(2). A thread of priority 0 gets about nine times as much
+/// time.
 const WITH_TIME: i32 = 10;
 
 /// Compiles a spec against the interfaces of all controllers.
 ///
 /// # Errors
-/// Returns the diagnostics as a person reads them.
+/// Returns the diagnostics in readable form.
 pub fn plan(name: &str, text: &str) -> Result<Plan, String> {
     let spec = Source::new(name, text);
     let interfaces = [Source::new("controllers", controllers::registry().interface_text())];
@@ -37,7 +38,7 @@ pub fn plan(name: &str, text: &str) -> Result<Plan, String> {
 pub enum Finish {
     /// Normally.
     Done,
-    /// By a failure: the leaf it began with, and its reason.
+    /// By a failure: the leaf where it began, and the reason.
     Aborted(String),
     /// The mission was still running at the limit.
     Unfinished,
@@ -56,7 +57,7 @@ pub struct Simulation {
     finish: Option<Finish>,
     steps: Vec<Vec<StepRecord>>,
     loses: Option<fn(&Command) -> bool>,
-    /// The first leaf whose stop could not be confirmed, and why.
+    /// The first leaf without a confirmed stop, and the reason.
     unconfirmed: Option<String>,
 }
 
@@ -76,14 +77,15 @@ struct Leaf {
     activation: Activation,
 }
 
-/// Has this thread give way to real missions on the same machine. They have deadlines, and a simulated one has a clock of its own.
+/// Makes this thread give way to real missions on the same machine. They have deadlines, while a simulated mission has a clock of
+/// its own.
 fn give_way() {
-    // One may always have less. Where it is refused, the thread keeps what it has.
+    // A thread may always lower its priority. If the system refuses, the thread keeps its priority.
     setpriority_process(None, WITH_TIME).unwrap_or_default();
 }
 
 impl Simulation {
-    /// Makes every leaf and every wire of a plan; nothing runs yet.
+    /// Makes every leaf and every wire of a plan, but starts nothing yet.
     ///
     /// # Errors
     /// Names the leaf or wire that cannot be made.
@@ -134,7 +136,7 @@ impl Simulation {
         self.harness.now()
     }
 
-    /// Returns how many samples have been sent.
+    /// Returns the number of samples sent so far.
     pub fn samples_sent(&self) -> u64 {
         self.harness.samples_sent()
     }
@@ -164,7 +166,7 @@ impl Simulation {
         })
     }
 
-    /// Kills the leaf whose path ends with `path`, like `kill -9`; returns whether it was active.
+    /// Kills the leaf whose path ends with `path`, like `kill -9`. Returns whether it was active.
     pub fn crash(&mut self, path: &str) -> bool {
         let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
         if let Some(leaf) = leaf {
@@ -173,7 +175,7 @@ impl Simulation {
         leaf.is_some()
     }
 
-    /// Restarts the leaf whose path ends with `path` without its memory; returns whether it was active.
+    /// Restarts the leaf whose path ends with `path`, without its memory. Returns whether it was active.
     pub fn restart(&mut self, path: &str) -> bool {
         let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
         if let Some(leaf) = leaf {
@@ -182,20 +184,20 @@ impl Simulation {
         leaf.is_some()
     }
 
-    /// Returns the steps that the supervisor of each group has taken.
+    /// Returns the steps of the supervisor of each group.
     pub fn steps(&self) -> &[Vec<StepRecord>] {
         &self.steps
     }
 
-    /// Plants a mistake: from now on supervisors lose the commands for which `loses` returns true.
+    /// Introduces a mistake: from now on, supervisors lose the commands for which `loses` returns true.
     pub fn lose(&mut self, loses: fn(&Command) -> bool) {
         self.loses = Some(loses);
     }
 
-    /// Lets `meddler` see, and change, the encoded samples that leaves get from now on; it gets the path of the leaf.
+    /// From now on, lets `meddler` see and change the encoded samples for leaves. It also receives the path of the leaf.
     ///
     /// # Panics
-    /// A sample comes from a module that is not a leaf, which does not happen.
+    /// Panics if a sample comes from a module that is not a leaf, which does not happen.
     pub fn meddle(&mut self, mut meddler: impl FnMut(&str, &Sample, &mut Vec<u8>) + 'static) {
         let modules = self.leaves.iter().map(|leaf| leaf.module);
         let paths: BTreeMap<ModuleId, String> =
@@ -206,7 +208,7 @@ impl Simulation {
         });
     }
 
-    /// Makes the machine and the network better or worse from now on.
+    /// Changes the disturbance by the machine and the network from now on.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.harness.disturb(disturbance);
     }
@@ -226,7 +228,7 @@ impl Simulation {
         self.put(self.now(), 0, Event::Stop);
     }
 
-    /// Runs to the end, at most until `limit`; `observe` sees it every 4 ms.
+    /// Runs until the end, but at most until `limit`. It calls `observe` every 4 ms.
     pub fn run(&mut self, limit: Time, observe: &mut dyn FnMut(&mut Self)) -> Finish {
         while self.finish.is_none() && self.now() < limit {
             let slice = self.now() + SLICE;
@@ -331,9 +333,9 @@ impl Simulation {
             Command::Arm { timer, activation, after } => {
                 self.put(self.now() + after, group, Event::Elapsed { timer, activation });
             }
-            // A timer that elapses late is dropped by its activation number.
+            // The activation number of a late timer shows that it was cancelled, so the late timer is dropped.
             Command::Cancel { .. } => {}
-            // No program gets what an activity sends.
+            // No program receives the messages of an activity.
             Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => {}
         }
     }
@@ -382,7 +384,7 @@ impl Simulation {
     }
 }
 
-/// Returns an argument as the controller kit reads it.
+/// Returns an argument in the form that the controller kit reads.
 fn spelled(argument: &Argument) -> String {
     let value = match &argument.value {
         Constant::Text(text) => text.clone(),

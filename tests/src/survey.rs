@@ -1,8 +1,8 @@
-//! The door survey: the door mission in many worlds, on virtual time, and its results.
+//! The door survey: the door mission in many worlds on virtual time, and the results.
 //!
-//! A *row* is a kind of world: one dimension drawn from its range, all dimensions at once, or a trigger, something that
-//! goes wrong in the middle. Each row is flown in so many worlds; the same seed draws the same worlds. The table says
-//! how each row ended, the page shows where in its range it did.
+//! A *row* is a kind of world: one dimension drawn from its range, all dimensions at once, or a trigger, which is a
+//! problem in the middle of the mission. Each row is flown in a number of worlds, and the same seed draws the same
+//! worlds. The table shows how each row ended. The page also shows this over the range of the row.
 
 mod far;
 pub mod page;
@@ -21,58 +21,58 @@ use std::time::Duration;
 pub use rows::{Group, Row, rows};
 
 const WORLD: &str = "main/world";
-/// The place in a spec for the arguments of its world.
+/// The place in a spec where the arguments of its world belong.
 const PLACE: &str = "DoorWorld(\"c3\"";
-/// The task with the drive through the door, and how long it may take.
+/// The task with the drive through the door, and its longest duration.
 const THROUGH: &str = include_str!("../../specs/door_through.dca");
 const THROUGH_LIMIT: Duration = Duration::from_secs(200);
-/// The task that is tried again, and how long it may take.
+/// The task with repeated attempts, and its longest duration.
 const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
 const RECOVERY_LIMIT: Duration = Duration::from_secs(240);
-/// The place for arguments of the law that opens the door.
+/// The place in a spec where the arguments of the law that opens the door belong.
 const LAW: &str = "ModelBasedCtrl(host1";
-/// A mission that ended well below this angle is a false success (deg).
+/// A mission that reports success below this angle is a false success (deg).
 pub const OPEN: f64 = 60.0;
-/// Strict runs hit the handle with no more than this (N).
+/// The greatest force with which a strict run may hit the handle (N).
 pub const HIT_MAX: f64 = 30.0;
-/// Strict runs open the door with no more than this (N).
+/// The greatest force with which a strict run may open the door (N).
 pub const PULL_MAX: f64 = 60.0;
-/// The distance beyond the wall at which a base is on the other side: its radius (m).
+/// The distance beyond the wall at which the whole base is on the other side: its radius (m).
 pub const BEYOND: f64 = 0.31;
-/// The angle from which leaf and wall can be distinguished (deg).
+/// From this angle on, the laser can distinguish leaf and wall (deg).
 const SEEN_FROM: f64 = 15.0;
-/// The period at which a mission is looked at: half a window of the world's peaks, so none is missed.
+/// The interval between two observations of a mission. It is half a window of the world's peaks, so no peak is missed.
 const LOOK: Duration = Duration::from_millis(20);
-/// The phases of the mission, each with a part of the paths of its active processes, and the time of the disturbance
-/// after its start (s).
+/// The phases of the mission. Each has a part of the paths of its active processes, and the longest time from its start
+/// to a disturbance (s).
 pub const PHASES: [(&str, f64); 5] =
     [("/visualserv", 5.0), ("/approach", 3.0), ("/closegrip", 0.4), ("/presshandle", 1.2), ("/dooropen/", 6.0)];
 
 /// A phase of the mission.
 #[derive(Clone, Debug)]
 pub struct Phase {
-    /// A part of the path of the process that marks it.
+    /// A part of the path of the process that identifies the phase.
     pub part: &'static str,
-    /// The longest time into it at which things are done to it (s).
+    /// The longest time from the start of the phase to a disturbance (s).
     pub span: f64,
-    /// The paths of all that is active in it.
+    /// The paths of all active processes in the phase.
     pub active: Vec<String>,
 }
 
 /// One mission in one world.
 #[derive(Clone, Debug)]
 pub struct Mission {
-    /// The arguments of its world, as in a spec.
+    /// The arguments of its world, in the form of a spec.
     pub arguments: String,
     /// The task.
     pub task: Task,
-    /// The opening direction that is given to the law, if any.
+    /// The opening direction for the law, if it is given one.
     pub told: Option<&'static str>,
-    /// The calibration given to controllers: the beginning of an instance in the spec, and its further arguments.
+    /// The calibration for controllers: the beginning of an instance in the spec, and additional arguments for it.
     pub calibration: Vec<(&'static str, String)>,
     /// The disturbance of its network.
     pub disturbance: Disturbance,
-    /// The meddling with a controller in the middle.
+    /// The disruption of a controller in the middle of the mission.
     pub meddling: Option<Meddling>,
     /// The value in the row's range, if the row has one.
     pub value: Option<f64>,
@@ -81,22 +81,22 @@ pub struct Mission {
 /// The task of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
-    /// The task of the spec that is surveyed: open the door.
+    /// The task of the surveyed spec: open the door.
     Open,
-    /// Then drive through, as `specs/door_through.dca` has it.
+    /// Open it and then drive through, like `specs/door_through.dca`.
     Through,
-    /// Open it, and try again after any failure, as in `specs/door_recovery.dca`.
+    /// Open it, and try again after any failure, like `specs/door_recovery.dca`.
     Recover,
 }
 
-/// Something that is done to one controller.
+/// A disruption of one controller at some time.
 #[derive(Clone, Debug)]
 pub struct Meddling {
-    /// Its path, or the end of it.
+    /// The path of the controller, or the end of its path.
     pub leaf: String,
-    /// A part of the paths of the phase in which it is done.
+    /// A part of the paths of the phase in which the disruption happens.
     pub phase: &'static str,
-    /// The time after both are active.
+    /// The time after which it happens, once both the phase and the controller are active.
     pub after: Duration,
     /// The disruption.
     pub disruption: Disruption,
@@ -105,9 +105,9 @@ pub struct Meddling {
 /// A disruption of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Disruption {
-    /// Started again with its memory gone, as a supervisor does that restarts it alone.
+    /// The controller is started again without its memory, as by a supervisor that restarts only this controller.
     Restart,
-    /// It is killed.
+    /// The controller is killed.
     Kill,
 }
 
@@ -116,17 +116,17 @@ pub enum Disruption {
 pub struct Outcome {
     /// The ending.
     pub finish: Finish,
-    /// The true angle of the door then (deg).
+    /// The true angle of the door at the end (deg).
     pub angle: f64,
-    /// The distance of the base's middle beyond the wall then (m), if it was to drive through.
+    /// The distance of the base's centre beyond the wall at the end (m), if the base had to drive through.
     pub beyond: Option<f64>,
-    /// The largest force while the hand came to the handle and closed (N).
+    /// The largest force while the hand approached and grasped the handle (N).
     pub hit: f64,
     /// The largest force while the door opened (N).
     pub pull: f64,
     /// The largest force at all (N).
     pub worst: f64,
-    /// The largest error of the angle that the laser sees while the door opens (deg).
+    /// The largest error of the angle from the laser while the door opens (deg).
     pub wrong: f64,
     /// The duration (s).
     pub seconds: f64,
@@ -139,27 +139,27 @@ impl Outcome {
         Self { finish, angle, beyond, hit: 0.0, pull: 0.0, worst: 0.0, wrong: 0.0, seconds: 0.0 }
     }
 
-    /// Returns whether it reports the door as open, and the door is open.
+    /// Returns whether the mission reports success, and everything is as required.
     pub fn is_success(&self) -> bool {
         self.finish == Finish::Done && self.is_there()
     }
 
-    /// Returns whether everything is as required after a mission that is done.
+    /// Returns whether everything is as required after a successful mission.
     fn is_there(&self) -> bool {
         self.angle >= OPEN && self.beyond.is_none_or(|beyond| beyond > BEYOND)
     }
 
-    /// Returns whether it succeeded with no more force than it may use.
+    /// Returns whether the mission succeeded within the force limits.
     pub fn is_strict(&self) -> bool {
         self.is_success() && self.hit <= HIT_MAX && self.pull <= PULL_MAX
     }
 
-    /// Returns whether it reports the door as open, and the door is not.
+    /// Returns whether the mission reports success, but not everything is as required.
     pub fn is_false(&self) -> bool {
         self.finish == Finish::Done && !self.is_there()
     }
 
-    /// Returns the reason of the end, for people.
+    /// Returns the reason of the end in readable form.
     pub fn reason(&self) -> String {
         match &self.finish {
             Finish::Done if self.is_false() => "FALSE".to_owned(),
@@ -173,7 +173,7 @@ impl Outcome {
 }
 
 impl Mission {
-    /// Returns the mission as the spec has it.
+    /// Returns the mission exactly as in the spec.
     pub fn nominal() -> Self {
         Self {
             arguments: String::new(),
@@ -186,18 +186,18 @@ impl Mission {
         }
     }
 
-    /// Flies it with the spec `text`, at most for `limit`.
+    /// Flies the mission with the spec `text` for at most `limit`.
     ///
     /// # Errors
-    /// If the spec does not compile with these arguments, or does not fit the controllers.
+    /// Fails if the spec does not compile with these arguments, or does not fit the controllers.
     pub fn fly(&self, text: &str, limit: Duration) -> Result<Outcome, String> {
         self.fly_watched(text, limit, &mut |_| {})
     }
 
-    /// Flies it as [`Mission::fly`] does; `watch` sees it every 20 ms.
+    /// Flies the mission like [`Mission::fly`], and calls `watch` every 20 ms.
     ///
     /// # Errors
-    /// As [`Mission::fly`].
+    /// Fails like [`Mission::fly`].
     pub fn fly_watched(
         &self,
         text: &str,
@@ -268,7 +268,7 @@ impl Outcome {
             self.pull = self.pull.max(simulation.signal(WORLD, "contact force"));
             let angle = simulation.signal(WORLD, "door angle");
             if angle > SEEN_FROM {
-                // An angle that has not been seen yet is NaN, which `max` passes over.
+                // Before the first measurement, the angle is NaN, and `max` ignores it.
                 self.wrong = self.wrong.max((simulation.signal("/dooropen/model", "seen angle") - angle).abs());
             }
         } else if is_active("/approach") || is_active("/closegrip") {
@@ -277,11 +277,11 @@ impl Outcome {
     }
 }
 
-/// Returns the paths of the active processes in each phase of [`PHASES`], from one nominal mission; the world is left
+/// Returns the paths of the active processes in each phase of [`PHASES`], from one nominal mission. The world is left
 /// out.
 ///
 /// # Errors
-/// As [`Mission::fly`].
+/// Fails like [`Mission::fly`].
 pub fn active_in_phases(text: &str, limit: Duration) -> Result<Vec<Phase>, String> {
     let nominal = Mission::nominal();
     let mut simulation = nominal.simulation(text)?;
@@ -299,13 +299,14 @@ pub fn active_in_phases(text: &str, limit: Duration) -> Result<Vec<Phase>, Strin
     Ok(phases)
 }
 
-/// Flies missions on `threads` threads; `told` hears how many have been flown. The outcomes are in the missions' order.
+/// Flies missions on `threads` threads, and reports to `told` how many have been flown. The outcomes have the order of
+/// the missions.
 ///
 /// # Errors
-/// The first that a mission meets.
+/// Returns the first error of a mission.
 ///
 /// # Panics
-/// If a mission does.
+/// Panics if a mission panics.
 pub fn fly_all(
     missions: &[Mission],
     (text, limit): (&str, Duration),

@@ -1,10 +1,10 @@
-//! A log of all attempts as a chain: each record has the hash of all previous records, and other members sign its
-//! position.
+//! The audit log: all attempts as a chain. Each record has the hash of all previous records, and other members sign
+//! the position of the log.
 //!
-//! A log is a text of lines. The first names its team and node, and the log before it. The fields of a record are
-//! separated by tabs: number, time, decision, who, what, request, reason, hash. A record that was changed, removed or
-//! inserted breaks the chain. A record that was cut off at the end is missed when a signed head proves that it was
-//! there.
+//! A log is a text of lines. The first line names the team and the node of the log, and the log that it continues.
+//! The fields of a record are separated by tabs: number, time, decision, client, action, request, reason, hash. A record
+//! that was changed, removed or inserted breaks the chain. If records were cut off at the end, a signed head that
+//! covers them proves that they existed.
 
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
@@ -15,9 +15,9 @@ use thiserror::Error;
 
 /// The longest line, in bytes.
 pub const LINE_MAX: usize = 4096;
-/// The longest field of a record, in characters; a longer field is cut.
+/// The longest field of a record, in characters. A longer field is cut.
 pub const FIELD_MAX: usize = 256;
-/// The most heads that a log is compared with.
+/// The most heads with which a log is compared.
 pub const HEADS_MAX: usize = 1 << 16;
 
 const BEGIN: &str = "dca-audit 1";
@@ -30,15 +30,15 @@ const DECISIONS: [Decision; 5] =
 /// The result of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// It was done.
+    /// The action was carried out.
     Done,
-    /// It was refused: the client may not do this.
+    /// The action was refused: the client has no right to it.
     Refused,
-    /// The client may do this. The outcome is a separate record.
+    /// The client has the right to the action. The outcome is a separate record.
     Accepted,
-    /// It was accepted, and not done.
+    /// The action was accepted, but failed.
     Failed,
-    /// It was accepted, and the node does not know the outcome.
+    /// The action was accepted, but the node does not know the outcome.
     Unknown,
 }
 
@@ -54,40 +54,40 @@ impl Decision {
     }
 }
 
-/// One request.
+/// The record of one request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry<'a> {
-    /// The time at which that was.
+    /// The time of the request.
     pub at: UnixTime,
-    /// Its result.
+    /// The decision about the request.
     pub decision: Decision,
-    /// The client that made it, as far as known.
+    /// The client that made the request, as far as known.
     pub who: &'a str,
     /// The requested action.
     pub what: &'a str,
     /// The request's id.
     pub request: [u8; 16],
-    /// Why the request was refused, or not done; otherwise empty.
+    /// Why the request was refused or failed; otherwise empty.
     pub reason: &'a str,
 }
 
-/// The end of a log, to which records are added.
+/// The end of a log, to which records can be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Log {
-    /// The node that it belongs to.
+    /// The node of the log.
     node: KeyId,
     team: KeyId,
-    /// The number of its first record.
+    /// The number of the first record.
     first: u64,
     /// The number of the next record.
     next: u64,
     hash: [u8; 32],
 }
 
-/// The first line of a log that does not fit, and why.
+/// The first mistake in a log, with its line.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AuditError {
-    /// The first line does not begin a log.
+    /// The first line is not the first line of a log.
     #[error("line 1 is not the beginning of an audit log")]
     Begin,
     /// A line is not a record.
@@ -96,17 +96,17 @@ pub enum AuditError {
         /// The line, from 1.
         line: u64,
     },
-    /// A record does not have the number that follows the previous one.
+    /// The number of a record does not follow the number of the previous record.
     #[error("line {line} has record {found} where record {expected} belongs")]
     Number {
         /// The line, from 1.
         line: u64,
         /// The number in the record.
         found: u64,
-        /// The number that belongs there.
+        /// The expected number.
         expected: u64,
     },
-    /// A record does not match the previous ones: one of them, or this one, was changed.
+    /// A record does not match the previous ones: this record or one of them was changed.
     #[error("line {line}, record {number}, does not fit the line before it")]
     Hash {
         /// The line, from 1.
@@ -125,14 +125,14 @@ pub enum AuditError {
     /// Records are missing at the end.
     #[error("the log ends with {last}, but {by} has signed record {number}")]
     Truncated {
-        /// The last existing record, or `nothing`.
+        /// The number of the last present record, or `nothing`.
         last: String,
         /// The last record that a member has signed.
         number: u64,
         /// The signer.
         by: KeyId,
     },
-    /// The heads are of another log.
+    /// The heads belong to another log.
     #[error("a signed head is of another log")]
     OtherLog,
     /// There are too many heads.
@@ -141,7 +141,8 @@ pub enum AuditError {
 }
 
 impl Log {
-    /// Begins a log; returns it with its first line. `before` is the end of the log that it continues, if it does.
+    /// Begins a log; returns it with its first line. `before` is the end of the log that it continues; none for the
+    /// first log of a node.
     pub fn begin(team: KeyId, node: KeyId, before: Option<&Self>) -> (Self, String) {
         let (first, previous) = before.map_or((1, [0; 32]), |log| (log.next, log.hash));
         let line = format!("{BEGIN} {} {} {first} {}", encode(&team.0), encode(&node.0), encode(&previous));
@@ -149,7 +150,7 @@ impl Log {
         (Self { node, team, first, next: first, hash }, line)
     }
 
-    /// Returns the node of a log that begins with this line; nothing if no log begins so.
+    /// Returns the node of a log that begins with this line; none if it is not the first line of a log.
     #[must_use]
     pub fn node_of(line: &str) -> Option<KeyId> {
         begin(line).map(|(log, _)| log.node)
@@ -168,13 +169,13 @@ impl Log {
         line + "\t" + &encode(&self.hash)
     }
 
-    /// Returns the number of the last record; 0 if there has never been one.
+    /// Returns the number of the last record; 0 if the log never had one.
     #[must_use]
     pub const fn last(&self) -> u64 {
         self.next - 1
     }
 
-    /// Returns the team and the node that the log is of.
+    /// Returns the team and the node of the log.
     #[must_use]
     pub const fn of(&self) -> (KeyId, KeyId) {
         (self.team, self.node)
@@ -185,7 +186,7 @@ impl Log {
         Head::sign(Position { log: self.node, number: self.next - 1, hash: self.hash }, at, member)
     }
 
-    /// Returns its position; none if it has no record yet.
+    /// Returns the position of the log; none without a record.
     #[must_use]
     pub const fn position(&self) -> Option<Position> {
         let (log, number, hash) = (self.node, self.next - 1, self.hash);
@@ -196,15 +197,15 @@ impl Log {
 /// The position of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
-    /// The node that the log is of.
+    /// The node of the log.
     pub log: KeyId,
     /// The number of the last record.
     pub number: u64,
-    /// The hash of all records up to the last one.
+    /// The hash of all records up to and including the last one.
     pub hash: [u8; 32],
 }
 
-/// An earlier position of a log, signed by a member.
+/// A position of a log at some time, signed by a member.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
     log: KeyId,
@@ -250,14 +251,14 @@ impl Head {
         writer.finish()
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the head in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.form();
         bytes.extend_from_slice(&self.signature);
         bytes
     }
 
-    /// Returns it as one word, `dca-head1-…`.
+    /// Returns the head as one word, `dca-head1-…`.
     #[must_use]
     pub fn to_text(&self) -> String {
         text::with_sum(HEAD_TEXT, &self.to_bytes())
@@ -266,16 +267,16 @@ impl Head {
     /// Reads the text of [`Head::to_text`], and checks its signature.
     ///
     /// # Errors
-    /// The text is not a head.
+    /// If the text is not a head.
     pub fn from_text(text: &str) -> Result<Self, TextError> {
         let bytes = text::without_sum(HEAD_TEXT, text)?;
         Self::from_bytes(&bytes).map_err(|_no_head| TextError::Checksum)
     }
 
-    /// Reads its form, and checks its signature.
+    /// Reads the bytes of a head, and checks its signature.
     ///
     /// # Errors
-    /// The bytes are not a head, or not signed by the named signer.
+    /// If the bytes are not a head, or not signed by the named signer.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, HEAD, HEAD_LEN_MAX)?;
         let (log, number) = (KeyId(reader.fixed()?), reader.u64()?);
@@ -301,7 +302,7 @@ impl Verifier {
     /// Begins to verify a log.
     ///
     /// # Errors
-    /// There are too many heads.
+    /// If there are too many heads.
     pub fn new(heads: Vec<Head>) -> Result<Self, AuditError> {
         if heads.len() > HEADS_MAX {
             return Err(AuditError::TooManyHeads);
@@ -316,7 +317,7 @@ impl Verifier {
     /// Takes the next line, without its line feed.
     ///
     /// # Errors
-    /// It does not fit. Nothing after it can be verified.
+    /// If the line does not fit. Lines after it cannot be verified.
     pub fn line(&mut self, line: &str) -> Result<(), AuditError> {
         self.line += 1;
         let Some(log) = &mut self.log else {
@@ -326,7 +327,8 @@ impl Verifier {
             }
             self.first = log.next;
             self.log = Some(log);
-            // A signature on the last record of the previous log also covers the point from which this log continues.
+            // A signature on the last record of the previous log also covers the position from which this log
+            // continues.
             return before.map_or(Ok(()), |before| self.compare(before));
         };
         let at = self.line;
@@ -352,10 +354,10 @@ impl Verifier {
         }
     }
 
-    /// Ends the log; returns its end, to which records can be added.
+    /// Finishes the verification; returns the end of the log, to which records can be added.
     ///
     /// # Errors
-    /// It had no first line, or members have signed records that are missing at the end.
+    /// If the log has no first line, or records that members have signed are missing at the end.
     pub fn finish(self) -> Result<Log, AuditError> {
         let log = self.log.ok_or(AuditError::Begin)?;
         match self.heads.last_key_value() {
@@ -369,14 +371,14 @@ impl Verifier {
     }
 }
 
-/// Returns a log with this first line, and the last record of the previous log, if there is one.
+/// Returns a log with this first line, and the position at the end of the previous log, if there is one.
 fn begin(line: &str) -> Option<(Log, Option<Position>)> {
     let mut fields = line.strip_prefix(BEGIN)?.strip_prefix(' ')?.split(' ');
     let mut id = || <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok();
     let (team, node) = (KeyId(id()?), KeyId(id()?));
     let next: u64 = fields.next()?.parse().ok().filter(|first| *first > 0)?;
     let hash = <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok()?;
-    // The line, written again, has to be the same: so each log has only one form.
+    // The line, written again, has to be the same, so that each log has only one form.
     let (log, again) = Log::begin(team, node, Some(&Log { node, team, first: next, next, hash }));
     let before = (next > 1).then_some(Position { log: node, number: next - 1, hash });
     (again == line).then_some((log, before))
@@ -385,7 +387,7 @@ fn begin(line: &str) -> Option<(Log, Option<Position>)> {
 /// Returns the number of a record, its hash, and the hashed text.
 fn record(line: &str) -> Option<(u64, [u8; 32], &str)> {
     let (body, hash) = line.rsplit_once('\t').filter(|_| line.len() <= LINE_MAX)?;
-    // The decoder accepts similar letters, but a record has only one form.
+    // The decoder also accepts look-alike letters, but a record has only one form.
     let hash = <[u8; 32]>::try_from(decode(hash).ok()?).ok().filter(|read| encode(read) == hash)?;
     let fields: Vec<&str> = body.split('\t').collect();
     let &[number, at, decision, _, _, _, _] = fields.as_slice() else { return None };
@@ -401,7 +403,7 @@ fn chained(previous: &[u8; 32], line: &str) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// Adds a field without characters that would end it, or move the cursor of a terminal.
+/// Adds a field. Characters that would end it, or move the cursor of a terminal, are replaced.
 fn push_field(line: &mut String, text: &str) {
     for character in text.chars().take(FIELD_MAX) {
         if character.is_control() || character == '\u{2028}' || character == '\u{2029}' {

@@ -1,5 +1,4 @@
-//! The public knowledge about a team, as one text: its keys, the certificates it has given, and the keys it has
-//! revoked.
+//! The public knowledge about a team, as one text: its keys, the certificates that it has issued, and the keys that it has revoked.
 //!
 //! ```text
 //! dca-team 2
@@ -9,11 +8,10 @@
 //! end 6TW…
 //! ```
 //!
-//! The operator's machine keeps it as a file; it is not secret. Each line is protected by its signatures, so a changed
-//! file is noticed. The last line has the hash of all previous lines, so the loss of a part is noticed as well. An
-//! attacker who removes lines can write another last line. This does not remove anything already known, because a file
-//! is merged with the known bundle. There may be several lines with revocations, of which none contains another.
-//! Version 1 had no last line, and is still read.
+//! The operator's machine stores it as a file, which is not secret. Each line is protected by its signatures, so a changed file is
+//! noticed. The last line has the hash of all previous lines, so the loss of a part is noticed as well. An attacker who removes lines
+//! can write a matching last line. But this does not remove anything already known, because a file is merged with the known bundle.
+//! There may be several lines with revocations, if none of them contains another. Version 1 had no last line, and can still be read.
 
 use crate::certificate::Certificate;
 use crate::identity::KeyId;
@@ -30,7 +28,7 @@ pub const CERTIFICATES_MAX: usize = 4096;
 pub const BUNDLE_MAX: usize = 8 << 20;
 
 const BEGIN: &str = "dca-team 2";
-/// The first line of files without a last line.
+/// The first line of files of version 1, which have no last line.
 const BEGIN_OLD: &str = "dca-team 1";
 const END: &str = "end ";
 
@@ -42,19 +40,19 @@ pub struct Bundle {
     revoked: Revocations,
 }
 
-/// The reason why a text is not a bundle, or a certificate cannot be added to one.
+/// Why a text is not a bundle, or a certificate cannot be added to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum BundleError {
-    /// It is longer than a bundle may be.
+    /// The text is longer than a bundle may be.
     #[error("it is longer than {BUNDLE_MAX} bytes, or has more than {CERTIFICATES_MAX} certificates")]
     TooLong,
-    /// It does not begin like a bundle.
+    /// The text does not begin with the first line of a bundle.
     #[error("its first line is not `{BEGIN}`")]
     Begin,
-    /// Its last line is missing, or does not match the lines.
+    /// The last line is missing, or does not match the other lines.
     #[error("its last line does not fit the others: a part was lost or changed; export it again")]
     Cut,
-    /// A line does not belong there.
+    /// A line of the text is not valid at its place.
     #[error("line {0} cannot be read, or does not belong there")]
     Line(usize),
     /// A line is not signed by the team.
@@ -62,12 +60,12 @@ pub enum BundleError {
     Signature(usize),
 }
 
-/// A holder of a certificate of a bundle, and whether the holder is trusted.
+/// A holder of a certificate in a bundle, and whether the holder is trusted.
 #[derive(Debug)]
 pub struct Holder<'a> {
     /// The certificate.
     pub certificate: &'a Certificate,
-    /// Until when the holder is trusted, or why not.
+    /// Until when the holder is trusted, or why it is not.
     pub standing: Result<Standing, TrustError>,
 }
 
@@ -83,15 +81,15 @@ impl Bundle {
         &self.team
     }
 
-    /// Returns the revocations by the team's key.
+    /// Returns the revocations that are signed with the team's key.
     pub const fn revocations(&self) -> &Revocations {
         &self.revoked
     }
 
-    /// Adds a certificate, in place of an older one for the same keys.
+    /// Adds a certificate. It replaces an older one for the same keys.
     ///
     /// # Errors
-    /// There are too many.
+    /// If there are too many certificates.
     pub fn add(&mut self, certificate: Certificate) -> Result<(), BundleError> {
         self.certificates.retain(|known| known.subject() != certificate.subject());
         if self.certificates.len() >= CERTIFICATES_MAX {
@@ -101,19 +99,20 @@ impl Bundle {
         Ok(())
     }
 
-    /// Adds revocations by the team's key to the known ones. Admins' sets travel from node to node.
+    /// Adds revocations that are signed with the team's key. Sets by admins are not part of a bundle; nodes pass them on to each
+    /// other.
     ///
     /// # Errors
-    /// It is not signed by the team's key.
+    /// If the set is not signed with the team's key.
     pub fn revoke(&mut self, set: RevokedSet) -> Result<Received, RevocationError> {
         if set.is_of_the_team() { self.revoked.restore(set, &self.team) } else { Err(RevocationError::Signer) }
     }
 
-    /// Takes in what another bundle of the team knows. Of two certificates for the same keys the younger one counts, or else the other
-    /// bundle's; nothing that was revoked is taken back.
+    /// Adds the knowledge of another bundle of the team. If both have a certificate for the same keys, the younger one is kept; among
+    /// equally old ones, that of the other bundle. No revocation is undone.
     ///
     /// # Errors
-    /// It is of another team, or there are too many certificates.
+    /// If the bundle belongs to another team, or there are too many certificates.
     pub fn merge(&mut self, other: &Self) -> Result<(), BundleError> {
         if other.team != self.team {
             return Err(BundleError::Signature(2));
@@ -127,13 +126,13 @@ impl Bundle {
             }
         }
         for set in other.revoked.sets() {
-            // The set was checked when the other bundle was read.
+            // The set was already checked when the other bundle was read.
             drop(self.revoke(set.clone()));
         }
         Ok(())
     }
 
-    /// Returns every holder of a certificate, and which of them are trusted at a time.
+    /// Returns all holders of a certificate, each with the result of the check at the time `now`.
     #[must_use]
     pub fn holders(&self, now: UnixTime) -> Vec<Holder<'_>> {
         let judge = Judge { team: &self.team, revoked: &self.revoked, now, grace: 0 };
@@ -163,14 +162,14 @@ impl Bundle {
         self.certificates.iter().find(|known| known.subject() == *key).map(|known| self.credential(known))
     }
 
-    /// Returns a certificate with the certificate of the admin who issued it.
+    /// Returns a credential: a certificate with that of the admin who issued it.
     fn credential(&self, certificate: &Certificate) -> Credential {
         let by = certificate.issuer();
         let issuer = self.certificates.iter().find(|known| known.subject() == by && by != self.team.id());
         Credential::new(certificate.clone(), issuer.cloned())
     }
 
-    /// Returns it as text.
+    /// Returns the bundle as text.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = format!("{BEGIN}\nteam {}\n", encode(&self.team.to_bytes()));
@@ -184,10 +183,10 @@ impl Bundle {
         text + &format!("{END}{end}\n")
     }
 
-    /// Reads a text, and checks the signatures of its lines. Expired certificates are not rejected.
+    /// Reads a text, and checks the signatures of its lines. Expired certificates are accepted.
     ///
     /// # Errors
-    /// It is not a bundle. No part of it is used then.
+    /// If the text is not a bundle. No part of it is used then.
     pub fn from_text(text: &str) -> Result<Self, BundleError> {
         if text.len() > BUNDLE_MAX {
             return Err(BundleError::TooLong);
@@ -233,7 +232,7 @@ impl Bundle {
         }
     }
 
-    /// Returns whether a certificate was valid at its beginning. Its issuer precedes it.
+    /// Returns whether a certificate was valid when it began. The line of its issuer has to come first.
     fn is_true(&self, certificate: &Certificate) -> bool {
         let now = certificate.claims().not_before;
         let nobody = Revocations::default();
@@ -242,7 +241,7 @@ impl Bundle {
     }
 }
 
-/// Returns the lines before the last one, which has their hash.
+/// Returns the lines before the last one, whose hash is in the last line.
 fn whole(text: &str) -> Result<Vec<&str>, BundleError> {
     let mut lines: Vec<&str> = text.lines().collect();
     let end = lines.pop().and_then(|line| line.strip_prefix(END)).ok_or(BundleError::Cut)?;
@@ -256,6 +255,6 @@ fn whole(text: &str) -> Result<Vec<&str>, BundleError> {
 fn field(number: usize, line: &str, name: &str) -> Result<Vec<u8>, BundleError> {
     let text = line.strip_prefix(name).ok_or(BundleError::Line(number))?;
     let bytes = decode(text).map_err(|_no_text| BundleError::Line(number))?;
-    // Capitals, and similar letters, are for lines that people type.
+    // Capitals and look-alike letters are accepted only in lines that people type.
     if encode(&bytes) == text { Ok(bytes) } else { Err(BundleError::Line(number)) }
 }

@@ -1,9 +1,9 @@
-//! Certificates and their renewals: small forms, each with one signature.
+//! Certificates and their renewals: short signed statements with one signature each.
 //!
-//! A certificate names the owner of keys, for a short time. A member with the right to renew may extend it, again and
-//! again, but never beyond a time that its issuer has set (`renewable_until`). So a robot that never meets the team's
-//! key stays in the team. A stolen renewer can extend existing certificates, until that time or until it is revoked,
-//! but it cannot admit new members.
+//! A certificate names the owner of keys, for a short time. A member with the right to renew may extend it repeatedly, but
+//! never beyond a time that its issuer has set (`renewable_until`). So a robot that never meets the team's key stays in the
+//! team. An attacker with the keys of a renewer can extend existing certificates, until that time or until the renewer is
+//! revoked. But the attacker cannot admit new members.
 
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
 use crate::name::{Name, UnixTime};
@@ -32,17 +32,17 @@ pub struct Claims {
     pub team: KeyId,
     /// The subject's name.
     pub name: Name,
-    /// The rights of the subject; its kind follows from them.
+    /// The rights of the subject. The role also determines its kind.
     pub role: Role,
     /// The subject's keys.
     pub keys: PublicKeys,
-    /// When it begins to be valid.
+    /// The time from which the certificate is valid.
     pub not_before: UnixTime,
-    /// When it ends, unless it is renewed.
+    /// The time at which the certificate ends, unless it is renewed.
     pub not_after: UnixTime,
-    /// The end beyond which no member can renew it.
+    /// The time beyond which no member can renew the certificate.
     pub renewable_until: UnixTime,
-    /// A random number, so that two certificates of one subject differ.
+    /// A random number, so that two certificates of the same subject differ.
     pub serial: [u8; 16],
 }
 
@@ -54,16 +54,16 @@ pub struct Certificate {
     signature: [u8; SIGNATURE_LEN],
 }
 
-/// A certificate would break a rule that holds for every one.
+/// Why a certificate would break a rule for all certificates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ClaimsError {
     /// The times are not in order.
     #[error("the times of a certificate have to be in order: it begins, ends, and can be renewed until then or later")]
     Order,
-    /// It is valid for too long.
+    /// The certificate is valid for too long.
     #[error("a certificate is valid for {} days at most; it is renewed instead", LIFE_MAX / DAY)]
     Life,
-    /// It can be renewed for too long.
+    /// The certificate can be renewed for too long.
     #[error("a certificate can be renewed for {} days at most", RENEWABLE_MAX / DAY)]
     Renewable,
 }
@@ -102,7 +102,7 @@ impl Certificate {
     /// Signs claims.
     ///
     /// # Errors
-    /// They are valid for too long, or their times are not in order.
+    /// If the claims are valid for too long, or their times are not in order.
     pub fn issue(claims: Claims, issuer: &SecretKeys) -> Result<Self, ClaimsError> {
         claims.check()?;
         let id = issuer.public().id();
@@ -110,28 +110,28 @@ impl Certificate {
         Ok(Self { claims, issuer: id, signature })
     }
 
-    /// Returns its content. The content is not proven to be true: see [`crate::team::Credential::check`].
+    /// Returns the claims. They are not proven: see [`crate::team::Credential::check`].
     pub const fn claims(&self) -> &Claims {
         &self.claims
     }
 
-    /// Returns the kind of its subject.
+    /// Returns the kind of the subject.
     #[must_use]
     pub fn kind(&self) -> Kind {
         self.claims.role.kind()
     }
 
-    /// Returns the id of its subject's keys.
+    /// Returns the id of the subject's keys.
     pub fn subject(&self) -> KeyId {
         self.claims.keys.id()
     }
 
-    /// Returns the id of the keys that it claims to be signed with.
+    /// Returns the id of the keys that the certificate claims to be signed with.
     pub const fn issuer(&self) -> KeyId {
         self.issuer
     }
 
-    /// Returns the hash that a renewal names it by.
+    /// Returns the hash of the certificate, which a renewal names.
     pub fn hash(&self) -> [u8; 32] {
         blake3::derive_key("dca certificate hash 1", &self.to_bytes())
     }
@@ -140,17 +140,17 @@ impl Certificate {
         keys.id() == self.issuer && keys.has_signed(&self.claims.form(&self.issuer), &self.signature)
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the certificate in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.claims.form(&self.issuer);
         bytes.extend_from_slice(&self.signature);
         bytes
     }
 
-    /// Reads its form. The signature is not checked here.
+    /// Reads the bytes of a certificate. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are not a certificate.
+    /// If the bytes are not a certificate.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, CERTIFICATE, CERTIFICATE_MAX)?;
         let team = KeyId(reader.fixed()?);
@@ -184,8 +184,8 @@ pub struct Renewal {
 }
 
 impl Renewal {
-    /// Renews a certificate for so many seconds, at most [`LIFE_MAX`] and no longer than it can be renewed. Whether the renewer
-    /// may do that is for others to check.
+    /// Renews a certificate for `seconds`, but at most [`LIFE_MAX`], and not beyond its `renewable_until`. Whether the renewer
+    /// has the right to do so is not checked here.
     pub fn issue(certificate: &Certificate, now: UnixTime, seconds: u64, renewer: &SecretKeys) -> Self {
         let end = certificate.claims.renewable_until;
         let mut renewal = Self {
@@ -199,18 +199,18 @@ impl Renewal {
         renewal
     }
 
-    /// Returns when it ends.
+    /// Returns the time at which the renewal ends.
     #[must_use]
     pub const fn not_after(&self) -> UnixTime {
         self.not_after
     }
 
-    /// Returns the id of the keys that it claims to be signed with.
+    /// Returns the id of the keys that the renewal claims to be signed with.
     pub const fn renewer(&self) -> KeyId {
         self.renewer
     }
 
-    /// Returns whether it renews this certificate, for no longer than is allowed, and is signed by these keys.
+    /// Returns whether this renews the certificate, for no longer than permitted, and is signed by these keys.
     pub(crate) fn fits(&self, certificate: &Certificate, renewer: &PublicKeys) -> bool {
         self.certificate == certificate.hash()
             && self.not_after <= certificate.claims.renewable_until
@@ -227,17 +227,17 @@ impl Renewal {
         writer.finish()
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the renewal in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.form();
         bytes.extend_from_slice(&self.signature);
         bytes
     }
 
-    /// Reads its form. The signature is not checked here.
+    /// Reads the bytes of a renewal. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are not a renewal.
+    /// If the bytes are not a renewal.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, RENEWAL, RENEWAL_MAX)?;
         let certificate = reader.fixed()?;

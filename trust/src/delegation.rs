@@ -1,5 +1,5 @@
-//! A node vouches for a key: that of a program that it has started, which it names, or that of visitors from its
-//! machine. So neither needs the key of the node.
+//! Delegations: a node vouches for the key of a program that it has started, which it names, or for the key of
+//! visitors from its machine. So neither of them needs the node's own key.
 
 use crate::certificate::DAY;
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
@@ -10,11 +10,11 @@ use crate::team::{CREDENTIAL_MAX, Credential, Judge, TrustError};
 use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
 
-/// The most bytes of the name of a program.
+/// The longest name of a program, in bytes.
 pub const PROGRAM_MAX: usize = 255;
 /// The most bytes of a delegation.
 pub const DELEGATION_MAX: usize = 512 + CREDENTIAL_MAX;
-/// For how long a node can vouch for a program, in seconds. The node's own certificate ends earlier, mostly.
+/// For how long a node can vouch for a program, in seconds. Usually the node's own certificate ends earlier.
 pub const DELEGATION_LIFE: u64 = 366 * DAY;
 
 const DELEGATION: &str = "dca delegation 2";
@@ -24,7 +24,7 @@ const DELEGATION: &str = "dca delegation 2";
 pub struct Delegation {
     /// The public Ed25519 key.
     key: [u8; 32],
-    /// The program that has it; empty for visitors.
+    /// The program with this key; empty for visitors.
     program: String,
     not_after: UnixTime,
     signature: [u8; SIGNATURE_LEN],
@@ -38,7 +38,7 @@ pub enum DelegationError {
     /// Only nodes may vouch for programs.
     #[error("the certificate that vouches for it is not that of a node")]
     Kind,
-    /// The node has not signed this.
+    /// The delegation is not signed by the node.
     #[error("its node has not signed for it")]
     Signature,
     /// The delegation has ended.
@@ -50,8 +50,8 @@ pub enum DelegationError {
 }
 
 impl Delegation {
-    /// Vouches for a key as the node that has these keys and this credential. `program` names the program that has it,
-    /// and is cut if it is too long; it is empty for visitors.
+    /// Vouches for a key, as the node with these keys and this credential. `program` is the name of the program with
+    /// the key, empty for visitors. A name that is too long is cut.
     pub fn sign(key: [u8; 32], program: &str, now: UnixTime, node: &SecretKeys, credential: Credential) -> Self {
         let not_after = now.plus(DELEGATION_LIFE);
         let program = program[..program.floor_char_boundary(PROGRAM_MAX)].to_owned();
@@ -64,19 +64,19 @@ impl Delegation {
         &self.key
     }
 
-    /// Returns the program that has the key; none for the key of visitors.
+    /// Returns the name of the program; none for the key of visitors.
     pub fn program(&self) -> Option<&str> {
         Some(self.program.as_str()).filter(|program| !program.is_empty())
     }
 
-    /// Returns the delegation with a newer credential of its node; nothing if the credential belongs to another node.
+    /// Returns the delegation with a newer credential of its node; none if the credential belongs to another node.
     #[must_use]
     pub fn renewed(&self, node: Credential) -> Option<Self> {
         let is_same = node.certificate().subject() == self.node.certificate().subject();
         is_same.then(|| Self { node, ..self.clone() })
     }
 
-    /// Returns the credential of the node, which is not checked.
+    /// Returns the credential of the node, unchecked.
     pub const fn node(&self) -> &Credential {
         &self.node
     }
@@ -89,7 +89,7 @@ impl Delegation {
     /// Checks that a node of the team vouches for the key now.
     ///
     /// # Errors
-    /// No node of the team vouches for the key, with the reason.
+    /// The reason, if no node of the team vouches for the key.
     pub fn check(&self, judge: &Judge<'_>) -> Result<(), DelegationError> {
         self.node.check(judge).map_err(DelegationError::Node)?;
         let certificate = self.node.certificate();
@@ -106,7 +106,7 @@ impl Delegation {
         if judge.now > self.not_after { Err(DelegationError::Expired) } else { Ok(()) }
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the delegation in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = form(&self.key, &self.program, self.not_after, &self.node.certificate().subject());
         bytes.extend_from_slice(&self.signature);
@@ -114,10 +114,10 @@ impl Delegation {
         bytes
     }
 
-    /// Reads its form. The signature is not checked here.
+    /// Reads the bytes of a delegation. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are not a delegation.
+    /// If the bytes are not a delegation.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, DELEGATION, DELEGATION_MAX)?;
         let (key, program) = (reader.fixed()?, String::from_utf8(reader.short()?.to_vec()));

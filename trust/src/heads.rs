@@ -1,9 +1,9 @@
-//! The signed heads of audit logs that a member keeps: its signatures on the logs of others, and others' signatures on
-//! its own log.
+//! The signed heads of audit logs that a member stores: its signatures on the logs of others, and the signatures of others on its own
+//! log.
 //!
-//! A member signs the position of another member's log. It never signs an earlier position afterwards, nor another record of the
+//! A member signs the position of another member's log. Afterwards it never signs an earlier position, nor a different record with the
 //! same number. So if the end of a log is cut off or rewritten, signatures on the disks of others contradict it. For each log and
-//! signer, some heads from all times are kept: a log that was rewritten and has grown since does not match the old heads.
+//! signer, some heads from all times are kept. So a log that was rewritten, and has grown since, does not match the old heads.
 
 use crate::audit::{Head, Position};
 use crate::identity::{KeyId, SecretKeys};
@@ -11,14 +11,14 @@ use crate::name::{Name, UnixTime};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// The most heads of one log by one signer. If there are more, a head with a close neighbour in time is dropped.
+/// The most heads of one log by one signer. If there are more, the head whose neighbours are closest in time is dropped.
 pub const HEADS_MAX: usize = 8;
 /// The most pairs of a log and a signer.
 pub const PAIRS_MAX: usize = 512;
 /// The most bytes of the text of all.
 pub const TEXT_MAX: usize = 1 << 20;
 
-/// Why a head is not signed, or not kept.
+/// Why a head is not signed or stored.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum HeadError {
     /// The log was cut, or set back.
@@ -26,7 +26,7 @@ pub enum HeadError {
     Cut {
         /// The last record now.
         found: u64,
-        /// The last record that was signed.
+        /// The last record that this member has signed.
         signed: u64,
     },
     /// The log was rewritten.
@@ -35,10 +35,10 @@ pub enum HeadError {
         /// The record.
         number: u64,
     },
-    /// Its node has signed a later head, so this one is a copy that was sent again.
+    /// The node of the log has signed a later head, so this one is an old copy.
     #[error("its node has signed a later one")]
     Old,
-    /// There is no room.
+    /// The table is full.
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]
     Full,
     /// A line of the text is not a head.
@@ -49,25 +49,25 @@ pub enum HeadError {
     },
 }
 
-/// The heads that a member keeps.
+/// The heads that a member stores.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heads(BTreeMap<(KeyId, KeyId), Signed>);
 
 /// The heads of one log by one signer, in the order of their numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Signed {
-    /// The name that the signer had.
+    /// The name of the signer at that time.
     name: Name,
     heads: Vec<Head>,
 }
 
 impl Heads {
-    /// Signs the position of another node's log, as that node has `told` it, unless this member has already signed the same. Returns the
-    /// head, and whether it is new. The latest head from the node is kept as well, and earlier ones no longer count. So a copy of an
-    /// earlier head that is sent again does not make the log look cut off.
+    /// Signs the position of another node's log, which that node has signed as `told`. If this member has already signed the same
+    /// position, the existing head is returned. Returns the head, and whether it is new. The node's latest own head is stored as well,
+    /// and earlier ones are refused. So an old copy of a head does not make the log look cut off.
     ///
     /// # Errors
-    /// This member has signed another state of that log, the node has signed a later head, or the table is full.
+    /// If this member has signed a contradicting state of that log, the node has signed a later head, or the table is full.
     pub fn countersign(
         &mut self,
         told: &Head,
@@ -98,10 +98,10 @@ impl Heads {
         self.keep(head.clone(), name).map(|_is_new| (head, true))
     }
 
-    /// Keeps a head that a member has signed. Returns whether it is new.
+    /// Stores a head that a member has signed. Returns whether it is new.
     ///
     /// # Errors
-    /// There is no room.
+    /// If the table is full.
     pub fn keep(&mut self, head: Head, name: &Name) -> Result<bool, HeadError> {
         let (pair, number) = ((head.position().log, head.by()), head.position().number);
         if self.0.len() >= PAIRS_MAX && !self.0.contains_key(&pair) {
@@ -125,16 +125,16 @@ impl Heads {
         signed.flat_map(|(_, signed)| signed.heads.iter().map(|head| (&signed.name, head)))
     }
 
-    /// Returns them as text: a head and the name of its signer in each line.
+    /// Returns the heads as text: each line has a head and the name of its signer.
     pub fn to_text(&self) -> String {
         let lines = self.0.values().flat_map(|signed| signed.heads.iter().map(|head| (&signed.name, head)));
         lines.map(|(name, head)| format!("{} {name}\n", head.to_text())).collect()
     }
 
-    /// Reads such a text, and checks the signatures: whether the signers are members is for the caller to know.
+    /// Reads the text of [`Heads::to_text`], and checks the signatures. The caller has to check that the signers are members.
     ///
     /// # Errors
-    /// A line is not a head, or there are too many.
+    /// If a line is not a head, or there are too many.
     pub fn from_text(text: &str) -> Result<Self, HeadError> {
         let mut heads = Self::default();
         for (index, line) in text.lines().enumerate() {
@@ -147,7 +147,8 @@ impl Heads {
     }
 }
 
-/// Returns the head that is needed least: the one with the least time between its neighbours. The first and the last head stay.
+/// Returns the index of the least useful head: the one with the least time between its neighbours. The first and the last head are
+/// always kept.
 fn crowded(heads: &[Head]) -> usize {
     let between = |place: &usize| heads[place + 1].at().since(heads[place - 1].at());
     (1..heads.len() - 1).min_by_key(between).unwrap_or_default()

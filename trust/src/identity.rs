@@ -1,7 +1,7 @@
-//! Keys of nodes, users, programs and teams, and how people compare them.
+//! Keys of nodes, users, programs and teams, and their short forms for comparison by people.
 //!
-//! Every owner has two pairs of keys: one to sign (Ed25519, RFC 8032) and one to receive secrets (X25519, RFC 7748). Both public keys
-//! together have one id. `Debug` shows ids, never a secret.
+//! Every owner has two pairs of keys: one for signatures (Ed25519, RFC 8032) and one for receiving secrets (X25519, RFC 7748). Both
+//! public keys together have one id. `Debug` shows ids, never a secret.
 
 use crate::text::{self, TextError};
 use crate::wire::FormError;
@@ -9,23 +9,22 @@ use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 use std::fmt;
 use zeroize::Zeroizing;
 
-/// Bytes of both secret keys.
+/// The length of both secret keys, in bytes.
 pub const SECRET_LEN: usize = 64;
-/// Bytes of both public keys.
+/// The length of both public keys, in bytes.
 pub const PUBLIC_LEN: usize = 64;
 /// Bytes of a signature.
 pub const SIGNATURE_LEN: usize = 64;
 const KEY_TEXT: &str = "dca-key1-";
 const WORDS: &str = include_str!("words.txt");
 
-/// Random bytes for one operation, made from 32 unpredictable bytes.
+/// Random bytes for one operation, derived from 32 unpredictable bytes.
 ///
-/// This room asks no system for anything. Its caller takes the 32 bytes from the system for each operation, and never the
-/// same ones twice.
+/// This room never calls the system. The caller gets the 32 bytes from the system for each operation, and never uses them twice.
 pub struct Entropy(Box<blake3::OutputReader>);
 
 impl Entropy {
-    /// Takes 32 unpredictable bytes that have never been used.
+    /// Takes 32 unpredictable bytes, which must not be used for anything else.
     pub fn new(seed: &[u8; 32]) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key("dca entropy 1");
         hasher.update(seed);
@@ -46,13 +45,13 @@ impl fmt::Debug for Entropy {
     }
 }
 
-/// The id of a pair of public keys: their hash. Two different pairs have different ids.
+/// The id of an owner's two public keys: their hash. Different keys have different ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct KeyId(pub [u8; 32]);
 
 impl KeyId {
-    /// Returns six words that two people can compare over a telephone: 60 bits of the id, which covers both public
-    /// keys. Four words would be 40 bits, for which a matching pair of keys is found in minutes.
+    /// Returns six words that two people can compare over a telephone. They have 60 bits of the id, which covers both public keys. For
+    /// four words, which have 40 bits, an attacker can find matching keys in minutes.
     pub fn fingerprint(&self) -> String {
         let hash = blake3::derive_key("dca fingerprint 2", &self.0);
         let bits = hash.iter().take(8).fold(0u64, |bits, byte| (bits << 8) | u64::from(*byte));
@@ -61,14 +60,14 @@ impl KeyId {
     }
 }
 
-/// Returns a word of the list, which has 1024 of them: 10 bits each.
+/// Returns a word from the list of 1024 words; each has 10 bits.
 fn word(number: u64) -> &'static str {
     let index = usize::try_from(number).unwrap_or(usize::MAX);
     WORDS.split_whitespace().nth(index).expect("the list has 1024 words")
 }
 
 impl fmt::Display for KeyId {
-    /// Writes the first 26 characters of the id, which are 130 bits.
+    /// Writes the first 26 characters of the id, which have 130 bits.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(&text::encode(&self.0)[..26])
     }
@@ -89,11 +88,10 @@ pub struct PublicKeys {
 }
 
 impl PublicKeys {
-    /// Reads both keys: 32 bytes to check signatures, 32 bytes to seal secrets.
+    /// Reads both keys: 32 bytes to check signatures, then 32 bytes to seal secrets.
     ///
     /// # Errors
-    /// A key is invalid, or it is weak: a point of small order, for which any attacker can make a
-    /// signature or open a seal.
+    /// If a key is invalid, or weak: a point of small order, for which any attacker can make a signature or open a seal.
     pub fn from_bytes(bytes: &[u8; PUBLIC_LEN]) -> Result<Self, FormError> {
         let (mut sign, mut seal) = ([0; 32], [0; 32]);
         sign.copy_from_slice(&bytes[..32]);
@@ -102,7 +100,7 @@ impl PublicKeys {
         if sign.is_weak() {
             return Err(FormError::Field("key to sign"));
         }
-        // Any scalar shows whether the point has a small order.
+        // One scalar is enough to show whether the point has a small order.
         if shared(&[1; 32], &seal).is_none() {
             return Err(FormError::Field("key to seal"));
         }
@@ -133,13 +131,13 @@ impl PublicKeys {
         &self.seal
     }
 
-    /// Returns whether a signature of these bytes was made with the secret key. Strict: RFC 8032 with no weak keys and one
-    /// signature only for each message and key.
+    /// Returns whether a signature of these bytes was made with the secret key. Strict: RFC 8032 without weak keys, and with only one
+    /// valid signature for each message and key.
     pub(crate) fn has_signed(&self, bytes: &[u8], signature: &[u8; SIGNATURE_LEN]) -> bool {
         self.sign.verify_strict(bytes, &Signature::from_bytes(signature)).is_ok()
     }
 
-    /// Returns both keys as one word with a checksum, for copying by people: `dca-key1-…`.
+    /// Returns both keys as one word with a checksum, which people can copy: `dca-key1-…`.
     pub fn to_text(&self) -> String {
         text::with_sum(KEY_TEXT, &self.to_bytes())
     }
@@ -147,7 +145,7 @@ impl PublicKeys {
     /// Reads the text of [`PublicKeys::to_text`].
     ///
     /// # Errors
-    /// It is no such text, has a typing mistake, or names no keys.
+    /// If the text is not such a word, has a typing error, or does not contain valid keys.
     pub fn from_text(text: &str) -> Result<Self, TextError> {
         let bytes = text::without_sum(KEY_TEXT, text)?;
         let bytes: [u8; PUBLIC_LEN] = bytes.try_into().map_err(|_other_length| TextError::Length)?;
@@ -155,7 +153,8 @@ impl PublicKeys {
     }
 }
 
-/// Returns whether a signature of these bytes was made with the secret key of a public one, as strictly as [`PublicKeys`] looks at it.
+/// Returns whether a signature of these bytes was made with the secret key of the public key `key`, as strictly as [`PublicKeys`]
+/// checks it.
 pub(crate) fn has_signed(key: &[u8; 32], bytes: &[u8], signature: &[u8; SIGNATURE_LEN]) -> bool {
     let key = VerifyingKey::from_bytes(key);
     key.is_ok_and(|key| !key.is_weak() && key.verify_strict(bytes, &Signature::from_bytes(signature)).is_ok())
@@ -199,7 +198,7 @@ impl SecretKeys {
         bytes
     }
 
-    /// Returns the secret key that signs, which is wiped when it is dropped.
+    /// Returns the secret key for signatures, which is wiped when it is dropped.
     pub fn signing(&self) -> Zeroizing<[u8; 32]> {
         Zeroizing::new(self.sign.to_bytes())
     }
@@ -209,7 +208,7 @@ impl SecretKeys {
         &self.public
     }
 
-    /// Signs a form, which begins with its name.
+    /// Signs the bytes of a form, which begin with its name.
     pub(crate) fn sign(&self, form: &[u8]) -> [u8; SIGNATURE_LEN] {
         self.sign.sign(form).to_bytes()
     }
@@ -220,7 +219,7 @@ impl SecretKeys {
     }
 }
 
-/// Returns a key to sign and a key to seal, one behind the other.
+/// Returns the key for signatures, followed by the key for seals.
 fn both(sign: &[u8; 32], seal: &[u8; 32]) -> [u8; PUBLIC_LEN] {
     let mut bytes = [0; PUBLIC_LEN];
     bytes[..32].copy_from_slice(sign);
@@ -235,7 +234,7 @@ const BASE_POINT: [u8; 32] = {
     point
 };
 
-/// Returns the public key of a secret one.
+/// Returns the public key of a secret key.
 pub(crate) fn sealing_key(secret: &[u8; 32]) -> [u8; 32] {
     x25519_dalek::x25519(*secret, BASE_POINT)
 }
@@ -265,7 +264,7 @@ mod tests {
         assert_eq!(words(one.public().id()).len(), 6);
         let mut bytes = one.public().to_bytes();
         let other = SecretKeys::generate(&mut Entropy::new(&[2; 32])).public().to_bytes();
-        // The second half is the key that opens secrets.
+        // The second half is the key for opening secrets.
         bytes[32..].copy_from_slice(&other[32..]);
         let mixed = PublicKeys::from_bytes(&bytes).unwrap();
         assert_ne!(words(mixed.id()), words(one.public().id()));

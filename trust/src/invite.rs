@@ -1,7 +1,7 @@
-//! The line that brings a robot into a team, and the messages between the two machines.
+//! Invitations: the line by which a robot joins a team, and the messages between the two machines.
 //!
 //! The line has the hash of the team's key, a secret for one robot, the end of its validity, and the addresses of the inviter. So
-//! the joiner can recognise the right team before it reveals anything, and only then sends the secret, sealed.
+//! the joiner can recognise the right team before it reveals anything. Only then does it send the secret, sealed.
 
 mod handshake;
 mod message;
@@ -25,25 +25,25 @@ pub const INVITE_SECRET: usize = 16;
 
 const PREFIX: &str = "dca1-";
 
-/// An invitation. Its holder can join once; `Debug` does not show its secret.
+/// An invitation, which can be used once. `Debug` does not show its secret.
 pub struct Invite {
-    /// The team's id, by which the joiner knows the team.
+    /// The team's id, by which the joiner recognises the team.
     pub team: KeyId,
-    /// The secret that the joiner proves to know.
+    /// The secret. The joiner proves that it knows it.
     pub secret: Zeroizing<[u8; INVITE_SECRET]>,
-    /// When it ends.
+    /// The time at which the invitation ends.
     pub expires: UnixTime,
-    /// Where the inviter may answer, at most [`ADDRESSES_MAX`].
+    /// The addresses at which the inviter may answer, at most [`ADDRESSES_MAX`].
     pub addresses: Vec<SocketAddr>,
-    /// Whether the robot is the first of its team: then the team's database begins with it.
+    /// Whether the robot is the first of its team. The team's database then begins with this robot.
     pub founds: bool,
 }
 
-/// Stands before the addresses if the robot is the first of its team. The first byte of an address is never this one.
+/// Precedes the addresses if the robot is the first of its team. No address begins with this byte.
 const FOUNDS: u8 = 0;
 
 impl Invite {
-    /// Returns the line: `dca1-TEAM-SECRET-REST-CHECKSUM`. It is a secret.
+    /// Returns the line: `dca1-TEAM-SECRET-REST-CHECKSUM`. The line is secret.
     pub fn to_line(&self) -> Zeroizing<String> {
         let mut rest = self.expires.0.to_be_bytes().to_vec();
         if self.founds {
@@ -61,10 +61,10 @@ impl Invite {
         Zeroizing::new(format!("{PREFIX}{}-{}-{}-{}", *parts[0], *parts[1], *parts[2], *parts[3]))
     }
 
-    /// Reads a line; blanks around it do not matter.
+    /// Reads a line; surrounding blanks are ignored.
     ///
     /// # Errors
-    /// It is no such line, or has a typing mistake.
+    /// If the text is not such a line, or has a typing error.
     pub fn from_line(line: &str) -> Result<Self, TextError> {
         let line = line.trim();
         let parts: Vec<&str> = line.strip_prefix(PREFIX).ok_or(TextError::Prefix(PREFIX))?.split('-').collect();
@@ -94,7 +94,7 @@ impl Invite {
         Ok(Self { team: KeyId(team), secret: Zeroizing::new(secret), expires, addresses, founds })
     }
 
-    /// Returns the hash under which the inviter keeps it, so that its disk does not have the secret.
+    /// Returns the hash under which the inviter stores the invitation, so that the secret is not on the inviter's disk.
     pub fn hash(&self) -> [u8; 32] {
         hash(&self.secret)
     }

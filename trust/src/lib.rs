@@ -1,15 +1,15 @@
 //! The members of a team, their rights, and the proofs of both: keys, certificates, revocations, signed requests,
 //! invitations, sealed secrets, the audit log, and the policy of a node.
 //!
-//! This crate is pure: the time and random bytes are parameters, and everything to be written or sent is a result.
-//! Nothing here reads a clock, a file or a socket. It implements no cryptography of its own: signatures are Ed25519,
-//! secrets are sealed with X25519 and XChaCha20-Poly1305, passphrases go through Argon2id, hashes and derived keys are
-//! BLAKE3. Everything that is signed, sent or stored has one form, a version and a longest size.
+//! This crate is pure: the time and random bytes are parameters, and everything to be written or sent is a result. No
+//! function reads a clock, a file or a socket. The crate implements no cryptography of its own. Signatures are Ed25519,
+//! secrets are sealed with X25519 and XChaCha20-Poly1305, passphrases are hashed with Argon2id, and hashes and derived
+//! keys are BLAKE3. All data that is signed, sent or stored has one canonical form, a version and a longest size.
 //!
 //! A team begins with its key, [`team::Team::found`]. The key signs [`certificate::Certificate`]s of admins, and admins
-//! sign those of nodes and users, for example in the handshake of [`invite`]. A client brings a [`team::Credential`]
-//! along, which a [`team::Judge`] checks offline; a [`request`] is signed end to end. Members that are no longer
-//! trusted are in [`revocation::Revocations`].
+//! sign those of nodes and users, for example in the handshake of [`invite`]. A client sends a [`team::Credential`],
+//! which a [`team::Judge`] checks offline. A [`request`] is signed end to end. Members that are no longer trusted are
+//! in [`revocation::Revocations`].
 //!
 //! ```
 //! use trust::certificate::{Certificate, Claims, DAY};

@@ -1,6 +1,6 @@
 //! Secret keys in a file, encrypted with a passphrase (Argon2id, then XChaCha20-Poly1305).
 //!
-//! The public keys stand beside them in the clear, and are authenticated. Source of the costs: RFC 9106, section 4, the second
+//! The public keys are stored beside them unencrypted, but authenticated. Source of the costs: RFC 9106, section 4, the second
 //! recommended choice with one lane.
 
 use crate::identity::{Entropy, PUBLIC_LEN, PublicKeys, SECRET_LEN, SecretKeys};
@@ -11,7 +11,7 @@ use chacha20poly1305::{KeyInit as _, XChaCha20Poly1305, XNonce};
 use thiserror::Error;
 use zeroize::Zeroizing;
 
-/// The most bytes of such a file.
+/// The longest such file, in bytes.
 pub const LOCKED_MAX: usize = 512;
 /// The shortest passphrase, in characters.
 pub const PASSPHRASE_MIN: usize = 8;
@@ -26,17 +26,17 @@ const TAG: usize = 16;
 pub struct Cost {
     /// Memory, in KiB.
     memory: u32,
-    /// How often the memory is passed over.
+    /// How many passes over the memory are made.
     passes: u32,
 }
 
 impl Cost {
     /// 64 MiB, three times.
     pub const STANDARD: Self = Self { memory: 64 << 10, passes: 3 };
-    /// The least cost, for tests: it protects nothing.
+    /// The least cost, only for tests: it does not protect the keys.
     pub const TEST: Self = Self { memory: 8, passes: 1 };
 
-    /// A file from another user may ask for no more than 1 GiB, 16 times.
+    /// Reads a cost. A file from another user may require at most 1 GiB and 16 passes.
     fn from_numbers(memory: u32, passes: u32) -> Result<Self, FormError> {
         if (8..=1 << 20).contains(&memory) && (1..=16).contains(&passes) {
             Ok(Self { memory, passes })
@@ -52,20 +52,21 @@ pub enum LockError {
     /// The passphrase is too short or too long.
     #[error("a passphrase has {PASSPHRASE_MIN} characters or more, and {PASSPHRASE_MAX} bytes at most")]
     Passphrase,
-    /// The passphrase is among the first that an attacker tries.
+    /// The passphrase is one of the first that an attacker tries.
     #[error(
         "this passphrase is among the first that are tried; take four words that do not belong together, for example"
     )]
     Guessable,
-    /// The passphrase is another one, or the file was changed.
+    /// The passphrase is wrong, or the file was changed.
     #[error("the passphrase is wrong, or the file was changed")]
     Wrong,
-    /// There is not enough memory for the passphrase to be checked.
+    /// The memory is not sufficient for checking the passphrase.
     #[error("there is not enough memory to use the passphrase")]
     Memory,
 }
 
-/// The most common passphrases of [`PASSPHRASE_MIN`] characters or more that are neither a run nor of few characters.
+/// The most common passphrases of [`PASSPHRASE_MIN`] characters or more. Left out are runs, and those with few different
+/// characters, which are recognised by themselves.
 const COMMON: [&str; 24] = [
     "1q2w3e4r",
     "1q2w3e4r5t",
@@ -106,7 +107,7 @@ fn is_guessable(passphrase: &str) -> bool {
     different < DIFFERENT_MIN || along + 2 > steps.len() || COMMON.contains(&lower.as_str())
 }
 
-/// Secret keys that only the passphrase opens.
+/// Secret keys that can be opened only with the passphrase.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LockedKeys {
     cost: Cost,
@@ -120,7 +121,7 @@ impl LockedKeys {
     /// Encrypts keys.
     ///
     /// # Errors
-    /// The passphrase is too short or too long.
+    /// If the passphrase is too short, too long, or easy to guess.
     pub fn lock(keys: &SecretKeys, passphrase: &str, cost: Cost, entropy: &mut Entropy) -> Result<Self, LockError> {
         if passphrase.chars().count() < PASSPHRASE_MIN || passphrase.len() > PASSPHRASE_MAX {
             return Err(LockError::Passphrase);
@@ -134,16 +135,16 @@ impl LockedKeys {
         let secret = keys.to_bytes();
         let payload = Payload { msg: &*secret, aad: &locked.head() };
         let sealed = locked.cipher(passphrase)?.encrypt(XNonce::from_slice(&nonce), payload);
-        // 64 bytes are not too long, and 80 come out.
+        // Cannot fail for its length: 64 bytes are not too long, and the result has 80 bytes.
         let sealed = sealed.map_err(|_too_long| LockError::Memory)?;
         locked.ciphertext = sealed.try_into().map_err(|_other_length| LockError::Memory)?;
         Ok(locked)
     }
 
-    /// Decrypts them.
+    /// Decrypts the keys.
     ///
     /// # Errors
-    /// The passphrase is wrong, or the file was changed.
+    /// If the passphrase is wrong, or the file was changed.
     pub fn unlock(&self, passphrase: &str) -> Result<SecretKeys, LockError> {
         if passphrase.len() > PASSPHRASE_MAX {
             return Err(LockError::Wrong);
@@ -173,7 +174,7 @@ impl LockedKeys {
         Ok(XChaCha20Poly1305::new((&*key).into()))
     }
 
-    /// Everything before the secret: it is authenticated.
+    /// Returns the bytes before the encrypted secret, which are authenticated.
     fn head(&self) -> Vec<u8> {
         let mut writer = Writer::new(LOCKED);
         writer.fixed(&self.cost.memory.to_be_bytes());
@@ -184,17 +185,17 @@ impl LockedKeys {
         writer.finish()
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the file in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.head();
         bytes.extend_from_slice(&self.ciphertext);
         bytes
     }
 
-    /// Reads its form.
+    /// Reads the bytes of a file.
     ///
     /// # Errors
-    /// The bytes are not locked keys.
+    /// If the bytes are not locked keys.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, LOCKED, LOCKED_MAX)?;
         let mut number = || reader.fixed().map(u32::from_be_bytes);
@@ -244,7 +245,7 @@ mod tests {
         for at in 0..locked.to_bytes().len() {
             let mut changed = locked.to_bytes();
             changed[at] ^= 1;
-            // A higher cost only takes longer; other changes are found.
+            // A changed cost only makes opening slower; all other changes are noticed.
             let read = LockedKeys::from_bytes(&changed).ok().filter(|read| read.cost == Cost::TEST);
             assert!(read.is_none_or(|read| read.unlock("correct horse").is_err()), "byte {at}");
         }

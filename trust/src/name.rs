@@ -8,7 +8,7 @@ use thiserror::Error;
 /// The longest name, in bytes.
 pub const NAME_MAX: usize = 63;
 
-/// A name: 1 to 63 ASCII letters, digits, `-` and `_`, of which the first is a letter or a digit.
+/// A name: 1 to 63 ASCII letters, digits, `-` and `_`. The first character is a letter or a digit.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Name(String);
 
@@ -18,7 +18,7 @@ pub struct Name(String);
 pub struct NoName;
 
 impl Name {
-    /// Returns it as text.
+    /// Returns the name as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -49,7 +49,7 @@ impl fmt::Display for Name {
     }
 }
 
-/// A time of the calendar: seconds since 1970-01-01 00:00 UTC.
+/// A calendar time: seconds since 1970-01-01 00:00 UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct UnixTime(pub u64);
 
@@ -60,7 +60,7 @@ impl UnixTime {
         Self(self.0.saturating_add(seconds))
     }
 
-    /// Returns how many seconds it is after `earlier`; 0 if it is not.
+    /// Returns the seconds since `earlier`; 0 if `earlier` is later.
     pub const fn since(self, earlier: Self) -> u64 {
         self.0.saturating_sub(earlier.0)
     }

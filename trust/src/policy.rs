@@ -1,5 +1,5 @@
-//! The execution policy of a node: the programs that others may start on it, and their limits. A file on its own disk,
-//! which cannot be changed from another host.
+//! The execution policy of a node: the programs that others may start on it, and their limits. It is a file on the node's own disk,
+//! which other hosts cannot change.
 //!
 //! ```toml
 //! folders = ["/opt/robot/bin"]        # programs below these, or
@@ -19,8 +19,8 @@
 //! file_size = 100_000_000             # its longest file, in bytes
 //! ```
 //!
-//! A missing rule restricts nothing, except `root` and `sandbox = "none"`, which have to be allowed explicitly. A limit
-//! is the highest that a spec may ask for, and the default for a program whose spec asks for none.
+//! A missing rule restricts nothing, except that `root` and `sandbox = "none"` have to be permitted explicitly. A limit is the highest
+//! value that a spec may request. It is also the default for a program whose spec requests no value.
 
 use serde::Deserialize;
 use std::path::{Component, Path, PathBuf};
@@ -31,9 +31,9 @@ use toml::Spanned;
 pub const POLICY_MAX: usize = 256 << 10;
 /// The most entries of a list.
 pub const ENTRIES_MAX: usize = 1024;
-/// The highest real-time priority that a program may have: the node's own threads have 50.
+/// The highest real-time priority that a program may have. The node's own threads have 50.
 pub const REALTIME_MAX: u64 = 49;
-/// The most processors that a rule may name.
+/// The largest number of processors that a rule may name.
 const CORES_MAX: f64 = 4096.0;
 
 #[derive(Debug, Deserialize)]
@@ -57,18 +57,18 @@ struct File {
     file_size: Option<Spanned<u64>>,
 }
 
-/// How much is taken from a program.
+/// Which rights are taken away from a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sandbox {
-    /// It has no capability, and programs that it executes give it no rights.
+    /// The program has no capabilities, and programs that it executes cannot gain rights.
     #[default]
     Standard,
     /// Nothing.
     None,
 }
 
-/// A rule, and its line.
+/// A rule with its line in the file.
 #[derive(Clone, Debug, PartialEq)]
 struct Rule<T> {
     value: T,
@@ -76,7 +76,7 @@ struct Rule<T> {
     line: usize,
 }
 
-/// A policy that was read and checked.
+/// A policy that was read and found valid.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Policy {
     folders: Option<Rule<Vec<PathBuf>>>,
@@ -90,45 +90,45 @@ pub struct Policy {
     limits: Vec<(&'static str, Rule<u64>)>,
 }
 
-/// The limits that a program asks for, or gets.
+/// The limits that a program requests or gets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
-    /// Its real-time priority.
+    /// The real-time priority.
     pub realtime: Option<u64>,
-    /// Its memory, in bytes.
+    /// The memory, in bytes.
     pub memory: Option<u64>,
-    /// Its share of the processors, in thousandths of one.
+    /// The share of the processors, in thousandths of one processor.
     pub cores: Option<u64>,
-    /// Its processor time, in seconds.
+    /// The processor time, in seconds.
     pub cpu: Option<u64>,
-    /// Its processes and threads.
+    /// The number of processes and threads.
     pub pids: Option<u64>,
-    /// Its open files.
+    /// The number of open files.
     pub files: Option<u64>,
-    /// Its longest file, in bytes.
+    /// The longest file, in bytes.
     pub file_size: Option<u64>,
 }
 
-/// A program that is to be started.
+/// A program to be started.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// The program, without links: the caller has resolved them.
+    /// The path of the program. The caller has resolved all links in it.
     pub program: &'a Path,
-    /// Its BLAKE3 hash; needed only if [`Policy::needs_hash`] returns true.
+    /// The BLAKE3 hash of the program; needed only if [`Policy::needs_hash`] returns true.
     pub hash: Option<[u8; 32]>,
-    /// The user it is to run as, for a person.
+    /// The user that the program is to run as, for people.
     pub user: &'a str,
-    /// Whether that is root.
+    /// Whether that user is root.
     pub is_root: bool,
-    /// The reason why it cannot run as another user; empty if it can.
+    /// Why the program cannot run as another user; empty if it can.
     pub only: &'a str,
-    /// The devices that it claims.
+    /// The devices that the program claims.
     pub devices: &'a [String],
-    /// The keys of the secrets that it is to be given.
+    /// The keys of the secrets that the program is to get.
     pub secrets: &'a [String],
-    /// The variables that its spec sets or inherits: names, or how names begin, such as `ROS_*`.
+    /// The variables that the spec sets or inherits: names, or beginnings of names, such as `ROS_*`.
     pub variables: &'a [String],
-    /// The limits that it asks for.
+    /// The limits that the spec requests.
     pub limits: Limits,
 }
 
@@ -137,14 +137,14 @@ pub struct Start<'a> {
 pub struct Denied {
     /// The word of the rule.
     pub rule: &'static str,
-    /// The line of the file, from 1 on; none for a missing rule.
+    /// The line in the file, from 1; none for a missing rule.
     pub line: Option<usize>,
     /// The reason against the program.
     pub why: String,
 }
 
 impl Denied {
-    /// Returns the reason in a sentence that names the rule and its place in the file at `path`.
+    /// Returns the reason as a sentence that names the rule and its line in the file at `path`.
     #[must_use]
     pub fn sentence(&self, path: &Path) -> String {
         let Self { rule, line, why } = self;
@@ -155,10 +155,10 @@ impl Denied {
     }
 }
 
-/// Why a policy cannot be used. A node without a valid one starts nothing.
+/// Why a policy cannot be used. A node with an invalid policy starts no program.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PolicyError {
-    /// It is not TOML, or has an unknown rule.
+    /// The file is not TOML, or has an unknown rule.
     #[error("line {line}: {why}")]
     Toml {
         /// From 1 on.
@@ -169,7 +169,7 @@ pub enum PolicyError {
     /// The file is too long.
     #[error("a policy has at most {POLICY_MAX} bytes, and {ENTRIES_MAX} entries in a list")]
     TooLong,
-    /// A value is not allowed.
+    /// A value is not permitted.
     #[error("line {line}: `{value}` is not allowed in `{rule}`: {hint}")]
     Value {
         /// From 1 on.
@@ -187,7 +187,7 @@ impl Policy {
     /// Reads a policy.
     ///
     /// # Errors
-    /// The text is not a policy. No mistake is corrected by a guess.
+    /// If the text is not a policy. Mistakes are never corrected by guessing.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         if text.len() > POLICY_MAX {
             return Err(PolicyError::TooLong);
@@ -229,25 +229,25 @@ impl Policy {
         self.user.as_ref().map(|user| user.value.as_str())
     }
 
-    /// Returns the line of the rule `user`, from 1 on.
+    /// Returns the line of the rule `user`, from 1.
     #[must_use]
     pub fn user_line(&self) -> Option<usize> {
         self.user.as_ref().map(|user| user.line)
     }
 
-    /// Returns how much is taken from programs.
+    /// Returns the sandbox for programs.
     #[must_use]
     pub const fn sandbox(&self) -> Sandbox {
         self.sandbox
     }
 
-    /// Returns whether it restricts the programs that may be started.
+    /// Returns whether the policy restricts which programs may be started.
     #[must_use]
     pub const fn limits_programs(&self) -> bool {
         self.folders.is_some() || self.hashes.is_some()
     }
 
-    /// Returns whether only the hash of a program decides whether it may be started.
+    /// Returns whether the hash of a program decides whether it may be started.
     #[must_use]
     pub fn needs_hash(&self, program: &Path) -> bool {
         self.hashes.is_some() && !self.is_in_folder(program)
@@ -256,7 +256,7 @@ impl Policy {
     /// Returns the limits that a program gets.
     ///
     /// # Errors
-    /// Every reason against starting it.
+    /// All rules that the program breaks.
     pub fn admit(&self, start: &Start<'_>) -> Result<Limits, Vec<Denied>> {
         let mut denied = Vec::new();
         denied.extend(self.against_program(start));
@@ -291,7 +291,8 @@ impl Policy {
         if denied.is_empty() { Ok(limits) } else { Err(denied) }
     }
 
-    /// Returns the reasons against variables. If only some programs may run, a variable such as `LD_PRELOAD` could make them run others.
+    /// Returns the rules that variables break. If only some programs may run, a variable such as `LD_PRELOAD` could make them run other
+    /// programs.
     fn against_variables(&self, variables: &[String]) -> Vec<Denied> {
         let is_open = self.folders.is_none() && self.hashes.is_none();
         let (line, listed) = match &self.environment {
@@ -334,12 +335,12 @@ impl Policy {
         Some(Denied { rule, line: Some(line), why })
     }
 
-    /// Returns the requested limits, and this policy's limits for those that were not requested.
+    /// Returns the requested limits, and the policy's limits for those that were not requested.
     fn limited(&self, asked: &Limits, denied: &mut Vec<Denied>) -> Limits {
         let mut limits = *asked;
         for (rule, Rule { value, line }) in &self.limits {
             let limit = match *rule {
-                // No program needs a priority: this rule gives none.
+                // A program does not need a priority, so this rule gives none to programs that do not request it.
                 "realtime" => {
                     deny_above("real-time priority", rule, asked.realtime, *value, *line, denied);
                     continue;
@@ -365,7 +366,7 @@ fn deny_above(what: &str, rule: &'static str, asked: Option<u64>, limit: u64, li
     denied.push(Denied { rule, line: Some(line), why });
 }
 
-/// Returns a value of a limit as a person writes it.
+/// Returns the value of a limit in the form that people write.
 fn amount(rule: &str, value: u64) -> String {
     match rule {
         "memory" | "file_size" => format!("{value} B"),
@@ -439,17 +440,17 @@ impl Reader<'_> {
     }
 }
 
-/// A listed key that ends in `/` means all below it.
+/// Returns whether a rule covers a key. A listed key that ends in `/` covers all keys below it.
 fn gives(listed: &str, key: &str) -> bool {
     if listed.ends_with('/') { key.starts_with(listed) } else { key == listed }
 }
 
-/// Returns the line of a place in a text, from 1 on.
+/// Returns the line of a byte position in a text, from 1.
 fn line(text: &str, place: usize) -> usize {
     text.bytes().take(place).filter(|byte| *byte == b'\n').count() + 1
 }
 
-/// Returns whether a path begins at the root and does not go back.
+/// Returns whether a path is absolute and has no `..`.
 fn is_plain(path: &Path) -> bool {
     path.is_absolute() && path.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)))
 }

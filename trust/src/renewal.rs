@@ -1,11 +1,11 @@
-//! The time at which a certificate's renewal is requested, and the members that renew it: those with the right to,
-//! without the operator.
+//! When a certificate's renewal is requested, and which members renew it: members with the right to renew, without the
+//! operator.
 //!
-//! A node asks by itself, and proves its identity with each message. A user asks with a command, and signs the request,
-//! so that no other client extends its certificate.
+//! A node requests its renewal by itself; each of its messages proves its identity. A user requests it with a command,
+//! and signs the request, so that no other client can extend the user's certificate.
 //!
-//! A node asks when a third of a life is left, and goes on asking until it is renewed, even in its grace period. A
-//! renewal is refused before half of a life, to limit the work of renewers. The life is that of the certificate.
+//! A node requests the renewal when a third of the certificate's life is left. It continues until it is renewed, even
+//! in its grace period. A renewal is refused during the first half of the life, to limit the work of renewers.
 
 use crate::certificate::{Claims, RENEWABLE_MAX, Renewal};
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
@@ -21,34 +21,34 @@ pub enum RenewalError {
     /// The client is not trusted, or the renewer has no right to renew.
     #[error("{0}")]
     Trust(TrustError),
-    /// A node asks in one way, and a user in another.
+    /// Nodes and users request renewals in different ways, and this is the wrong one.
     #[error("certificates of its kind are not renewed in this way")]
     Kind,
-    /// The user's request has an invalid form.
+    /// The user's request is malformed.
     #[error("it cannot be read: {0}")]
     Form(FormError),
-    /// The user has not signed that it asks.
+    /// The user has not signed the request.
     #[error("it is not signed by the key of the certificate")]
     Signature,
-    /// The request is from another time.
+    /// The request was made at another time.
     #[error("it is of another time: is a clock wrong?")]
     Time,
     /// A node may not renew itself.
     #[error("a member may not renew its own certificate")]
     Own,
-    /// More than half of its life is left.
+    /// More than half of the certificate's life is left.
     #[error("it is valid for long enough")]
     Early,
-    /// Its validity has ended for good, or the time in which it can be renewed.
+    /// The certificate has ended for good, or cannot be renewed any longer.
     #[error("it can be renewed only while it is valid; after that the operator has to make another one")]
     Last,
-    /// The offered renewal does not last longer, or is for another certificate.
+    /// The offered renewal does not last longer, or belongs to another certificate.
     #[error("the renewal is not for this certificate, or ends no later than that")]
     Useless,
 }
 
 const ASK: &str = "dca renewal 1";
-/// The most bytes with which a user asks.
+/// The longest request of a user, in bytes.
 pub const ASK_MAX: usize = 256 + CREDENTIAL_MAX;
 
 /// Returns a user's request to renew the certificate.
@@ -67,10 +67,11 @@ fn form(subject: &KeyId, at: UnixTime) -> Vec<u8> {
     writer.finish()
 }
 
-/// Reads a user's request; returns the credential, of which only one thing is checked: that its holder asks now.
+/// Reads a user's request; returns the user's credential. Only one fact is checked: that its holder makes the request
+/// now.
 ///
 /// # Errors
-/// It is not signed by the holder, or of another time.
+/// If the request is not signed by the holder, or was made at another time.
 pub fn asked(bytes: &[u8], now: UnixTime) -> Result<Credential, RenewalError> {
     let mut reader = Reader::new(bytes, ASK, ASK_MAX).map_err(RenewalError::Form)?;
     let read = || -> Result<_, FormError> {
@@ -89,13 +90,13 @@ pub fn asked(bytes: &[u8], now: UnixTime) -> Result<Credential, RenewalError> {
     Ok(credential)
 }
 
-/// Returns how long a certificate was made for, in seconds.
+/// Returns the original life of a certificate, in seconds.
 const fn life(claims: &Claims) -> u64 {
     claims.not_after.since(claims.not_before)
 }
 
-/// Returns the end of the credential's validity, without the grace; the certificate's own end if it is no longer
-/// trusted.
+/// Returns the end of the credential's validity, without the grace period; the certificate's own end if the credential
+/// is not trusted.
 #[must_use]
 pub fn end(credential: &Credential, judge: &Judge<'_>) -> UnixTime {
     let lenient = Judge { grace: RENEWABLE_MAX, ..*judge };
@@ -106,7 +107,7 @@ pub fn end(credential: &Credential, judge: &Judge<'_>) -> UnixTime {
     }
 }
 
-/// Returns the time from which a node asks to be renewed; none if a renewal is no longer possible.
+/// Returns the time from which a node requests its renewal; none if a renewal is no longer possible.
 #[must_use]
 pub fn due(credential: &Credential, judge: &Judge<'_>) -> Option<UnixTime> {
     let (claims, end) = (credential.certificate().claims(), end(credential, judge));
@@ -116,7 +117,7 @@ pub fn due(credential: &Credential, judge: &Judge<'_>) -> Option<UnixTime> {
 /// Renews the certificate of a node or a user, as the member with these keys.
 ///
 /// # Errors
-/// It is not renewed, with the reason.
+/// The reason, if the certificate is not renewed.
 pub fn renew(
     kind: Kind,
     asker: &Credential,
@@ -146,10 +147,10 @@ pub fn renew(
     Ok(Credential { renewal: Some((renewal, own.chain.clone())), ..asker.clone() })
 }
 
-/// Checks that the offered credential is this one, valid for longer.
+/// Checks that the offered credential is the same as `own`, but valid for longer.
 ///
 /// # Errors
-/// It is not.
+/// If it is not.
 pub fn accept(own: &Credential, offered: &Credential, judge: &Judge<'_>) -> Result<(), RenewalError> {
     offered.check(judge).map_err(RenewalError::Trust)?;
     let is_better = offered.chain == own.chain && end(offered, judge) > end(own, judge);

@@ -1,9 +1,8 @@
-//! A request that its sender has signed, from end to end: a relay can change nothing, and a repeated request has no
-//! effect.
+//! A request that its sender has signed end to end: a relay cannot change it, and repeating it has no effect.
 //!
-//! The node that acts checks it, the cheapest checks first: its size, its team, its audience, its time, its epoch, its
-//! number; then the signature, the signer and the signer's rights; its body last. The number is spent on the disk
-//! before anything is done, so a request has an effect at most once, even over a restart.
+//! The node that executes the request checks it, the cheapest checks first: size, team, audience, time, epoch and number; then the
+//! signature, the signer and the signer's rights; the body last. The node writes the number to the disk before it does anything. So
+//! a request has an effect at most once, even over a restart.
 
 mod replay;
 
@@ -16,16 +15,18 @@ use crate::team::{CREDENTIAL_MAX, Credential, Judge, SKEW, TrustError};
 use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
 
-/// The most bytes of a request without its body.
+/// The longest request without its body, in bytes.
 pub const REQUEST_MAX: usize = 512 + CREDENTIAL_MAX;
-/// The most bytes of a body: 16 MiB, as of every message.
+/// The longest body, in bytes: 16 MiB, as for every message.
 pub const BODY_MAX: usize = 16 << 20;
-/// How long a request with a waiting user may be valid, in seconds.
+/// How long a request may be valid while its user waits, in seconds.
 pub const INTERACTIVE_MAX: u64 = 60;
-/// How long the request for a deployment may be valid, in seconds: 7 days, since it may travel for days. Its epoch stops older ones.
+/// How long the request for a deployment may be valid, in seconds: 7 days, since it may be in transit for days. Its epoch stops
+/// older requests.
 pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
 
-/// How far the number of a request may be above the time, in seconds: a day. Numbers are the time, or one more than the last.
+/// How far the number of a request may be above the time, in seconds: a day. A number is the time, or one more than the previous
+/// number.
 pub const AHEAD_MAX: u64 = crate::certificate::DAY;
 const REQUEST: &str = "dca request 1";
 
@@ -34,11 +35,11 @@ const REQUEST: &str = "dca request 1";
 pub enum Audience {
     /// To every node of the team.
     Team,
-    /// To one node, by its key.
+    /// One node, by the id of its keys.
     Node(KeyId),
     /// To the nodes of a deployment.
     Deployment(Name),
-    /// To one node, by the name in its certificate.
+    /// One node, by the name in its certificate.
     Host(Name),
 }
 
@@ -47,45 +48,45 @@ pub enum Audience {
 pub struct Request {
     /// The team.
     pub team: KeyId,
-    /// Its receiver.
+    /// The receiver of the request.
     pub audience: Audience,
     /// The requested action.
     pub action: Action,
-    /// A random number by which the request is found in logs.
+    /// A random number by which the request can be found in logs.
     pub id: [u8; 16],
-    /// The signer's number of the request: each is used once, roughly in order.
+    /// The signer's number of the request. Each number is used once, and numbers grow roughly.
     pub sequence: u64,
-    /// The epoch of the deployment; 0 where there is none.
+    /// The epoch of the deployment; 0 if the request has none.
     pub epoch: u64,
-    /// When it begins to be valid.
+    /// The time from which the request is valid.
     pub not_before: UnixTime,
-    /// When it ends.
+    /// The time at which the request ends.
     pub not_after: UnixTime,
 }
 
-/// The node's knowledge for checking a request.
+/// The facts with which a node checks a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
-    /// Its team and its clock.
+    /// The team and the clock of the node.
     pub judge: Judge<'a>,
     /// The node itself.
     pub node: KeyId,
-    /// The name in its certificate.
+    /// The name in the node's certificate.
     pub name: &'a Name,
-    /// The deployment that the request is about, if the node takes part in it.
+    /// The deployment of the request, if the node takes part in it.
     pub deployment: Option<&'a Name>,
-    /// The lowest epoch that is not outdated.
+    /// The lowest epoch that is still accepted.
     pub epoch_min: u64,
 }
 
-/// A request that passed every check.
+/// A request that has passed every check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
     /// The requested action.
     pub request: Request,
     /// The sender's credential.
     pub credential: Credential,
-    /// The write that has to be on the disk before anything is done.
+    /// The write that has to be on the disk before the request is executed.
     pub write: ReplayWrite,
 }
 
@@ -98,42 +99,43 @@ pub enum Refusal {
     /// The body is too long.
     #[error("the body of the request is longer than {BODY_MAX} bytes")]
     BodyTooLong,
-    /// It is for another team.
+    /// The request is for another team.
     #[error("the request is for another team")]
     OtherTeam,
-    /// It is for another receiver.
+    /// The request is for another receiver.
     #[error("the request is for another host")]
     Audience,
-    /// It is valid for longer than such a request may be.
+    /// The request is valid for longer than such a request may be.
     #[error("the request is valid for longer than {0} s")]
     Window(u64),
-    /// It is not valid yet, by this clock.
+    /// The request is not valid yet, by this clock.
     #[error("the request is not valid yet: is a clock wrong?")]
     NotYet,
-    /// It has ended.
+    /// The request has ended.
     #[error("the request came {0} s too late")]
     Late(u64),
-    /// Its number is more than [`AHEAD_MAX`] above the time. If it were accepted, no lower number would be accepted afterwards.
+    /// The number of the request is more than [`AHEAD_MAX`] above the time. If it were accepted, no lower number would be accepted
+    /// afterwards.
     #[error("request number {0} of this signer is more than a day ahead of the clock")]
     Ahead(u64),
-    /// Its epoch is outdated.
+    /// The epoch of the request is outdated.
     #[error("the request has epoch {found}, but {known} is known")]
     Epoch {
         /// The epoch of the request.
         found: u64,
-        /// The lowest epoch that is accepted.
+        /// The lowest accepted epoch.
         known: u64,
     },
-    /// Its number was used, or is too old to know.
+    /// The number of the request was used, or is too old to know.
     #[error("{0}")]
     Replay(ReplayError),
-    /// It is not signed by the named sender.
+    /// The request is not signed by the named sender.
     #[error("the request is not signed by the key that it names")]
     Signature,
-    /// The signer is not trusted, or may not do that.
+    /// The signer is not trusted, or has no right to this action.
     #[error("{0}")]
     Trust(TrustError),
-    /// The body is another one than was signed.
+    /// The body differs from the signed one.
     #[error("the body is not the one that was signed")]
     Body,
 }
@@ -147,20 +149,20 @@ impl Request {
         bytes
     }
 
-    /// Reads the content of a request, and the named sender. Nothing of it is checked.
+    /// Reads the content of a request, and the name of the sender, without any check.
     ///
     /// # Errors
-    /// The bytes are not a request.
+    /// If the bytes are not a request.
     pub fn peek(bytes: &[u8]) -> Result<(Self, Name), FormError> {
         let head = Head::read(bytes)?;
         let credential = Credential::from_bytes(head.credential)?;
         Ok((head.request, credential.certificate().claims().name.clone()))
     }
 
-    /// Reads the claimed signer of a request, and its number. Nothing of it is checked.
+    /// Reads the claimed signer of a request, and its number, without any check.
     ///
     /// # Errors
-    /// The bytes are not a request.
+    /// If the bytes are not a request.
     pub fn mark(bytes: &[u8]) -> Result<(KeyId, u64), FormError> {
         let head = Head::read(bytes)?;
         Ok((head.signer, head.request.sequence))
@@ -229,7 +231,7 @@ fn hash(body: &[u8]) -> [u8; 32] {
     blake3::derive_key("dca request body 1", body)
 }
 
-/// A received request, with the part that can be read without any cryptography.
+/// A received request. This part of it can be read without any cryptography.
 struct Head<'a> {
     request: Request,
     body: [u8; 32],
@@ -247,7 +249,7 @@ impl<'a> Head<'a> {
         Self::read(bytes).map_err(Refusal::Form)
     }
 
-    /// Checks the signature, and that the signer has the right to ask for it.
+    /// Checks the signature, and that the signer has the right to the action.
     fn verify(&self, body: &[u8], context: &Context<'_>) -> Result<Credential, Refusal> {
         let credential = Credential::from_bytes(self.credential).map_err(Refusal::Form)?;
         let keys = credential.certificate().claims().keys;
@@ -283,10 +285,10 @@ impl<'a> Head<'a> {
     }
 }
 
-/// Checks a request, and spends its number.
+/// Checks a request, and marks its number as used.
 ///
 /// # Errors
-/// It is refused, with the reason. Then nothing has changed.
+/// The reason, if the request is refused. Nothing has changed then.
 pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Replays) -> Result<Accepted, Refusal> {
     let head = Head::of(bytes, body)?;
     head.request.check_address(context)?;
@@ -300,11 +302,11 @@ pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Rep
     Ok(Accepted { request: head.request, credential, write })
 }
 
-/// Checks a request that this node has accepted before, to resume its action. Its number is spent, and it may have
-/// expired: `context` has the time at which it was accepted. A sender that was revoked since is refused.
+/// Checks a request again that this node has accepted before, to resume its action. Its number is already used, and it may have
+/// expired: `context` has the time at which it was accepted. The request is refused if its sender was revoked since.
 ///
 /// # Errors
-/// As of [`check`].
+/// The errors of [`check`].
 pub fn check_again(bytes: &[u8], body: &[u8], context: &Context<'_>) -> Result<(Request, Credential), Refusal> {
     let head = Head::of(bytes, body)?;
     head.request.check_address(context)?;

@@ -1,10 +1,10 @@
 //! Revoked keys, which are no longer trusted.
 //!
-//! The team's key, and each admin, sign sets of their own with a number that grows. Two copies of one signer's keys may
-//! continue from the same number, so the number decides nothing. Of two sets of a signer, a set that has all keys of
-//! the other replaces it; if each has a key that the other lacks, both are held. Members pass on all sets that they
-//! hold with every contact, so they come to hold the same, in whatever order the sets have reached them. A revocation
-//! is never undone; the owner of the key gets another one.
+//! The team's key, and each admin, sign separate sets with growing numbers. Two copies of one signer's keys may
+//! continue from the same number, so the numbers decide nothing. If one of two sets of a signer has all keys of the
+//! other, it replaces the other. If each set has a key that the other lacks, both are held. Members send all sets that
+//! they hold at every contact. So all members finally hold the same sets, regardless of the order in which they
+//! arrived. A revocation is never undone; the owner of a revoked key gets a new one.
 
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
@@ -16,16 +16,16 @@ use thiserror::Error;
 
 /// The most keys of a set.
 pub const REVOKED_MAX: usize = 4096;
-/// The most sets of the team's key that a member holds at once, none of which contains another.
+/// The most sets of the team's key that a member holds at a time. None of them contains another.
 pub const SETS_MAX: usize = 16;
-/// The most bytes of admins' sets that a member holds. They take no room from the sets of the team's key.
+/// The most bytes of admins' sets that a member holds. They do not reduce the room for sets of the team's key.
 pub const ADMINS_BYTES_MAX: usize = 1 << 20;
 /// The most bytes of a set.
 pub const SET_MAX: usize = 256 + CREDENTIAL_MAX + 40 * REVOKED_MAX;
 
 const SET: &str = "dca revoked 1";
 
-/// The revocations of one signer, under one number.
+/// The revocations of one signer under one number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RevokedSet {
     team: KeyId,
@@ -33,7 +33,7 @@ pub struct RevokedSet {
     number: u64,
     keys: BTreeMap<KeyId, UnixTime>,
     signature: [u8; SIGNATURE_LEN],
-    /// The credential of the signer; none for the team's key. It is not covered by the signature, because it may be
+    /// The credential of the signer; none for the team's key. The signature does not cover it, because it may be
     /// renewed.
     credential: Option<Credential>,
 }
@@ -41,7 +41,7 @@ pub struct RevokedSet {
 /// Why a set was refused, or cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum RevocationError {
-    /// The signer is not the team's key or an admin of it, or has not signed it.
+    /// The signer is neither the team's key nor an admin, or the signature is not valid.
     #[error("the revocations are not signed by the team or one of its admins")]
     Signer,
     /// The signer is not trusted.
@@ -61,17 +61,18 @@ pub enum RevocationError {
 /// The effect of receiving a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// All its keys are already known, and the held sets pass them on.
+    /// All keys of the set are already known, and the held sets pass them on.
     Known,
-    /// It is new; keep it, pass it on, and cut the links to these many keys that were trusted until now.
+    /// The set is new: store it, pass it on, and cut the links of the keys that were trusted until now. The value is
+    /// their number.
     New(usize),
 }
 
 impl RevokedSet {
-    /// Signs a set. `credential` is the signer's; none for the team's key.
+    /// Signs a set. `credential` is that of the signer; none for the team's key.
     ///
     /// # Errors
-    /// There are too many keys.
+    /// If there are too many keys.
     pub fn sign(
         team: &Team,
         number: u64,
@@ -88,32 +89,32 @@ impl RevokedSet {
         Ok(set)
     }
 
-    /// Returns its number.
+    /// Returns the number of the set.
     #[must_use]
     pub const fn number(&self) -> u64 {
         self.number
     }
 
-    /// Returns the keys, and since when each is revoked.
+    /// Returns the revoked keys, each with the time of its revocation.
     pub const fn keys(&self) -> &BTreeMap<KeyId, UnixTime> {
         &self.keys
     }
 
-    /// Returns whether it claims to be signed by the team's key, not by an admin.
+    /// Returns whether the set claims to be signed with the team's key, not by an admin.
     #[must_use]
     pub const fn is_of_the_team(&self) -> bool {
         self.credential.is_none()
     }
 
-    /// Checks the signer, and the right to revoke.
+    /// Checks the signer, and the signer's right to revoke.
     pub(crate) fn check(&self, judge: &Judge<'_>) -> Result<(), RevocationError> {
         let keys = match &self.credential {
             None => *judge.team.root(),
-            // So each set of the team's key has one form.
+            // Refused, so that each set of the team's key has only one form.
             Some(_) if self.signer == judge.team.id() => return Err(RevocationError::Signer),
             Some(credential) => {
-                // An admin's revocations stay valid after the admin's certificate has ended: its end does not make a
-                // revoked key trusted.
+                // An admin's revocations remain valid after the admin's certificate has ended: its end does not make a
+                // revoked key trusted again.
                 let judge = Judge { now: judge.now.min(credential.certificate().claims().not_after), ..*judge };
                 credential.require(Action::Revoke, &judge).map_err(RevocationError::Trust)?;
                 credential.certificate().claims().keys
@@ -123,8 +124,8 @@ impl RevokedSet {
         if self.team == judge.team.id() && is_signed { Ok(()) } else { Err(RevocationError::Signer) }
     }
 
-    /// Returns whether this set has everything that another set has. Of two with the same keys one covers the other,
-    /// the same one on every member.
+    /// Returns whether this set has everything that another set has. If two sets have the same keys, one of them covers
+    /// the other; it is the same one on every member.
     fn covers(&self, other: &Self) -> bool {
         let is_of_same = self.team == other.team && self.signer == other.signer;
         let rank = |set: &Self| (set.number, set.signature, set.credential.as_ref().map(Credential::to_bytes));
@@ -146,7 +147,7 @@ impl RevokedSet {
         writer.finish()
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the set in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.form();
         bytes.extend_from_slice(&self.signature);
@@ -154,10 +155,10 @@ impl RevokedSet {
         bytes
     }
 
-    /// Reads its form. The signature is not checked here.
+    /// Reads the bytes of a set. The signature is not checked here.
     ///
     /// # Errors
-    /// The bytes are not a set.
+    /// If the bytes are not a set.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, SET, SET_MAX)?;
         let (team, signer) = (KeyId(reader.fixed()?), KeyId(reader.fixed()?));
@@ -177,13 +178,12 @@ impl RevokedSet {
     }
 }
 
-/// All revocations that a member knows. They only grow in number.
+/// All revocations that a member knows. Revoked keys are only ever added.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Revocations {
-    /// The sets that are passed on, and kept on the disk: none covers another. In the order of their signers and
-    /// numbers.
+    /// The sets that are passed on and stored on the disk, sorted by signer and number. None of them covers another.
     sets: Vec<RevokedSet>,
-    /// The keys of all of them.
+    /// The keys in all sets.
     keys: BTreeSet<KeyId>,
 }
 
@@ -199,7 +199,7 @@ impl Revocations {
         &self.keys
     }
 
-    /// Returns the held sets, which members send each other.
+    /// Returns the held sets, which members send to each other.
     #[must_use]
     pub fn sets(&self) -> &[RevokedSet] {
         &self.sets
@@ -211,10 +211,10 @@ impl Revocations {
         self.sets.iter().filter(|set| set.signer == *signer).map(RevokedSet::number).max().unwrap_or(0)
     }
 
-    /// Takes a set in. It is checked against the earlier revocations: a revoked signer can revoke no more.
+    /// Adds a set. It is checked against the earlier revocations: a revoked signer cannot revoke any more.
     ///
     /// # Errors
-    /// It is not signed by a permitted signer, or has more new keys than fit. Nothing is taken in then.
+    /// If the set is not signed by a permitted signer, or has more new keys than fit. Nothing is added then.
     pub fn receive(&mut self, set: RevokedSet, judge: &Judge<'_>) -> Result<Received, RevocationError> {
         if self.covers(&set) {
             return Ok(Received::Known);
@@ -229,11 +229,11 @@ impl Revocations {
         }
     }
 
-    /// Takes in a stored set that was checked when it was received. It counts whatever has happened to its signer
-    /// since, and at any time.
+    /// Adds a stored set that was checked when it was received. It remains valid, even if its signer was revoked or has
+    /// ended since.
     ///
     /// # Errors
-    /// It is not signed by a possible signer.
+    /// If the set is not signed by a possible signer.
     pub fn restore(&mut self, set: RevokedSet, team: &Team) -> Result<Received, RevocationError> {
         set.check(&Judge { team, revoked: &Self::default(), now: UnixTime(u64::MAX), grace: 0 })?;
         Ok(if self.covers(&set) { Received::Known } else { self.insert(set) })

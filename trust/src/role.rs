@@ -20,28 +20,28 @@ pub enum Kind {
 pub enum Role {
     /// A user who may only watch.
     Viewer,
-    /// A user who stops and starts existing deployments.
+    /// A user who may stop and start existing deployments.
     Operator,
-    /// A user who decides what is deployed.
+    /// A user who may decide what is deployed.
     Deployer,
-    /// A user who decides on the members of the team. Only the team's key makes admins.
+    /// A user who may decide about the members of the team. Only the team's key can make admins.
     Admin,
-    /// A build machine, which deploys.
+    /// A build machine, which may deploy.
     Ci,
     /// A node.
     Member,
-    /// A node that also renews certificates of others, up to the time that their issuer has set.
+    /// A node that may also renew certificates of others, up to the time that their issuer has set.
     Renewer,
     /// A program.
     Program,
 }
 
-/// The actions that a request may ask for.
+/// The actions that a request may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Action {
     /// Stop everything at once. Every member may do this.
     Estop,
-    /// Watch what runs, and read the database.
+    /// Watch running programs, and read the database.
     Watch,
     /// Stop a deployment or a program.
     Stop,
@@ -59,7 +59,7 @@ pub enum Action {
     Renew,
     /// Begin a database, and decide which robots have a copy of it.
     Found,
-    /// Call a procedure of a program that runs.
+    /// Call a procedure of a running program.
     Operate,
 }
 
@@ -110,7 +110,7 @@ impl Role {
     /// Reads a role of a kind.
     ///
     /// # Errors
-    /// The kind has no such role; the text lists its roles.
+    /// If the kind has no such role; the text lists its roles.
     pub fn named(kind: Kind, text: &str) -> Result<Self, String> {
         among(|role| role.kind() == kind, text)
     }

@@ -1,9 +1,9 @@
-//! Secrets, sealed for the nodes that may read them. Other nodes carry unreadable bytes.
+//! Secrets that are sealed for the nodes that may read them. Other nodes only store unreadable bytes.
 //!
 //! A value is encrypted with a separate key (XChaCha20-Poly1305), and that key is encrypted once for each reader, as in
-//! age: a key agreement (X25519) with a single-use key gives the wrapping key. The team, the path in the database, the
-//! generation and the list of readers are authenticated with it, so a value cannot be moved to another path, nor can a
-//! reader be added. The seal does not name the writer: that is the task of the transaction's signature.
+//! age. The wrapping key comes from a key agreement (X25519) with a single-use key. The team, the path in the database,
+//! the generation and the list of readers are authenticated as well. So a value cannot be moved to another path, and no
+//! reader can be added. The seal does not prove the writer; the signature of the transaction does.
 
 use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys, sealing_key, shared};
 use crate::wire::{FormError, Reader, Writer};
@@ -24,17 +24,17 @@ pub const SEALED_MAX: usize = SECRET_MAX + 256 + READERS_MAX * WRAP;
 
 const SEALED: &str = "dca sealed 1";
 const TAG: usize = 16;
-/// A reader's id, the key used once, and the wrapped key.
+/// The length of one reader's entry in bytes: the reader's id, the single-use key, and the wrapped key with its tag.
 const WRAP: usize = 32 + 32 + 32 + TAG;
 
-/// A secret in the clear. It is wiped when it is dropped, and `Debug` does not show it.
+/// An unencrypted secret. It is wiped when it is dropped, and `Debug` does not show it.
 pub struct Secret(Zeroizing<Vec<u8>>);
 
 impl Secret {
     /// Takes a secret of at most [`SECRET_MAX`] bytes.
     ///
     /// # Errors
-    /// It is longer.
+    /// If the secret is longer.
     pub fn new(bytes: Zeroizing<Vec<u8>>) -> Result<Self, SealError> {
         if bytes.len() > SECRET_MAX { Err(SealError::TooLong) } else { Ok(Self(bytes)) }
     }
@@ -70,16 +70,16 @@ pub enum SealError {
     /// The path is too long.
     #[error("the path of a secret has at most {PATH_MAX} bytes")]
     Path,
-    /// It has no reader, too many, or one twice.
+    /// The secret has no reader, too many readers, or one reader twice.
     #[error("a secret is for 1 to {READERS_MAX} different readers")]
     Readers,
-    /// It was rotated too often.
+    /// The secret was rotated too often.
     #[error("there is no generation after the last one")]
     Generation,
-    /// It is not for this reader.
+    /// The secret is not sealed for this reader.
     #[error("the secret is not sealed for this key")]
     NotForUs,
-    /// It was changed, belongs to another path or team, or was sealed wrongly.
+    /// The secret was changed, belongs to another path or team, or was sealed incorrectly.
     #[error("the secret does not belong here, or was changed")]
     Damaged,
 }
@@ -105,7 +105,7 @@ impl Sealed {
     /// Seals a secret for these readers, as its first generation.
     ///
     /// # Errors
-    /// A limit is not kept.
+    /// If a limit is exceeded.
     pub fn seal(
         secret: &Secret,
         place: &Place<'_>,
@@ -118,7 +118,7 @@ impl Sealed {
     /// Seals a new secret in place of the old one, with a new key. The readers may differ.
     ///
     /// # Errors
-    /// A limit is not kept.
+    /// If a limit is exceeded.
     pub fn rotate(
         &self,
         secret: &Secret,
@@ -160,7 +160,7 @@ impl Sealed {
     /// Returns the secret, for one of its readers.
     ///
     /// # Errors
-    /// The secret is not sealed for these keys, or belongs to another place.
+    /// If the secret is not sealed for these keys, or belongs to another place.
     pub fn open(&self, place: &Place<'_>, keys: &SecretKeys) -> Result<Secret, SealError> {
         if place.path.len() > PATH_MAX {
             return Err(SealError::Path);
@@ -174,25 +174,25 @@ impl Sealed {
         Ok(Secret(Zeroizing::new(secret.map_err(|_damaged| SealError::Damaged)?)))
     }
 
-    /// Returns how often it was sealed again, plus one.
+    /// Returns the generation: how often the secret was rotated, plus one.
     #[must_use]
     pub const fn number(&self) -> u64 {
         self.generation
     }
 
-    /// Returns its readers.
+    /// Returns the ids of the readers.
     pub fn readers(&self) -> impl Iterator<Item = KeyId> {
         self.wraps.iter().map(|wrap| wrap.reader)
     }
 
-    /// Returns the bytes that are authenticated beside the secret.
+    /// Returns the bytes that are authenticated together with the secret.
     fn authenticated(&self, about: &[u8]) -> Vec<u8> {
         let mut bytes = about.to_vec();
         self.wraps.iter().for_each(|wrap| wrap.write(&mut bytes));
         bytes
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the sealed secret in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(SEALED);
         writer.u64(self.generation);
@@ -205,10 +205,10 @@ impl Sealed {
         writer.finish()
     }
 
-    /// Reads its form.
+    /// Reads the bytes of a sealed secret.
     ///
     /// # Errors
-    /// The bytes are not a sealed secret.
+    /// If the bytes are not a sealed secret.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, SEALED, SEALED_MAX)?;
         let generation = reader.u64()?;
@@ -272,7 +272,7 @@ impl Wrap {
     }
 }
 
-/// Returns the key that wraps the key of a value. It is used for one message, so its nonce is 0, as in age.
+/// Returns the key that encrypts the key of a value. It is used for only one message, so its nonce is 0, as in age.
 fn wrapping_key(once: &[u8; 32], reader: &[u8; 32], common: &[u8; 32]) -> Zeroizing<[u8; 32]> {
     let material = Zeroizing::new([*once, *reader, *common].concat());
     Zeroizing::new(blake3::derive_key("dca seal wrapping key 1", &material))
@@ -290,7 +290,7 @@ fn about(place: &Place<'_>, generation: u64) -> Vec<u8> {
     writer.finish()
 }
 
-/// Returns the paths of the secrets that a key could read, which have to be changed when that key is stolen.
+/// Returns the paths of the secrets that the owner of a key could read. They have to be changed if that key is stolen.
 pub fn readable_by<'a>(key: &KeyId, values: impl IntoIterator<Item = (&'a str, &'a Sealed)>) -> Vec<&'a str> {
     values
         .into_iter()

@@ -1,4 +1,4 @@
-//! A member's signed statement: a digest of a message, made elsewhere. A credential shows the owner of the key.
+//! A member's signed statement: a signature of the digest of a message. A credential proves the owner of the key.
 
 use crate::identity::{PublicKeys, SIGNATURE_LEN, SecretKeys, has_signed};
 use crate::wire::Writer;
@@ -41,7 +41,7 @@ mod tests {
         assert!(!is_signed(&[4; 32], own.public(), &signature));
         assert!(!is_signed(&[3; 32], other.public(), &signature));
         assert!(!is_signed(&[3; 32], own.public(), &signature[..63]));
-        // Signed without the name of its form before it, it is not a statement.
+        // A signature without the name of the form in front is not a statement.
         assert!(!is_signed(&[3; 32], own.public(), &own.sign(&[3; 32])));
     }
 }

@@ -1,8 +1,8 @@
 //! A team: its key, and the credentials of its members.
 //!
-//! The key of the team signs admins, and any other certificate its keeper wants; admins sign the others. A chain is
-//! never longer. The key stays on the operator's machine and never comes to a robot. Everything is checked offline,
-//! with the credential that the client brings along.
+//! The key of the team signs the certificates of admins, and any others that its keeper wants; admins sign the
+//! others. So a chain has at most two certificates. The key stays on the operator's machine, and never gets to a
+//! robot. Everything is checked offline, with the credential that the client sends.
 
 use crate::certificate::{CERTIFICATE_MAX, Certificate, RENEWAL_MAX, Renewal};
 use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
@@ -12,9 +12,9 @@ use crate::role::{Action, Kind, Role};
 use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
 
-/// How far two clocks may be apart, in seconds.
+/// By how much two clocks may differ, in seconds.
 pub const SKEW: u64 = 300;
-/// For how long a node whose certificate has ended is still trusted by default, in seconds: 7 days.
+/// For how long a node is still trusted after its certificate has ended, by default and in seconds: 7 days.
 pub const OFFLINE_GRACE: u64 = 7 * crate::certificate::DAY;
 /// The most bytes of a team's form.
 pub const TEAM_MAX: usize = 300;
@@ -24,7 +24,7 @@ pub const CREDENTIAL_MAX: usize = 64 + 4 * CERTIFICATE_MAX + RENEWAL_MAX;
 const TEAM: &str = "dca team 1";
 const CREDENTIAL: &str = "dca credential 1";
 
-/// The public part of a team: its name and its public keys, signed by itself.
+/// The public part of a team: its name and its public keys, signed by the team itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Team {
     name: Name,
@@ -39,17 +39,17 @@ impl Team {
         Self { name, root: *root.public(), signature }
     }
 
-    /// Returns its name.
+    /// Returns the name of the team.
     pub const fn name(&self) -> &Name {
         &self.name
     }
 
-    /// Returns its public keys.
+    /// Returns the public keys of the team.
     pub const fn root(&self) -> &PublicKeys {
         &self.root
     }
 
-    /// Returns its id, which is the id of its keys. The name does not identify it.
+    /// Returns the id of the team, which is the id of its keys. The name does not identify a team.
     pub fn id(&self) -> KeyId {
         self.root.id()
     }
@@ -61,17 +61,17 @@ impl Team {
         writer.finish()
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the team in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Self::form(&self.name, &self.root);
         bytes.extend_from_slice(&self.signature);
         bytes
     }
 
-    /// Reads its form, and checks its signature.
+    /// Reads the bytes of a team, and checks the signature.
     ///
     /// # Errors
-    /// The bytes are not a team, or it has not signed itself.
+    /// If the bytes are not a team, or are not signed by it.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, TEAM, TEAM_MAX)?;
         let name = Name::read(&mut reader, "name")?;
@@ -85,7 +85,7 @@ impl Team {
     }
 }
 
-/// A certificate and, unless the team's key has signed it, the certificate of the signing admin.
+/// A certificate and, unless the team's key has signed it, the certificate of the admin who has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chain {
     /// The subject's certificate.
@@ -94,10 +94,10 @@ pub struct Chain {
     pub issuer: Option<Certificate>,
 }
 
-/// The complete proof of a member's identity: a chain, and its newest renewal with the chain of the renewer.
+/// The complete proof of a member's identity: a chain, and the newest renewal with the chain of its renewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Credential {
-    /// The subject's certificate and its issuer's.
+    /// The certificate of the subject and that of its issuer.
     pub chain: Chain,
     /// The newest renewal, and the chain of its renewer.
     pub renewal: Option<(Renewal, Chain)>,
@@ -108,51 +108,51 @@ pub struct Credential {
 pub struct Judge<'a> {
     /// The team.
     pub team: &'a Team,
-    /// The keys it has revoked.
+    /// The keys that the team has revoked.
     pub revoked: &'a Revocations,
     /// The present time.
     pub now: UnixTime,
-    /// For how long a node whose certificate has ended is still trusted, in seconds. Users have no grace.
+    /// For how long a node is still trusted after its certificate has ended, in seconds. Users have no grace period.
     pub grace: u64,
 }
 
 /// The end of a member's trust.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
-    /// The certificate is valid until then.
+    /// The certificate is valid until this time.
     Valid(UnixTime),
-    /// It has ended, and the grace for nodes that were offline ends then.
+    /// The certificate has ended. The grace period for nodes that were offline ends at this time.
     Grace(UnixTime),
 }
 
-/// The reason why a member is not trusted.
+/// Why a member is not trusted.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum TrustError {
     /// The certificate belongs to another team.
     #[error("`{0}` belongs to another team")]
     OtherTeam(Name),
-    /// Its issuer is neither the team nor an admin of it.
+    /// The issuer of the certificate is neither the team nor one of its admins.
     #[error("the certificate of `{0}` was issued by a member that may not")]
     Issuer(Name),
-    /// The signature does not fit.
+    /// A signature is not valid.
     #[error("the certificate of `{0}` is not signed by its issuer")]
     Signature(Name),
-    /// The member's keys are revoked, or those of the issuer.
+    /// The keys of the member, or of the issuer, are revoked.
     #[error("the key of `{0}` is revoked")]
     Revoked(Name),
-    /// It is not valid yet, by this clock.
+    /// The certificate is not valid yet, by this clock.
     #[error("the certificate of `{0}` is not valid yet: is a clock wrong?")]
     NotYet(Name),
-    /// It has ended.
+    /// The certificate has ended.
     #[error("the certificate of `{0}` has ended; renew it")]
     Expired(Name),
-    /// The renewal is not for this certificate, or the renewer had no right to renew it.
+    /// The renewal is not for this certificate, or the renewer has no right to renew it.
     #[error("the renewal of the certificate of `{0}` is not valid")]
     Renewal(Name),
-    /// The role does not allow it.
+    /// The role does not permit the action.
     #[error("`{name}` is {role}, who may not {action}")]
     Role {
-        /// The member that asked.
+        /// The member that requested the action.
         name: Name,
         /// The role.
         role: Role,
@@ -162,7 +162,7 @@ pub enum TrustError {
 }
 
 impl Chain {
-    /// Checks the owner, not whether it has ended.
+    /// Checks the identity of the owner, but not whether the certificate has ended.
     fn check(&self, judge: &Judge<'_>) -> Result<(), TrustError> {
         let claims = self.certificate.claims();
         let name = || claims.name.clone();
@@ -216,21 +216,21 @@ impl Chain {
 }
 
 impl Credential {
-    /// Returns one without a renewal.
+    /// Returns a credential without a renewal.
     #[must_use]
     pub const fn new(certificate: Certificate, issuer: Option<Certificate>) -> Self {
         Self { chain: Chain { certificate, issuer }, renewal: None }
     }
 
-    /// Returns the member's certificate. Its truth is not checked.
+    /// Returns the member's certificate, unchecked.
     pub const fn certificate(&self) -> &Certificate {
         &self.chain.certificate
     }
 
-    /// Checks that it is true, and valid now.
+    /// Checks that the credential is authentic, and valid now.
     ///
     /// # Errors
-    /// It is not, with the reason.
+    /// The reason, if it is not.
     pub fn check(&self, judge: &Judge<'_>) -> Result<Standing, TrustError> {
         self.chain.check(judge)?;
         let claims = self.certificate().claims();
@@ -255,8 +255,8 @@ impl Credential {
         }
     }
 
-    /// Returns the end of a renewal. A renewer's right to renew ends with the time until which it can be renewed
-    /// itself, so two nodes can renew each other without a third.
+    /// Returns the end of a renewal. A renewer's right to renew ends with its `renewable_until`, not with its
+    /// certificate. So two nodes can renew each other without a third.
     fn renewed(&self, renewal: &Renewal, renewer: &Chain, judge: &Judge<'_>) -> Result<UnixTime, TrustError> {
         renewer.check(judge)?;
         let (own, by) = (self.certificate(), &renewer.certificate);
@@ -269,10 +269,10 @@ impl Credential {
         }
     }
 
-    /// Checks that it is authentic, valid now, and that its role has the right to an action.
+    /// Checks that the credential is authentic, valid now, and that its role has the right to an action.
     ///
     /// # Errors
-    /// It is not, with the reason.
+    /// The reason, if one of these is not so.
     pub fn require(&self, action: Action, judge: &Judge<'_>) -> Result<Standing, TrustError> {
         let standing = self.check(judge)?;
         let claims = self.certificate().claims();
@@ -283,7 +283,7 @@ impl Credential {
         }
     }
 
-    /// Returns its form.
+    /// Returns the bytes of the credential in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(CREDENTIAL);
         self.chain.write(&mut writer);
@@ -295,10 +295,10 @@ impl Credential {
         writer.finish()
     }
 
-    /// Reads its form. No signature is checked here.
+    /// Reads the bytes of a credential. No signature is checked here.
     ///
     /// # Errors
-    /// The bytes are not a credential.
+    /// If the bytes are not a credential.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, CREDENTIAL, CREDENTIAL_MAX)?;
         let chain = Chain::read(&mut reader)?;

@@ -1,32 +1,32 @@
-//! Bytes as text that a person can copy: 32 letters and digits without `i`, `l`, `o` and `u`, and a checksum.
+//! Bytes as text that people can copy: digits and letters without `i`, `l`, `o` and `u`, and a checksum.
 //!
 //! Source of the alphabet: D. Crockford, *Base 32*, <https://www.crockford.com/base32.html>. Capitals are read as small letters, `o`
-//! as 0, `i` and `l` as 1.
+//! as 0, and `i` and `l` as 1.
 
 use thiserror::Error;
 
 const ALPHABET: &[u8; 32] = b"0123456789abcdefghjkmnpqrstvwxyz";
-/// Bytes of a checksum: one typing mistake in 4 billion is not noticed.
+/// The length of a checksum in bytes: one typing error in 4 billion is not noticed.
 const SUM: usize = 4;
 
 /// Why a text could not be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum TextError {
-    /// A character is not of the alphabet.
+    /// A character does not belong to the alphabet.
     #[error("it has the character `{0}`, which does not occur in such a text")]
     Character(char),
-    /// It has the wrong length, or bits that must be 0 are not.
+    /// The text has the wrong length, or bits that must be 0 are not 0.
     #[error("a part of it is missing")]
     Length,
-    /// The checksum does not fit: a character is wrong.
+    /// The checksum does not match: a character is wrong.
     #[error("it has a typing mistake: its checksum does not fit")]
     Checksum,
-    /// It does not begin like such a text.
+    /// The text does not begin with the prefix.
     #[error("it does not begin with `{0}`")]
     Prefix(&'static str),
 }
 
-/// Returns bytes as text, 8 characters for 5 bytes.
+/// Returns bytes as text, with 8 characters for 5 bytes.
 pub(crate) fn encode(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(bytes.len().div_ceil(5) * 8);
     let (mut bits, mut held) = (0u32, 0u32);
@@ -58,7 +58,7 @@ pub(crate) fn decode(text: &str) -> Result<Vec<u8>, TextError> {
             held &= (1 << bits) - 1;
         }
     }
-    // A whole number of bytes leaves fewer than 5 bits, and these must be 0, so that the same bytes always have the same text.
+    // A whole number of bytes leaves fewer than 5 bits. These must be 0, so that the same bytes always have the same text.
     if bits >= 5 || held != 0 { Err(TextError::Length) } else { Ok(bytes) }
 }
 
@@ -72,7 +72,7 @@ fn value(character: char) -> Result<u32, TextError> {
     place.and_then(|place| u32::try_from(place).ok()).ok_or(TextError::Character(character))
 }
 
-/// Returns the checksum of the bytes of a kind of text.
+/// Returns the checksum of the bytes of a text with this prefix.
 pub(crate) fn checksum(prefix: &'static str, bytes: &[u8]) -> [u8; SUM] {
     let mut hasher = blake3::Hasher::new_derive_key("dca text checksum 1");
     hasher.update(prefix.as_bytes());
@@ -89,7 +89,7 @@ pub(crate) fn with_sum(prefix: &'static str, bytes: &[u8]) -> String {
     format!("{prefix}{}", encode(&all))
 }
 
-/// Returns the bytes of a text with a prefix and a checksum; blanks around it do not matter.
+/// Returns the bytes of a text with a prefix and a checksum; surrounding blanks are ignored.
 pub(crate) fn without_sum(prefix: &'static str, text: &str) -> Result<Vec<u8>, TextError> {
     let mut bytes = decode(text.trim().strip_prefix(prefix).ok_or(TextError::Prefix(prefix))?)?;
     let at = bytes.len().checked_sub(SUM).ok_or(TextError::Length)?;

@@ -1,12 +1,13 @@
-//! The one form of everything that is signed, sent or stored: fields in a fixed order, numbers big-endian, lengths in front.
+//! The canonical form of all data that is signed, sent or stored: fields in a fixed order, numbers big-endian, lengths in
+//! front.
 //!
-//! Each form begins with its own name and version, such as `dca certificate 1`. A signature also covers that name, so
-//! no signature of one form is valid for another. A value has exactly one form: bytes that would be rewritten
-//! differently are refused.
+//! Each form begins with its own name and version, such as `dca certificate 1`. A signature also covers that name, so no
+//! signature of one form is valid for another. A value has exactly one form: bytes that would be written differently are
+//! refused.
 
 use thiserror::Error;
 
-/// Why bytes are not the form that they should be.
+/// Why bytes are not the expected form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum FormError {
     /// There are more bytes than the form may have.
@@ -18,10 +19,10 @@ pub enum FormError {
     /// Bytes follow the last field.
     #[error("something follows its end")]
     Trailing,
-    /// The bytes begin with another name or version than this one.
+    /// The bytes begin with another name or version.
     #[error("it is not a `{0}`")]
     Kind(&'static str),
-    /// A field has a value that is not allowed, or an order that is not the canonical one.
+    /// A field has a value that is not permitted, or is not in the canonical order.
     #[error("its field `{0}` has a value that is not allowed")]
     Field(&'static str),
 }
@@ -46,7 +47,7 @@ impl Writer {
         self.fixed(&value.to_be_bytes());
     }
 
-    /// Writes how many elements follow. Every list of this room has at most `u16::MAX`.
+    /// Writes the number of the following elements. Every list in this room has at most `u16::MAX` elements.
     pub(crate) fn count(&mut self, count: usize) {
         self.fixed(&u16::try_from(count).expect("a list was limited when it was made").to_be_bytes());
     }
@@ -55,7 +56,7 @@ impl Writer {
         self.0.extend_from_slice(bytes);
     }
 
-    /// Writes at most 255 bytes with their length.
+    /// Writes at most 255 bytes, after their length.
     pub(crate) fn short(&mut self, bytes: &[u8]) {
         self.u8(u8::try_from(bytes.len()).expect("a short field was limited when it was made"));
         self.fixed(bytes);
@@ -77,7 +78,7 @@ impl Writer {
 pub(crate) struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    /// Begins to read bytes that are at most `bytes_max` and have to begin with the name of the form.
+    /// Begins to read bytes. There may be at most `bytes_max`, and they have to begin with the name of the form.
     pub(crate) fn new(bytes: &'a [u8], form: &'static str, bytes_max: usize) -> Result<Self, FormError> {
         if bytes.len() > bytes_max {
             return Err(FormError::TooLong(bytes_max));
@@ -109,7 +110,7 @@ impl<'a> Reader<'a> {
         self.fixed().map(u64::from_be_bytes)
     }
 
-    /// Reads how many elements follow, which may be at most `most`.
+    /// Reads the number of the following elements, which may be at most `most`.
     pub(crate) fn count(&mut self, most: usize, field: &'static str) -> Result<usize, FormError> {
         let count = usize::from(u16::from_be_bytes(self.fixed()?));
         if count > most { Err(FormError::Field(field)) } else { Ok(count) }
@@ -120,18 +121,18 @@ impl<'a> Reader<'a> {
         self.take(usize::from(length))
     }
 
-    /// Reads bytes with their length, which may be at most `most`.
+    /// Reads bytes with their length in front, which may be at most `most`.
     pub(crate) fn long(&mut self, most: usize, field: &'static str) -> Result<&'a [u8], FormError> {
         let length = usize::try_from(u32::from_be_bytes(self.fixed()?)).unwrap_or(usize::MAX);
         if length > most { Err(FormError::Field(field)) } else { self.take(length) }
     }
 
-    /// Returns how many bytes are left.
+    /// Returns the number of unread bytes.
     pub(crate) const fn left(&self) -> usize {
         self.0.len()
     }
 
-    /// Returns all that is left.
+    /// Returns all unread bytes.
     pub(crate) fn rest(self) -> &'a [u8] {
         self.0
     }

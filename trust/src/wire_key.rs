@@ -1,15 +1,15 @@
-//! The keys of wires: values from one program to another are sealed with a key that only the two have.
+//! The keys of wires: values between two programs are sealed with a key that only these two have.
 //!
-//! Each program makes its own keys when it starts, and hands out the public ones by way of its node. A key agreement (X25519) of the
-//! secret key of one end and the public key of the other gives both ends the same bytes, and these give one key for each wire and
-//! direction. So no secret is sent, no node knows one, and a program that is started again has new keys.
+//! Each program makes its own keys when it starts, and gives the public keys to others through its node. A key agreement (X25519) of
+//! one end's secret key and the other end's public key gives the same bytes at both ends. From these, one key for each wire and
+//! direction is derived. So no secret is sent, no node knows one, and a restarted program has new keys.
 
 use crate::identity::{Entropy, PUBLIC_LEN, PublicKeys, SecretKeys};
 use crate::wire::FormError;
 use std::fmt;
 use zeroize::Zeroizing;
 
-/// Bytes of a key that seals a wire.
+/// The length of a key that seals a wire, in bytes.
 pub const WIRE_KEY_LEN: usize = 32;
 
 const WIRE_KEY: &str = "dca wire key 1";
@@ -17,12 +17,12 @@ const WIRE_KEY: &str = "dca wire key 1";
 /// The keys of a program, from its start to its end.
 pub struct ProgramKeys(SecretKeys);
 
-/// The end of a wire that seals.
+/// The end of a wire that seals a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sealing {
-    /// This end seals for the other one.
+    /// This end seals messages for the other one.
     Here,
-    /// The other end seals for this one.
+    /// The other end seals messages for this one.
     There,
 }
 
@@ -37,22 +37,22 @@ impl ProgramKeys {
         self.0.public().to_bytes()
     }
 
-    /// Returns the secret Ed25519 key by which linked programs know the program, and its public key.
+    /// Returns the secret Ed25519 key by which linked programs recognise this program, and its public key.
     pub fn signing(&self) -> (Zeroizing<[u8; 32]>, [u8; 32]) {
         (self.0.signing(), *self.0.public().signing())
     }
 
-    /// Returns the public Ed25519 key among the public keys of a program; nothing if they are none.
+    /// Returns the Ed25519 key from the public keys of a program; none if the bytes are not such keys.
     pub fn signing_of(public: &[u8]) -> Option<[u8; 32]> {
         let public = <&[u8; PUBLIC_LEN]>::try_from(public).ok()?;
         PublicKeys::from_bytes(public).ok().map(|keys| *keys.signing())
     }
 
-    /// Returns the key for sealing messages to another program, or from it. `about` names the wire and the use; each
-    /// pair of them has a separate key.
+    /// Returns the key for sealing messages to another program, or from it. `about` names the wire and the use; each combination has
+    /// a separate key.
     ///
     /// # Errors
-    /// The bytes are not the public keys of a program.
+    /// If the bytes are not the public keys of a program.
     pub fn wire(
         &self,
         theirs: &[u8],
@@ -96,7 +96,7 @@ mod tests {
             other.wire(&a.public(), Sealing::There, "w/1"),
         ];
         assert!(others.into_iter().all(|key| key.unwrap() != sealed));
-        // A different key for the same program as well.
+        // The other direction with the same program also has a different key.
         assert!(a.wire(&a.public(), Sealing::Here, "w/1").unwrap() != sealed);
     }
 

@@ -1,10 +1,10 @@
-//! How fast the verifier is: one command, one table.
+//! Measures the speed of the verifier, with one command, and prints one table.
 //!
 //! ```text
 //! cargo run --release -p verify --example explorer
 //! ```
 //!
-//! Times are processor times of this thread, since others may use the machine.
+//! Times are processor times of this thread, since other programs may use the machine.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 use language::{Options, Source, compile_with_sites};
@@ -29,7 +29,7 @@ fn main() {
     flat_system(&format!("{steps} steps side by side, flat"), &side_by_side(steps));
 }
 
-/// So many steps at once.
+/// A spec with `steps` parallel steps.
 fn side_by_side(steps: usize) -> String {
     let instances = (0..steps).map(|i| format!("p{i} instof Step(c1);")).collect::<String>();
     let actions = (0..steps).map(|i| format!("p{i}")).collect::<Vec<_>>().join(", ");
@@ -38,14 +38,14 @@ fn side_by_side(steps: usize) -> String {
     )
 }
 
-/// How long this thread has been on a processor.
+/// Returns how long this thread has used a processor.
 fn busy() -> Duration {
     let status = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanoseconds = status.split_whitespace().next().and_then(|first| first.parse().ok());
     Duration::from_nanos(nanoseconds.expect("Linux counts how long a thread runs"))
 }
 
-/// The paper's tidy-up with `objects` objects, each found and placed.
+/// The tidy-up example of the paper with `objects` objects, each of which is found and placed.
 fn tidy_up_spec(objects: usize) -> String {
     let each = |write: fn(usize) -> String| (0..objects).map(write).collect::<Vec<_>>();
     let instances = each(|i| format!("f{i} instof Step(c1); p{i} instof Step(c1);")).join("\n");
@@ -69,12 +69,13 @@ fn tidy_up(objects: usize) {
     whole(&format!("tidy-up, {objects} objects, by composition"), &tidy_up_spec(objects));
 }
 
-/// `groups` groups of `size` processes each, side by side.
+/// Verifies `groups` parallel groups of `size` processes each.
 fn groups(groups: usize, size: usize) {
     whole(&format!("{} processes in {groups} groups, by composition", groups * size), &groups_spec(groups, size));
 }
 
-/// Groups that `dca check` accepts by their structure alone. Groups are processes, and a plan has at most 10,000.
+/// Checks groups that `dca check` accepts by their structure alone. Groups are processes, and a plan has at most
+/// 10,000.
 fn checked(groups: usize, size: usize) {
     let text = groups_spec(groups, size);
     let start = busy();

@@ -1,4 +1,4 @@
-//! Writes random specs and the corpus as transition systems and as models, for a comparison by other tools.
+//! Writes random specs and the corpus as transition systems and as models, so that other tools can compare them.
 //!
 //! `cargo run --release -p verify --example exports -- FOLDER 1000`
 

@@ -1,7 +1,7 @@
-//! The questions that every spec is asked, without any notation.
+//! The catalogue: the questions that are checked for every spec, without any sentence in it.
 //!
-//! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any
-//! time. A part is explored before the part that contains it, so the possible ends of each box are known.
+//! Each part is explored alone, with its members as black boxes. Any program may fail, and the whole may be stopped at any time.
+//! A part is explored before the part that contains it, so the possible ends of each box are known.
 
 mod outside;
 mod stops;
@@ -25,17 +25,17 @@ use stops::shields;
 #[derive(Debug, Default)]
 pub(crate) struct Catalogue {
     pub(crate) findings: Vec<Finding>,
-    /// How many states were looked at, in all parts.
+    /// How many states were explored, in all parts.
     pub(crate) states: u64,
     /// How many transitions.
     pub(crate) transitions: u64,
     /// The most memory that the exploration of one part took, in bytes.
     pub(crate) memory: usize,
-    /// The groups that were not explored completely, and why.
+    /// The groups that were not explored completely, each with the limit that was reached.
     pub(crate) unfinished: Vec<(u32, Reached)>,
 }
 
-/// Which kinds of mistakes were looked for, and whether one was found.
+/// Which kinds of mistakes were searched, and whether one was found.
 #[derive(Default)]
 struct Asked {
     stuck: bool,
@@ -46,7 +46,7 @@ struct Asked {
     suspects: Vec<Suspect>,
 }
 
-/// Explores every part; afterwards the model knows how each can end.
+/// Explores every part. Afterwards the model has the possible ends of each part.
 pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catalogue {
     let mut catalogue = Catalogue::default();
     let mut asked = Asked::default();
@@ -62,7 +62,7 @@ pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catal
     catalogue
 }
 
-/// The parts, each after all that it holds.
+/// Returns the parts in an order in which each one comes after all parts inside it.
 fn inside_out(model: &Model<'_>) -> Vec<usize> {
     let (mut order, mut open) = (Vec::new(), vec![0_usize]);
     while let Some(part) = open.pop() {
@@ -93,7 +93,7 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
         catalogue.memory = catalogue.memory.max(graph.memory());
         is_whole &= graph.reached.is_none();
         if graph.reached == Some(Reached::Time) {
-            // The exploration stops here, so how this part ends does not matter.
+            // The exploration stops here, so the ends of this part are not needed.
             if aborts {
                 catalogue.unfinished.push((model.parts[part].group, Reached::Time));
             }
@@ -104,7 +104,7 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
         if has_activity {
             ends_at_once = graph.from(0).any(|(_, started)| over[started as usize]);
         }
-        // The part can end from its start, but there are other states from which it cannot.
+        // The part can end from its start, but there are other states from which it cannot end.
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
         may_hang |= can.first() == Some(&true) && can.contains(&false);
         if aborts {
@@ -126,8 +126,8 @@ fn explore_part(model: &mut Model<'_>, part: usize, limits: &Limits<'_>, catalog
     (own.ways, own.ends_at_once) = (ways, ends_at_once);
 }
 
-/// Why a group can fail in spite of its expression: its programs die too often, or the supervisor around it runs on
-/// another host and loses contact with it.
+/// Returns why a group can fail although its expression does not: its programs die too often, or the supervisor around it is on
+/// another host and loses contact.
 fn taken_down(model: &Model<'_>, part: usize) -> impl Iterator<Item = Failure> {
     let source = &model.parts[part];
     let groups = &model.plan.groups;
@@ -138,7 +138,7 @@ fn taken_down(model: &Model<'_>, part: usize) -> impl Iterator<Item = Failure> {
     reasons.into_iter().filter(move |(may, _)| *may && !is_piece).map(|(_, reason)| reason)
 }
 
-/// The ends of the whole in a system, and if wanted a way to each end that no stop causes.
+/// Returns the ends of the whole in a system. If `wants_ways`, also a way to each end that is not caused by a stop.
 fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool], wants_ways: bool) -> (Ends, Vec<Way>) {
     let (mut ends, mut ways) = (Ends::default(), Vec::<Way>::new());
     let (mut frame, mut changes) = (system.initial(), Vec::new());
@@ -151,7 +151,7 @@ fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool], wants_ways: bool) 
             for change in changes.drain(..).filter(|change| change.member.is_none()) {
                 let (is_done, value) = match change.what {
                     Changed::Done(value) => (true, value),
-                    // Of all reasons that nothing asks for one is enough.
+                    // Among all reasons that no expression distinguishes, one is enough.
                     Changed::Aborted(report) => (false, system.value(system.report(&Failure::of_report(&report)))),
                     Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => continue,
                 };
@@ -194,7 +194,7 @@ fn judge(
     }
 }
 
-/// The processes of a part that no order of events starts.
+/// Finds the processes of a part that no order of events starts.
 fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Catalogue, asked: &mut Asked) {
     let runs = run_nodes(&system.model.parts[part].expression);
     let mut is_reached = vec![false; runs.len()];
@@ -216,14 +216,15 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Ca
             let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
             let found = help(found, "what stands before it never ends in the way that would start it");
             asked.unreached = true;
-            // A group that ends at once is active in no state: its end is the whole story.
+            // A group that ends at once is not active in any state: the story consists of its end.
             let state = nearest(system, graph, part, *node).unwrap_or(1).min(graph.store.count() - 1);
             catalogue.findings.push(Finding::fails(found, Some(story_to_the_end(system, graph, state))));
         }
     }
 }
 
-/// The processes that never start in time because of a limit. Processes that no order of events starts are already reported.
+/// Finds the processes that never start in time because of a limit. Processes that no order of events starts are already
+/// reported.
 fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     let told: BTreeSet<Span> =
         catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();
@@ -234,8 +235,8 @@ fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     catalogue.findings.extend(found);
 }
 
-/// The state in which a run comes nearest to a node that it never reaches. Of the operators around the node that are ever active,
-/// the innermost one is first active there.
+/// Returns the state in which a run comes nearest to a node that is never reached. Some operators around the node are active in
+/// some run; this is the first state in which the innermost of them is active.
 fn nearest(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<u32> {
     let mut around = Vec::new();
     let mut next = 0;
@@ -248,7 +249,7 @@ fn nearest(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Opti
     around.into_iter().rev().find_map(|node| graph.first(system, |frame| frame.states[0].is_node_active(node)))
 }
 
-/// The nodes of a part that promise to end and are not inside another such node: the whole part, or the operands of a
+/// Returns the nodes of a part that promise to end and are not inside another such node: the whole part, or the operands of a
 /// service.
 fn promises(system: &System<'_>, part: usize) -> Vec<usize> {
     let source = &system.model.parts[part];
@@ -273,7 +274,7 @@ fn promised(system: &System<'_>, part: usize, expression: &Expression, next: &mu
     }
 }
 
-/// A state from which a node that promises to end cannot, although no program fails.
+/// Finds a state from which a node that promises to end cannot end, although no program fails.
 fn stuck(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<Finding> {
     let running = graph.which(system, |frame| waits_or_is_active(frame, 0, node, false));
     let is_active = |frame: &Frame| frame.states[0].is_node_active(node);
@@ -283,7 +284,7 @@ fn stuck(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option
         (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])
     };
     first(&ended)?;
-    // A round of a loop that restarts at once has also ended, although no state shows it as inactive.
+    // A round of a loop that restarts at once has also ended, although the loop is inactive in no state.
     ends_round(system, graph, 0, node, &running, &mut ended);
     let state = first(&ended)?;
     let name = system.model.group_name(system.model.parts[part].group);
@@ -296,13 +297,13 @@ fn stuck(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
 }
 
-/// Whether a node of a unit waits for a resource, or is active, in a state where the whole has not been stopped.
+/// Returns whether a node of a unit waits for a resource (or is active) in a state in which the whole has not been stopped.
 fn waits_or_is_active(frame: &Frame, unit: usize, node: usize, waits: bool) -> bool {
     let state = &frame.states[unit];
     frame.phase == Phase::Running && if waits { state.is_node_waiting(node) } else { state.is_node_active(node) }
 }
 
-/// Adds the states from which something that happens by itself ends a node of a unit.
+/// Adds the states from which an event that happens by itself ends a node of a unit.
 fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, running: &[bool], ended: &mut [bool]) {
     let (mut frame, mut stepper) = (system.initial(), system.stepper());
     let mut changes = Vec::new();
@@ -311,7 +312,7 @@ fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, runn
         for (label, _) in graph.from(state).filter(|(label, _)| system.is_natural(*label)) {
             let is_own = unit_of(label) == Some(unit);
             ended[state as usize] |= is_own && stepper.ended(&frame, label).contains(&node);
-            // The part that contains it may restart it as a whole.
+            // The part that contains this one may restart it as a whole.
             if let Some(MemberRef { unit: around, member }) = system.units[unit].parent {
                 stepper.apply(&mut frame, label, Some(&mut changes));
                 ended[state as usize] |= changes.iter().any(|change| {
@@ -324,7 +325,7 @@ fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, runn
     }
 }
 
-/// The unit to which something happens.
+/// Returns the unit of the event.
 fn unit_of(label: Label) -> Option<usize> {
     match label {
         Label::Start | Label::Stop => Some(0),
@@ -346,7 +347,7 @@ fn unit_of(label: Label) -> Option<usize> {
     }
 }
 
-/// The frame of a state after which nothing happens.
+/// Returns the frame of a state after which no event happens.
 fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
     let mut frame = system.initial();
     system.unpack(graph.store.get(state), &mut frame);
@@ -382,7 +383,7 @@ fn usings(system: &System<'_>, part: usize) -> Vec<usize> {
     nodes
 }
 
-/// A `using` that waits and never gets its resources.
+/// Finds a `using` that waits and never gets its resources.
 fn waits_for_ever(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Option<Finding> {
     let waits = graph.which(system, |frame| frame.phase == Phase::Running && frame.states[0].is_node_waiting(node));
     let goes_on: Vec<bool> = graph.which(system, |frame| !frame.states[0].is_node_waiting(node));
@@ -393,7 +394,7 @@ fn waits_for_ever(system: &System<'_>, graph: &Graph, part: usize, node: usize) 
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
 }
 
-/// The place of the cause: the first node that waits, or the outermost active node.
+/// Returns the place of the cause: the first waiting node, or the outermost active node.
 fn blocking(system: &System<'_>, graph: &Graph, part: usize, node: usize, state: u32) -> Span {
     let frame = at_the_end(system, graph, state);
     let waiting = usings(system, part).into_iter().find(|&node| frame.states[0].is_node_waiting(node));
@@ -402,7 +403,7 @@ fn blocking(system: &System<'_>, graph: &Graph, part: usize, node: usize, state:
     place(system.model, part, waiting.or(shields).unwrap_or(node))
 }
 
-/// Adds one sentence for each property that holds.
+/// Adds one sentence for each kind of mistake that was not found.
 fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     if !catalogue.unfinished.is_empty() {
         for (group, reached) in std::mem::take(&mut catalogue.unfinished) {
@@ -434,7 +435,7 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     proved(asked.stops, "every stop ends");
 }
 
-/// The members of groups that no step names, as the reader calls them. The ports of an activity run without a step.
+/// Returns the members of groups that no step names, with their names for people. The ports of an activity run without a step.
 fn unused(model: &Model<'_>) -> Vec<String> {
     let mut unused = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {

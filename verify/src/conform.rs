@@ -1,6 +1,6 @@
 //! Compares a recorded run of supervisors with the verified plan.
 //!
-//! A record lists for each step of a supervisor its event and its commands. The comparison gives the same events to the
+//! A record lists the event and the commands of each step of a supervisor. The comparison gives the same events to the
 //! same program, which has to answer with the same commands. It then follows the steps through the verified states,
 //! reports which states the run has reached, and checks the sentences of the spec.
 
@@ -23,20 +23,21 @@ use language::sites::Sites;
 /// The result of comparing a run.
 #[derive(Debug)]
 pub struct Conformance {
-    /// For each group whose supervisor deviated from the spec, the first deviation.
+    /// For each group whose supervisor deviated from the spec: the first deviation.
     pub deviations: Vec<Finding>,
-    /// The sentences of the `verify` blocks: proved if they held in this run, open if a run cannot show them.
+    /// The sentences of the `verify` blocks. A sentence is proved if it held in this run, and open if a run cannot show
+    /// it.
     pub sentences: Vec<Finding>,
-    /// For each group, which part of its verified behaviour the run has seen.
+    /// For each group: which part of its verified behaviour occurred in the run.
     pub coverage: Vec<Coverage>,
     /// How many steps were compared.
     pub steps: usize,
 }
 
-/// The steps of one supervisor of a group, without a gap, from its first on.
+/// The complete steps of one supervisor of a group, from its first step on.
 pub type Steps = Vec<StepRecord>;
 
-/// Compares a run with the verified plan. For each group of the plan, `records` has the steps of each of its
+/// Compares a run with the verified plan. `records` has, for each group of the plan, the steps of each of its
 /// supervisors.
 pub fn conform(plan: &Plan, sites: &Sites, records: &[Vec<Steps>], limits: &Limits<'_>) -> Conformance {
     let mut model = Model::of_groups(plan, sites);
@@ -49,11 +50,11 @@ pub fn conform(plan: &Plan, sites: &Sites, records: &[Vec<Steps>], limits: &Limi
     Conformance { deviations, sentences, coverage, steps: numbered().flat_map(|(_, lives)| lives).map(Vec::len).sum() }
 }
 
-/// Follows the steps of one supervisor through a system that holds its group alone.
+/// Follows the steps of one supervisor through a system that contains only its group.
 pub(crate) struct Follower<'s, 'a> {
     system: &'s System<'a>,
     labels: Vec<Label>,
-    /// Whether the system can be in the state of the group; otherwise it waits for the next start.
+    /// Whether the state of the group is known in the system; otherwise the follower waits for the next start.
     is_known: bool,
 }
 
@@ -62,7 +63,7 @@ impl<'s, 'a> Follower<'s, 'a> {
         Self { system, labels: Vec::new(), is_known: false }
     }
 
-    /// Another supervisor follows, whose state is unknown.
+    /// Notes that the next steps are of another supervisor, whose state is unknown.
     pub(crate) fn begins_anew(&mut self) {
         self.is_known = false;
     }
@@ -100,7 +101,7 @@ impl<'s, 'a> Follower<'s, 'a> {
             Event::Elapsed { timer, .. } => {
                 has(&|label| matches!(label, Label::Elapsed(_, other) if of(*timer)(other)))
             }
-            // An end that crosses an order to stop counts as the answer to the order.
+            // If an end crosses an order to stop, it counts as the answer to the order.
             Event::Done { member, .. } | Event::Aborted { member, .. } | Event::Stopped { member, .. }
                 if is_stopping(*member) =>
             {
@@ -127,7 +128,7 @@ impl<'s, 'a> Follower<'s, 'a> {
         }
     }
 
-    /// Whether an event is about something that is over.
+    /// Returns whether an event belongs to something that has already ended.
     fn is_stale(&self, frame: &Frame, event: &Event) -> bool {
         match event {
             Event::Start(_) => false,
@@ -141,6 +142,6 @@ impl<'s, 'a> Follower<'s, 'a> {
     }
 }
 
-/// An event has happened that the verification takes for impossible.
+/// An event has happened that the verification considers impossible.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Outside;

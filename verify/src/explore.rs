@@ -1,6 +1,6 @@
-//! Looks at every configuration that a system can reach, the nearest first.
+//! Explores every configuration that a system can reach, the nearest first.
 //!
-//! Breadth-first, so the way back over `parents` is a shortest story.
+//! The search is breadth-first, so the way back over `parents` is a shortest story.
 
 use crate::store::{Batch, STATES_MAX, Store};
 use crate::system::{Change, Frame, Label, Phase, Stepper, System};
@@ -10,13 +10,13 @@ use std::sync::Mutex;
 
 /// How many transitions are taken between two checks of the budget.
 const TURN: usize = 1024;
-/// States with more bytes are so slow that the budget is checked at each of their transitions.
+/// States with more bytes than this are so slow that the budget is checked at each of their transitions.
 const LONG: usize = 4096;
-/// The approximate size of the states to which the transitions of one block lead, in bytes.
+/// The approximate total size of the states to which the transitions of one block lead, in bytes.
 const BLOCK_BYTES: usize = 16 << 20;
 /// The most states of a block.
 const BLOCK_MAX: usize = 1 << 14;
-/// How many states a thread takes at once.
+/// How many states a thread takes at a time.
 const JOB: u32 = 256;
 
 /// The limits of an exploration.
@@ -28,16 +28,16 @@ pub struct Limits<'l> {
     pub memory: usize,
     /// The threads that explore.
     pub threads: &'l dyn Threads,
-    /// The object that is asked from time to time whether to continue.
+    /// Is asked from time to time whether the exploration should continue.
     pub goes_on: &'l dyn GoesOn,
 }
 
-/// Whether there is still time. The caller has the clock.
+/// Decides whether to continue. The caller has the clock.
 pub trait GoesOn: std::fmt::Debug + Sync {
     /// Returns whether to continue.
     fn goes_on(&self) -> bool;
 
-    /// Gets the progress of the work, for a person who waits.
+    /// Receives the progress of the work, for people who wait.
     fn hear(&self, _done: WorkDone) {}
 }
 
@@ -48,16 +48,16 @@ pub enum WorkDone {
     Jobs {
         /// The kind: `groups`, `sentences`, `faults`, `pairs of faults`.
         what: &'static str,
-        /// How many are done.
+        /// How many jobs are done.
         done: usize,
-        /// How many there are.
+        /// How many jobs there are.
         of: usize,
     },
-    /// An exploration has found so many states. Its total is not known beforehand.
+    /// An exploration has found this many states. The total is not known in advance.
     States(u32),
 }
 
-/// For tests and small specs: there is always time.
+/// Never stops an exploration, for tests and small specs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Always;
 
@@ -67,7 +67,7 @@ impl GoesOn for Always {
     }
 }
 
-/// Which limit was reached.
+/// The limit that was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reached {
     /// The number of states.
@@ -76,21 +76,21 @@ pub enum Reached {
     Memory,
     /// The time.
     Time,
-    /// A limit that was reached inside a group, so the possible ends of that group are unknown.
+    /// A limit inside a group was reached, so the possible ends of that group are unknown.
     Inside,
 }
 
-/// Everything that was found.
+/// All states and transitions that were found.
 #[derive(Debug)]
 pub(crate) struct Graph {
     pub(crate) store: Store,
     /// For each state, its predecessor and the label between them.
     pub(crate) parents: Vec<(u32, Label)>,
-    /// For each state, where its transitions begin in `targets`; one more at the end.
+    /// For each state, where its transitions begin in `targets`; there is one more entry at the end.
     starts: Vec<usize>,
     targets: Vec<u32>,
     labels: Vec<Label>,
-    /// How many transitions were taken, whether they are kept or not.
+    /// How many transitions were taken, including those that were not kept.
     pub(crate) transitions: u64,
     /// The limit that ended the exploration, if one did.
     pub(crate) reached: Option<Reached>,
@@ -98,15 +98,15 @@ pub(crate) struct Graph {
 
 /// Observes every transition: its changes, and the state that it leads to.
 pub(crate) trait Observer {
-    /// Whether this observer reads the changes of a transition. If not, it gets none.
+    /// Whether this observer reads the changes of a transition. If not, it gets an empty list.
     const LOOKS_AT_CHANGES: bool = true;
 
-    /// `is_fault` says whether the fault happens. May change the notes of `after`. Returns false to end the exploration there:
-    /// something was found.
+    /// Looks at a transition. `is_fault` tells whether the fault happens in it. May change the notes of `after`. Returns false
+    /// to end the exploration here, because the observer has found something.
     fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool;
 }
 
-/// An observer that sees nothing.
+/// An observer that ignores everything.
 pub(crate) struct Nobody;
 
 impl Observer for Nobody {
@@ -123,10 +123,10 @@ pub(crate) struct Found {
     pub(crate) stopped_at: Option<u32>,
 }
 
-/// Explores a system. `keeps_edges` says whether transitions are kept, for questions about later possibilities.
+/// Explores a system. If `keeps_edges`, transitions are kept, for questions about later possibilities.
 ///
-/// States are taken in blocks, in the order of their numbers. Several threads may work on a block. The result depends
-/// only on the order.
+/// States are taken in blocks, in the order of their numbers. Several threads may work on a block. The result depends only on
+/// this order, not on the threads.
 pub(crate) fn explore(
     system: &System<'_>,
     limits: &Limits<'_>,
@@ -169,18 +169,18 @@ pub(crate) fn explore(
     Found { graph, stopped_at: None }
 }
 
-/// The transitions from some states in order.
+/// The transitions from some consecutive states, in order.
 struct Block {
     batch: Batch,
-    /// How many transitions each state has.
+    /// How many transitions lead from each state.
     degrees: Vec<u32>,
-    /// Whether the last one violates the observer's property.
+    /// Whether the last transition violates the observer's property.
     is_violated: bool,
-    /// The limit that was reached; if there is one, the block is unusable.
+    /// The limit that was reached. If there is one, the block must not be used.
     reached: Option<Reached>,
 }
 
-/// The buffers with which a thread applies labels.
+/// The buffers in which a thread applies labels.
 struct Worker<'s> {
     system: &'s System<'s>,
     stepper: Stepper<'s>,
@@ -229,7 +229,7 @@ impl<'s> Worker<'s> {
     }
 }
 
-/// The parts of a block that one thread works on.
+/// Divides a block into parts for single threads.
 fn jobs(states: Range<u32>) -> Vec<Range<u32>> {
     let starts = states.clone().step_by(JOB as usize);
     starts.map(|start| start..states.end.min(start + JOB)).collect()
@@ -257,13 +257,13 @@ impl Graph {
         Self { store, parents, starts: vec![0], targets: Vec::new(), labels: Vec::new(), transitions: 0, reached: None }
     }
 
-    /// The memory that it takes, in bytes.
+    /// Returns the used memory in bytes.
     pub(crate) fn memory(&self) -> usize {
         let edges = self.targets.capacity() * (4 + size_of::<Label>()) + self.starts.capacity() * size_of::<usize>();
         self.store.memory() + self.parents.capacity() * size_of::<(u32, Label)>() + edges
     }
 
-    /// Adds the results of the next states. Returns the end of a story about a violation, if there is one.
+    /// Adds the results of the next states. Returns the state at the end of a violation, if there is one.
     fn add(&mut self, blocks: Vec<Block>, threads: &dyn Threads, keeps_edges: bool) -> Option<u32> {
         let is_violated = blocks.last().is_some_and(|block| block.is_violated);
         let (mut batches, degrees): (Vec<Batch>, Vec<Vec<u32>>) =
@@ -276,7 +276,7 @@ impl Graph {
         }
         self.parents.extend(news.iter().map(|&(batch, transition)| batches[batch].origins[transition]));
         if is_violated && let Some(batch) = batches.last() {
-            // The story must end with this transition, also where its target was known before.
+            // The story must end with this transition, even if its target was already known.
             let last = batch.count() - 1;
             if news.last() != Some(&(batches.len() - 1, last)) {
                 self.parents.push(batch.origins[last]);
@@ -295,7 +295,7 @@ impl Graph {
         None
     }
 
-    /// The labels of a shortest way to a state.
+    /// Returns the labels of a shortest way to a state.
     pub(crate) fn way(&self, mut state: u32) -> Vec<Label> {
         let mut way = Vec::new();
         while state != 0 {
@@ -307,8 +307,8 @@ impl Graph {
         way
     }
 
-    /// A way from a state, without failures, to the nearest one in which nothing happens any more; none if there is
-    /// none.
+    /// Returns a way from a state, without failures, to the nearest state in which no event happens any more. The way is empty
+    /// if there is no such state.
     pub(crate) fn dead_end(&self, system: &System<'_>, state: u32) -> Vec<Label> {
         let mut known: std::collections::BTreeMap<u32, (u32, Label)> = std::collections::BTreeMap::new();
         let mut open = std::collections::VecDeque::from([state]);
@@ -334,7 +334,7 @@ impl Graph {
         Vec::new()
     }
 
-    /// The transitions from a state that was looked at.
+    /// Returns the transitions from an explored state.
     pub(crate) fn from(&self, state: u32) -> impl Iterator<Item = (Label, u32)> + '_ {
         let range = match (self.starts.get(state as usize), self.starts.get(state as usize + 1)) {
             (Some(&start), Some(&end)) => start..end,
@@ -343,7 +343,7 @@ impl Graph {
         range.map(|edge| (self.labels[edge], self.targets[edge]))
     }
 
-    /// For each state, whether one of the goals can be reached from it over transitions that count.
+    /// Returns for each state whether a goal can be reached from it over transitions for which `counts` is true.
     pub(crate) fn can_reach(&self, goals: &[bool], counts: &dyn Fn(Label) -> bool) -> Vec<bool> {
         let states = self.store.count() as usize;
         let mut ends = vec![0_u32; states + 1];
@@ -377,7 +377,7 @@ impl Graph {
         can
     }
 
-    /// The nearest state that has a property.
+    /// Returns the nearest state that has a property.
     pub(crate) fn first(&self, system: &System<'_>, mut has: impl FnMut(&Frame) -> bool) -> Option<u32> {
         let mut frame = system.initial();
         (0..self.store.count()).find(|&state| {
@@ -386,7 +386,7 @@ impl Graph {
         })
     }
 
-    /// Which states have a property.
+    /// Returns for each state whether it has a property.
     pub(crate) fn which(&self, system: &System<'_>, mut has: impl FnMut(&Frame) -> bool) -> Vec<bool> {
         let mut frame = system.initial();
         let states = 0..self.store.count();
@@ -399,12 +399,12 @@ impl Graph {
     }
 }
 
-/// Whether the whole is over.
+/// Returns whether the whole has ended.
 pub(crate) fn is_over(frame: &Frame) -> bool {
     frame.phase.is_over()
 }
 
-/// Whether the whole has been asked to stop and has not.
+/// Returns whether the whole was asked to stop but has not stopped yet.
 pub(crate) fn is_stopping(frame: &Frame) -> bool {
     frame.phase == Phase::Stopping
 }

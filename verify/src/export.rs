@@ -1,4 +1,4 @@
-//! A plan as a transition system, for other tools: the Aldebaran format of CADP and mCRL2, and DOT of Graphviz.
+//! Exports a plan as a transition system for other tools: the Aldebaran format of CADP and mCRL2, and the DOT format of Graphviz.
 
 use crate::explore::{Graph, Limits, Nobody, Reached, explore};
 use crate::model::Model;
@@ -7,18 +7,18 @@ use crate::system::{Label, Mode, System};
 use language::plan::Plan;
 use language::sites::Sites;
 
-/// A transition system. State 0 is the first; one without transitions has ended.
+/// A transition system. State 0 is the initial state. A state without transitions has ended.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Transitions {
     /// The number of states.
     pub states: u32,
     /// The source, the event and the target.
     pub all: Vec<(u32, String, u32)>,
-    /// The limit that was reached, if states are missing because of it.
+    /// The limit that was reached. If there is one, states are missing.
     pub reached: Option<Reached>,
 }
 
-/// Returns everything that a plan can do if its programs may fail and stops may come at any time. Nothing is left out or reduced.
+/// Returns the complete behaviour of a plan, if its programs may fail and stops may come at any time. Nothing is reduced.
 pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitions {
     let model = Model::of_groups(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);
@@ -30,7 +30,7 @@ pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitio
     Transitions { states, all: all.collect(), reached: graph.reached }
 }
 
-/// A label as one word: `done(hit/force)`, `elapsed(main, 5 s)`.
+/// Returns a label as one word: `done(hit/force)`, `elapsed(main, 5 s)`.
 fn word(system: &System<'_>, label: Label) -> String {
     let part = |unit: u16| &system.model.parts[system.units[usize::from(unit)].part];
     let group = |unit: u16| system.model.group_name(part(unit).group);

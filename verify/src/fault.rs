@@ -1,7 +1,7 @@
 //! The effects of each single fault, and of each pair of faults, in every state that a run without faults can reach.
 //!
-//! For the fault of a program, the groups on the way to the program are open. All other groups are boxes that end as in
-//! a run without faults. For the loss of a host, every group is open that the loss may split.
+//! For a fault of a program, the groups around the program are explored in detail. All other groups are black boxes that end as in a run
+//! without faults. For the loss of a host, every group that the loss may split is explored in detail.
 
 mod case;
 mod link;
@@ -30,65 +30,65 @@ use std::time::Duration;
 /// The severity of a fault; the worst comes last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// A process that the spec provides continues in its place, or ends it.
+    /// Another process that the spec provides continues in place of the struck one, or ends it.
     Handled,
     /// Everything is stopped.
     Safe,
-    /// The rest continues without it, and can be done.
+    /// The other processes continue without the struck one, and the mission can be done.
     Degraded,
-    /// The rest continues without it, although it can only fail.
+    /// The other processes continue without the struck one, although the mission can only fail.
     FailsLater,
-    /// The rest continues, but some program in it gets no data any more.
+    /// The other processes continue, but some program among them gets no data any more.
     Blind,
     /// It is unknown whether the program has stopped.
     Unconfirmed,
-    /// Something runs that the mission does not reach.
+    /// A program is running that the mission cannot reach.
     Adrift,
-    /// A process never ends by itself, and only a stop from outside helps.
+    /// A process never ends by itself; only a stop from outside helps.
     Stuck,
 }
 
 /// The result for the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mission {
-    /// It is done.
+    /// The mission is done.
     Done,
-    /// It has failed, or can only fail.
+    /// The mission has failed, or can only fail.
     Fails,
-    /// It can be done, and it can fail because of the fault, although no limit passes.
+    /// The mission can be done, and it can fail because of the fault, even if no limit passes.
     MayFail,
-    /// It can be done.
+    /// The mission can be done.
     CanBeDone,
-    /// Only a limit ends it.
+    /// Only a limit can end the mission.
     EndsByLimit,
-    /// It never ends.
+    /// The mission never ends.
     NeverEnds,
-    /// It is a service, and continues.
+    /// The mission is a service, and continues.
     GoesOn,
-    /// Its own host is lost.
+    /// The mission's own host is lost.
     IsLost,
 }
 
 /// One row: a fault of one program or host in one phase of the run, or two faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The path of the program; the host, or the two hosts of a lost link; two of these with `and`.
+    /// The path of the program, the name of the host, or the two hosts of a lost link. For two faults: both, joined by `and`.
     pub program: String,
-    /// The fault, or both.
+    /// The fault, or both faults.
     pub fault: String,
-    /// The steps that run at the moment of the fault, without services.
+    /// The running steps at the moment of the fault, without services.
     pub phase: String,
-    /// The immediate effects. For the loss of a host: the effects once the other hosts have noted it.
+    /// The immediate effects. For the loss of a host: the effects once the other hosts have noticed it.
     pub effect: String,
     /// The processes that still run once all stops are answered.
     pub running: Vec<String>,
-    /// The longest time until everything has stopped, when everything does.
+    /// The longest time until everything has stopped, if everything stops.
     pub safe_within: Option<Duration>,
     /// The result for the mission.
     pub mission: Mission,
-    /// How bad it is.
+    /// The severity of the effects.
     pub severity: Severity,
-    /// The way to that result.
+    /// A run that leads to this result.
     pub story: Story,
 }
 
@@ -97,11 +97,11 @@ pub struct Row {
 pub struct Table {
     /// The rows: programs by name, then hosts, then links.
     pub rows: Vec<Row>,
-    /// The programs and hosts that were not looked at whole.
+    /// The programs and hosts that were not explored completely.
     pub unfinished: Vec<String>,
     /// How many states were looked at.
     pub states: u64,
-    /// For pairs of faults: the number of pairs that are not worse than one of the two faults alone.
+    /// For pairs of faults: the number of pairs that are not worse than one of their two faults alone.
     pub harmless: u64,
 }
 
@@ -129,16 +129,16 @@ impl Table {
     }
 }
 
-/// One thing that may go wrong.
+/// One possible fault.
 #[derive(Clone, Debug)]
 struct Strike {
-    /// The name of the thing that fails.
+    /// The name of the struck program or host.
     name: String,
     kind: FaultKind,
     target: Target,
 }
 
-/// The thing that a fault strikes.
+/// The target of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     /// A program: its group and slot.
@@ -146,12 +146,12 @@ enum Target {
     Host(Loss),
 }
 
-/// Injects every fault into every program, and loses every host and link.
+/// Explores every fault of every program, and the loss of every host and link.
 pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
     let (model, assumed) = (times.model, &times.assumed);
     let all = strikes(model);
     let jobs: Vec<&[Strike]> = all.chunk_by(|one, other| one.name == other.name).collect();
-    // Many small explorations, each on one thread.
+    // If there are many small explorations, each of them runs on one thread.
     let is_many = jobs.len() >= 2 * limits.threads.count();
     let threads = if is_many { &Alone } else { limits.threads };
     let own = Limits { threads, goes_on: limits.goes_on, ..*limits };
@@ -178,12 +178,12 @@ pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
     table
 }
 
-/// Every single fault: programs by name, then hosts.
+/// Returns every single fault: programs by name, then hosts.
 fn strikes(model: &Model<'_>) -> Vec<Strike> {
     let mut strikes = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         for (slot, member) in (0_u32..).zip(&source.members) {
-            // The ports of an activity are in no event action, so the activity goes on without them.
+            // Event actions do not contain the ports of an activity, so the activity continues without them.
             if let MemberKind::Leaf(leaf) = member.kind
                 && !model.plan.has_ports(leaf)
             {
@@ -214,7 +214,7 @@ fn strikes(model: &Model<'_>) -> Vec<Strike> {
     strikes
 }
 
-/// The system in which some faults may happen; none if a program is not in it.
+/// Returns the system in which some faults may happen; none if a program is not in it.
 fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>> {
     let programs = strikes.iter().filter_map(|strike| match strike.target {
         Target::Program(group, slot) => Some((group, slot, strike.kind)),
@@ -250,7 +250,8 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     Some(system)
 }
 
-/// The whole, with every group open that a loss may split, that may hang, or that holds one of these members.
+/// Returns the system of the whole. Explored in detail is every group that a loss may split, that may hang, or that contains one of these
+/// members.
 pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a> {
     let is_open = |group: u32| is_torn(model, group) || model.parts[group as usize].may_hang;
     let mut open: Vec<bool> = (0_u32..).zip(&model.plan.groups).map(|(group, _)| is_open(group)).collect();
@@ -258,7 +259,7 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
         open[group as usize] = true;
     }
     for group in (0..open.len()).rev() {
-        // A group has a greater number than the group around it.
+        // A group has a greater number than the group that contains it.
         if let Some((around, _)) = model.around[group].filter(|_| open[group]) {
             open[around as usize] = true;
         }
@@ -266,8 +267,8 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
     System::new(model, 0, &|part| open[model.parts[part].group as usize])
 }
 
-/// The order of rows by badness. Among rows that are safe in the end, a longer time is worse, and a time without a
-/// bound is the worst.
+/// Returns the key by which rows are sorted, the worst last. Among rows that are safe in the end, a longer time is worse, and an unlimited
+/// time is the worst.
 fn rank(severity: Severity, safe_within: Option<Duration>) -> (Severity, Duration) {
     (severity, safe_within.unwrap_or(Duration::MAX))
 }
@@ -276,7 +277,7 @@ fn rank(severity: Severity, safe_within: Option<Duration>) -> (Severity, Duratio
 #[derive(Debug, Default)]
 struct PhaseRows {
     worst: Option<case::Judged>,
-    /// The first state in which something continues in its place.
+    /// The first state in which another process continues in place of the struck one.
     handled: Option<case::Judged>,
 }
 
@@ -291,14 +292,15 @@ impl PhaseRows {
         }
     }
 
-    /// Returns the worst row. If it is safe, but processes continue in other states, that comes first: `safe` alone would promise too much.
+    /// Returns the worst row. If the worst is `safe`, but processes continue in other states, the row of such a state comes first: `safe`
+    /// alone would promise too much.
     fn rows(self) -> impl Iterator<Item = case::Judged> {
         let is_safe = self.worst.as_ref().is_some_and(|worst| worst.severity == Severity::Safe);
         self.handled.filter(|_| is_safe).into_iter().chain(self.worst)
     }
 }
 
-/// Explores the effects of some faults together, and adds a row for each phase.
+/// Explores the effects of some faults together, and adds the rows of each phase.
 fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, table: &mut Table) {
     let name = || strikes.iter().map(|strike| strike.name.as_str()).collect::<Vec<_>>().join(" and ");
     if !limits.goes_on.goes_on() {
@@ -326,7 +328,7 @@ fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, t
 }
 
 impl Severity {
-    /// The word for it.
+    /// Returns the name of the severity.
     pub fn word(self) -> &'static str {
         match self {
             Self::Handled => "handled",
@@ -342,7 +344,7 @@ impl Severity {
 }
 
 impl Mission {
-    /// The words for it.
+    /// Returns the words for the result.
     pub fn word(self) -> &'static str {
         match self {
             Self::Done => "is done",
@@ -358,7 +360,7 @@ impl Mission {
 }
 
 impl FaultKind {
-    /// The word for it.
+    /// Returns the name of the fault.
     pub fn word(self) -> &'static str {
         match self {
             Self::Crash => "crash",

@@ -1,4 +1,4 @@
-//! The answer of a verification to one question.
+//! The answer of the verification to one question.
 
 use crate::explore::Reached;
 use crate::story::Story;
@@ -7,11 +7,11 @@ use language::{Code, Diagnostic, Label, Severity, Span};
 /// The answer to a question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It holds in every order of events.
+    /// The property holds in every order of events.
     Proved,
-    /// It does not hold.
+    /// The property does not hold.
     Fails,
-    /// It was not decided.
+    /// The question was not decided.
     Open,
 }
 
@@ -22,22 +22,23 @@ pub struct Finding {
     pub verdict: Verdict,
     /// The answer in a sentence.
     pub sentence: String,
-    /// Why it does not hold, with places in the text.
+    /// Why the property does not hold, with places in the text.
     pub diagnostic: Option<Diagnostic>,
     /// The way to the violation.
     pub story: Option<Story>,
-    /// The assumption that this proof makes, beside the assumptions of every proof.
+    /// An assumption of this proof, in addition to the assumptions of every proof.
     pub assumes: Option<Assumption>,
-    /// The place of the sentence that it answers; none if it is a question of the catalogue.
+    /// The place of the answered sentence; none for a question of the catalogue.
     pub place: Option<Span>,
 }
 
-/// An assumption of a proof. Without it, something else may happen.
+/// An assumption of a proof. If it does not hold, something else may happen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assumption {
-    /// The assumption, and the possible behaviour without it: "no host is lost: once `c2` is cut off, both may run".
+    /// The assumption, and the possible behaviour if it does not hold: "no host is lost: once `c2` is cut off, both
+    /// may run".
     pub text: String,
-    /// How that happens.
+    /// A run in which the assumption does not hold.
     pub story: Option<Story>,
 }
 
@@ -84,7 +85,7 @@ pub(crate) fn diagnostic(code: Code, span: Span, message: impl Into<String>) -> 
     }
 }
 
-/// Adds a place where the reason is.
+/// Adds the place of a reason.
 pub(crate) fn reason(mut diagnostic: Diagnostic, span: Span, text: impl Into<String>) -> Diagnostic {
     diagnostic.secondary.push(Label { span, text: text.into() });
     diagnostic
@@ -97,7 +98,7 @@ pub(crate) fn help(mut diagnostic: Diagnostic, text: impl Into<String>) -> Diagn
 }
 
 impl Reached {
-    /// The limit in words, and how to raise it.
+    /// Returns the limit in words, and how to raise it.
     pub fn words(self) -> &'static str {
         match self {
             Self::States => "the limit of states was reached (--states)",

@@ -1,4 +1,4 @@
-//! A plan as one system, nothing left out and nothing reduced: for comparisons and measurements.
+//! A plan as one complete system without any reduction, for comparisons and measurements.
 
 use crate::explore::{Graph, Limits, Nobody, Reached, explore, is_over, is_stopping};
 use crate::model::Model;
@@ -8,20 +8,20 @@ use language::plan::Plan;
 use language::sites::Sites;
 use std::collections::BTreeSet;
 
-/// Everything that a plan can do if its programs may fail and stops may come at any time.
+/// The complete behaviour of a plan, if its programs may fail and stops may come at any time.
 #[derive(Debug)]
 pub struct Flat {
     /// The number of states.
     pub states: u32,
     /// The number of transitions.
     pub transitions: u64,
-    /// The memory that it took, in bytes.
+    /// The used memory, in bytes.
     pub memory: usize,
-    /// The activity of every member and the ending of the whole, for each state, without duplicates.
+    /// For each state, the activity of every member and the ending of the whole, without duplicates.
     pub situations: BTreeSet<(Vec<Activity>, Ending)>,
-    /// Whether there is a state from which it cannot end though no program fails.
+    /// Whether there is a state from which the plan cannot end although no program fails.
     pub gets_stuck: bool,
-    /// Whether there is a state after a stop from which it cannot end though no program fails.
+    /// Whether there is a state after a stop from which the plan cannot end although no program fails.
     pub stop_hangs: bool,
     /// The limit that was reached.
     pub reached: Option<Reached>,
@@ -30,24 +30,24 @@ pub struct Flat {
 /// The state of the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Ending {
-    /// It has not started.
+    /// The member has not started.
     Idle,
-    /// It runs.
+    /// The member is running.
     Running,
-    /// It has been asked to stop.
+    /// The member was asked to stop.
     Stopping,
-    /// It was done.
+    /// The member is done.
     Done,
-    /// It has failed.
+    /// The member has failed.
     Aborted,
-    /// It has stopped.
+    /// The member has stopped.
     Stopped,
 }
 
-/// The detail that a flat exploration has to return.
+/// The details that a flat exploration returns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
-    /// Only how many states there are.
+    /// Only the number of states.
     Count,
     /// Everything.
     All,

@@ -1,13 +1,13 @@
-//! Draws a story: a lane for each process, under its host, and a column for each step.
+//! Draws a story: a lane for each process, grouped by host, and a column for each step.
 
 use crate::story::{Became, Story};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// The most lanes, and the most steps, that are drawn.
+/// The most lanes and the most steps that are drawn.
 const LANES_MAX: usize = 200;
 const STEPS_MAX: usize = 200;
-/// The room for names, for a step, for a lane, for a line of text, and around it all.
+/// The sizes of names, steps, lanes, lines of text, and the margin.
 const NAMES: usize = 200;
 const STEP: usize = 48;
 const LANE: usize = 22;
@@ -20,18 +20,18 @@ const ACTIVE: &str = "#7fb2e5";
 const STOPPING: &str = "#f0b25c";
 const WRONG: &str = "#c81e1e";
 
-/// A stretch of a lane: from its first step to its last.
+/// A part of a lane, from its first step to its last.
 struct Bar {
     became: Became,
     from: usize,
     to: usize,
-    /// How it ends; nothing if something else follows at once, or the story ends before.
+    /// How the part ends; none if another part follows at once, or the story ends before.
     end: Option<Became>,
 }
 
 impl Story {
-    /// Returns the story as a picture in SVG, the same bytes for the same story. The line at the end is the moment that
-    /// `title` describes.
+    /// Returns the story as an SVG picture; the same story always gives the same bytes. The line at the end marks the
+    /// moment that `title` describes.
     pub fn svg(&self, title: &str) -> String {
         let steps = self.steps.len().min(STEPS_MAX);
         let lanes = self.lanes(steps);
@@ -70,7 +70,7 @@ impl Story {
         out + "</svg>\n"
     }
 
-    /// The activity of each process, by its host and its name.
+    /// Returns the activity of each process, by its host and its name.
     fn lanes(&self, steps: usize) -> BTreeMap<(&str, &str), Vec<Bar>> {
         let mut lanes: BTreeMap<(&str, &str), Vec<Bar>> = BTreeMap::new();
         for (step, moves) in self.steps.iter().take(steps).enumerate().map(|(number, step)| (number, &step.moves)) {
@@ -104,7 +104,7 @@ impl Story {
     }
 }
 
-/// Where a step is.
+/// Returns the position of a step.
 fn at(step: usize) -> usize {
     MARGIN + NAMES + STEP / 2 + step * STEP
 }

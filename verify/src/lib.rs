@@ -1,11 +1,11 @@
 //! Proves the properties of a spec for every order of events, before it runs.
 //!
-//! [`verify`] takes a plan with its places and answers the questions of a catalogue, and those that the spec states in its
-//! `verify` blocks. The transitions come from `language::algebra::step`, the function that runs the robot.
+//! [`verify`] takes a plan with its places. It answers the questions of a catalogue, and those in the `verify` blocks of the
+//! spec. The transitions come from `language::algebra::step`, the same function that runs the robot.
 //!
-//! Way of a plan: `model` divides it into parts, `system` combines some parts with all possible events, `explore`
-//! explores it, `catalogue` asks the questions, `story` tells how a property fails. Pure: no clock, no file; the caller
-//! sets the limits.
+//! The modules: `model` divides a plan into parts. `system` combines some parts with all possible events. `explore` explores
+//! the combination. `catalogue` has the questions. `story` describes how a property fails. The crate is pure: no clock and no
+//! files; the caller sets the limits.
 
 mod catalogue;
 mod conform;
@@ -59,9 +59,9 @@ pub struct Report {
     pub states: u64,
     /// How many transitions were taken.
     pub transitions: u64,
-    /// The most memory that one exploration took, in bytes.
+    /// The most memory that one exploration used, in bytes.
     pub memory: usize,
-    /// Whether a limit was reached, so that something was left out.
+    /// Whether a limit was reached, so that a part was left out.
     pub is_limited: bool,
     /// The assumptions of all answers.
     pub assumptions: Vec<String>,
@@ -72,7 +72,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     report(Model::new(plan, sites), limits)
 }
 
-/// The same, where groups of more than `whole` configurations are taken apart: for comparisons, since the answers are the same.
+/// Verifies like [`verify`], but divides groups of more than `whole` configurations. For comparisons: the answers are the same.
 #[doc(hidden)]
 pub fn verify_in_pieces(plan: &Plan, sites: &Sites, limits: &Limits<'_>, whole: u64) -> Report {
     report(Model::with(plan, sites, whole), limits)
@@ -108,7 +108,7 @@ fn timers(plan: &Plan) -> &'static str {
     }
 }
 
-/// Answers the sentences of `verify` blocks alone.
+/// Answers only the sentences of `verify` blocks.
 pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<Finding> {
     let mut model = Model::new(plan, sites);
     // The possible ends of an inner group are found by exploring it.
@@ -120,7 +120,7 @@ fn times<'m, 'a>(model: &'m Model<'a>) -> times::Times<'m, 'a> {
     times::Times::new(model, assumed(model.sites))
 }
 
-/// How long members take, as the spec assumes.
+/// Returns how long members take, according to the spec.
 fn assumed(sites: &Sites) -> BTreeMap<(u32, u32), (Duration, Duration)> {
     let mut assumed = BTreeMap::new();
     for property in &sites.properties {
@@ -143,8 +143,8 @@ pub enum Faults {
     Two,
 }
 
-/// Returns the effects of each single fault of each program, host and link, or of each pair of faults that is worse
-/// together.
+/// Returns the effects of each single fault of each program, host and link, or of each pair of faults that is worse than either
+/// fault alone.
 pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>, faults: Faults) -> Table {
     let mut model = Model::new(plan, sites);
     let catalogue = catalogue::explore_parts(&mut model, limits);

@@ -1,4 +1,4 @@
-//! Limits that always pass: `P within 5 s` where P takes at least longer than that.
+//! Finds limits that always pass: `P within 5 s`, where `P` always takes longer.
 
 pub(crate) mod late;
 
@@ -13,7 +13,7 @@ use language::plan::{DEADLINE, Expression, Group, MemberKind};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// Finds every limit that is too short; reports how many there are if none is.
+/// Finds every limit that is too short. If there is none, reports the number of limits.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
     let (mut findings, mut count, mut seen) = (Vec::new(), 0, BTreeSet::new());
     for (group, source) in (0_u32..).zip(&times.model.plan.groups) {
@@ -24,7 +24,7 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
             let Some((body, limit)) = within(expression) else { return };
             count += 1;
             let Some(least) = times.of(group, source, body).done else { return };
-            // A body that has to run takes some time, however short.
+            // A body with a program takes some time, however short.
             if least <= limit && !(limit.is_zero() && takes_time(source, body)) {
                 return;
             }
@@ -50,7 +50,8 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
     findings
 }
 
-/// Whether nothing in an expression ends at the moment at which it starts: there are programs and pauses alone.
+/// Returns whether no part of an expression ends at the moment at which it starts: it contains only programs and
+/// pauses.
 fn takes_time(group: &Group, expression: &Expression) -> bool {
     if let Expression::Run { member, .. } = expression {
         return matches!(group.members[*member as usize].kind, MemberKind::Leaf(_));
@@ -62,7 +63,7 @@ fn takes_time(group: &Group, expression: &Expression) -> bool {
     }
 }
 
-/// The story of a limit that passes: the `within` with this number in the expression of a group.
+/// Returns the story of a limit that passes: that of the `within` with this number in the expression of a group.
 fn passes(model: &Model<'_>, group: u32, within: usize, limits: &Limits<'_>) -> Option<Story> {
     let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
     let system = System::new(model, group as usize, &is_piece);
@@ -88,14 +89,14 @@ fn passes(model: &Model<'_>, group: u32, within: usize, limits: &Limits<'_>) -> 
     Some(tell(&system, &way))
 }
 
-/// The number of the `wait` in a `within`, by the number of that.
+/// Returns the number of the `wait` in a `within`; `within` is the number of the operator.
 fn limit_node(model: &Model<'_>, group: u32, within: usize) -> Option<u32> {
     let (mut node, mut found) = (0, None);
     walk(&model.plan.groups[group as usize].expression, &mut |expression| {
         if node == within
             && let Some((body, _)) = self::within(expression)
         {
-            // The operator itself, its body, the `;` of the limit.
+            // The operator itself, its body, and the `;` of the limit come first.
             found = u32::try_from(within).ok().map(|within| within + 1 + count(body) + 1);
         }
         node += 1;
@@ -103,7 +104,7 @@ fn limit_node(model: &Model<'_>, group: u32, within: usize) -> Option<u32> {
     found
 }
 
-/// The body and the limit of `P within d`.
+/// Returns the body and the limit of `P within d`.
 pub(crate) fn within(expression: &Expression) -> Option<(&Expression, Duration)> {
     let Expression::Disable(of) = expression else { return None };
     let [body, Expression::Sequence(wait, fail)] = of.as_slice() else { return None };
@@ -113,14 +114,14 @@ pub(crate) fn within(expression: &Expression) -> Option<(&Expression, Duration)>
     }
 }
 
-/// For each timer of an expression, whether it is a limit: its passing leads to a failure.
+/// Returns for each timer of an expression whether it is a limit: when it passes, a failure follows.
 pub(crate) fn is_limit(expression: &Expression) -> Vec<bool> {
     let (mut timers, mut limits) = (0, BTreeSet::new());
     walk(expression, &mut |expression| {
         if let Expression::Sequence(wait, fail) = expression
             && matches!((&**wait, &**fail), (Expression::Wait(_), Expression::Fail(_)))
         {
-            // Its `wait` is the next timer.
+            // The `wait` of the limit is the next timer.
             limits.insert(timers);
         }
         let is_timer = matches!(expression, Expression::Wait(_) | Expression::Shield { bound: Some(_), .. });

@@ -1,12 +1,12 @@
-//! A plan as variables and guarded changes, for model checkers that explore it themselves.
+//! A plan as variables and guarded changes, for model checkers, which explore it themselves.
 //!
-//! The model is written from the rules of the manual, operator by operator. Nothing here calls `algebra::step`, so
-//! equal state spaces of this model and of the explorer are evidence for both.
+//! The model is written from the rules of the manual, operator by operator, and never calls `algebra::step`. So if this model
+//! and the explorer have equal state spaces, this is evidence for both.
 //!
-//! One reaction is a chain of silent changes: `act` names the next action, `at` the node that performs it. A node is
-//! called to start or to stop; it calls its operands, and reports back to the operator around it whether it runs or how
-//! it has ended. Nothing else can happen during the chain, and exactly one silent change is possible at a time. So the
-//! chain is inert: the model and the transition system are branching bisimilar, and no chain is endless.
+//! One reaction is a chain of silent changes: `act` is the next action, and `at` is the node that performs it. A node is called
+//! to start or to stop. It calls its operands, and reports to the operator around it that it runs, or how it has ended. Nothing
+//! else can happen during the chain, and exactly one silent change is possible at a time. So the chain is inert: the model and
+//! the transition system are branching bisimilar, and no chain is endless.
 
 mod groups;
 mod joins;
@@ -35,7 +35,7 @@ pub(crate) struct Machine {
     changes: Vec<Change>,
 }
 
-/// A number from 0, which it is at first, to a greatest one.
+/// A variable: a number from 0, its first value, up to a largest value.
 #[derive(Debug)]
 struct Variable {
     name: String,
@@ -46,7 +46,7 @@ struct Variable {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Var(usize);
 
-/// Something that can happen when all its tests hold; without a word it is silent.
+/// A change that can happen when all its tests hold. Without a word it is silent.
 #[derive(Debug)]
 struct Change {
     word: Option<String>,
@@ -65,15 +65,15 @@ enum Test {
     Fails(Box<Self>),
 }
 
-/// A number, of the values before the change.
+/// A number, computed from the values before the change.
 #[derive(Clone, Copy, Debug)]
 enum Term {
     Number(u32),
     Of(Var),
     OneMore(Var),
-    /// One less, but not below 0.
+    /// One less than a variable, but not below 0.
     OneLess(Var),
-    /// One less if it is greater than the other variable.
+    /// One less than a variable if it is greater than another variable; otherwise its own value.
     MovesUp(Var, Var),
 }
 
@@ -82,8 +82,8 @@ impl Machine {
         writer::write(&Model::of_groups(plan, sites))
     }
 
-    /// A new variable, with room for numbers up to `most`, and at least up to 1: Storm 2.0 spoils the variables beside one that
-    /// has a single value.
+    /// Returns a new variable for numbers up to `most`, and at least up to 1. Storm 2.0 damages the variables next to one with
+    /// a single value.
     fn variable(&mut self, name: String, most: usize) -> Var {
         self.variables.push(Variable { name, most: u32::try_from(most.max(1)).unwrap_or(u32::MAX) });
         Var(self.variables.len() - 1)

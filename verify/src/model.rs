@@ -1,9 +1,9 @@
 //! A plan as parts: its groups, and pieces of large groups, each with the events at its boundary.
 //!
-//! A supervisor only sees that a member starts, is done, aborts or has stopped. So a group can be explored with its
-//! members as black boxes that do these things at any time, whatever is inside: the cost is the sum over groups, not
-//! the product. The same holds for the operands of a `,` that share nothing with the rest of their group: where there
-//! are many, they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
+//! A supervisor only sees that a member starts, is done, aborts or has stopped. So a group can be explored with its members as
+//! black boxes that do these things at any time, regardless of their content. The cost is then the sum over groups, not the
+//! product. The same holds for the operands of a `,` that share nothing with the rest of their group. If there are many, they
+//! become separate parts, by the law `P, Q, R = (P, Q), R` of tasks.
 
 use crate::story::inside::Way;
 use language::algebra::{Program, Value};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// A group with at most this many configurations, estimated from its operators, is not divided.
 const WHOLE_MAX: u64 = 20_000;
-/// A group with more members is not taken apart either: each piece has a place for each of them.
+/// A group with more members than this is not divided either: each piece has a place for each of them.
 const MEMBERS_MAX: usize = 2000;
 /// The most operands of one `,` that stay together.
 const BESIDE_MAX: usize = 3;
@@ -25,9 +25,9 @@ pub struct Model<'a> {
     pub plan: &'a Plan,
     /// The places in the text.
     pub sites: &'a Sites,
-    /// The parts; each group of the plan first, under its own number.
+    /// The parts. The groups of the plan come first, under their own numbers.
     pub(crate) parts: Vec<Part>,
-    /// For each group but `main`, the group around it and its slot there.
+    /// For each group except `main`, the group around it and its slot there.
     pub(crate) around: Vec<Option<(u32, u32)>>,
 }
 
@@ -38,21 +38,21 @@ pub(crate) struct Part {
     pub(crate) group: u32,
     pub(crate) program: Program,
     pub(crate) expression: Expression,
-    /// For each node, its number in the group's own expression.
+    /// For each node, its number in the complete expression of the group.
     pub(crate) nodes: Vec<u32>,
     pub(crate) members: Vec<Seat>,
-    /// Whether it is a piece of a group. A piece reacts together with the part around it.
+    /// Whether the part is a piece of a group. A piece reacts together with the part around it.
     pub(crate) is_piece: bool,
-    /// How it can end, when programs may fail and when they do not; known after `ends`.
+    /// The possible ends, first if programs may fail, then if they do not; known after `ends`.
     pub(crate) ends: [Ends; 2],
-    /// Whether the exploration is complete: no limit ended it, here or in an inner part.
+    /// Whether the exploration is complete: no limit has ended it, here or in an inner part.
     pub(crate) is_whole: bool,
-    /// Whether it can end, and can also reach a state where it never does; known after `ends`. Such a part is not used
-    /// as a box.
+    /// Whether the part can end, and can also reach a state from which it never ends; known after `ends`. Such a part is not used
+    /// as a black box.
     pub(crate) may_hang: bool,
-    /// Whether it is an activity, or has one inside, and ends in the reaction that starts it; known after `ends`.
+    /// Whether the part is or contains an activity, and can end in the reaction that starts it; known after `ends`.
     pub(crate) ends_at_once: bool,
-    /// A way to each of its `ends`, if it is an activity or has one inside.
+    /// A way to each of the `ends`, if the part is or contains an activity.
     pub(crate) ways: [Vec<Way>; 2],
 }
 
@@ -67,9 +67,9 @@ pub(crate) enum Seat {
 /// How something can end by itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Ends {
-    /// The values that it may leave: the empty one, or one for each tag.
+    /// The possible values for the next process: the empty one, or one for each tag.
     pub(crate) done: Vec<Value>,
-    /// The reports with which it may fail: one for each reason that something asks for, and the empty one for all others.
+    /// The reports with which it may fail: one for each reason that an expression distinguishes, and an empty one for all others.
     pub(crate) aborted: Vec<Value>,
 }
 
@@ -79,12 +79,12 @@ impl<'a> Model<'a> {
         Self::with(plan, sites, WHOLE_MAX)
     }
 
-    /// Leaves each group whole, however large.
+    /// Keeps each group whole, however large.
     pub(crate) fn of_groups(plan: &'a Plan, sites: &'a Sites) -> Self {
         Self::with(plan, sites, u64::MAX)
     }
 
-    /// Divides the groups that have more configurations than `whole`.
+    /// Divides the groups that have more than `whole` configurations.
     pub(crate) fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
         let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
         for (index, group) in (0..).zip(&plan.groups) {
@@ -103,24 +103,24 @@ impl<'a> Model<'a> {
         model
     }
 
-    /// Whether any expression or sentence distinguishes tags; otherwise all values are alike.
+    /// Returns whether any expression or sentence distinguishes tags; otherwise all values are equivalent.
     pub(crate) fn has_tags(&self) -> bool {
         let looks = |property: &Property| property.sentence.events().iter().any(|event| event.kind.outcome().is_some());
         self.plan.groups.iter().any(|group| names_tags(&group.expression)) || self.sites.properties.iter().any(looks)
     }
 
-    /// Whether a part of a group runs a member of it, itself or in a piece.
+    /// Returns whether a part of a group runs a member of the group, directly or in a piece.
     pub(crate) fn holds(&self, part: usize, slot: u32) -> bool {
         self.held(part).iter().any(|(_, held)| *held == slot)
     }
 
-    /// The members of its group that a part runs, itself or in pieces, each with its part and node.
+    /// Returns the members of its group that a part runs, directly or in pieces, each with its part and node.
     pub(crate) fn held(&self, part: usize) -> Vec<((usize, usize), u32)> {
         let runs = run_nodes(&self.parts[part].expression);
         runs.into_iter().flat_map(|(node, member)| self.held_at((part, node), member)).collect()
     }
 
-    /// The members that a node of a part runs: one member, or all members of a piece.
+    /// Returns the members that a node of a part runs: one member, or all members of a piece.
     pub(crate) fn held_at(&self, at: (usize, usize), member: u32) -> Vec<((usize, usize), u32)> {
         match self.parts[at.0].members.get(member as usize) {
             Some(Seat::Part(piece)) if self.parts[*piece].is_piece => self.held(*piece),
@@ -128,7 +128,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The name of a process for a reader: its path without `main/`.
+    /// Returns the name of a process for people: its path without `main/`.
     pub(crate) fn name(&self, group: u32, slot: u32) -> String {
         let group = &self.plan.groups[group as usize];
         let path = format!("{}/{}", group.path, group.members[slot as usize].name);
@@ -148,7 +148,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The leaves that a slot of a part runs, also where a piece of its group sits there.
+    /// Returns the leaves that a slot of a part runs; the slot may contain a piece of the group.
     pub(crate) fn leaves_in(&self, part: usize, slot: u32) -> Vec<u32> {
         match self.parts[part].members.get(slot as usize) {
             Some(Seat::Leaf(leaf)) => vec![*leaf],
@@ -161,14 +161,14 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The leaves of a group and of those in it.
+    /// Returns the leaves of a group and of all groups in it.
     pub(crate) fn leaves_of_group(&self, group: u32) -> Vec<u32> {
         let slots = 0..u32::try_from(self.plan.groups[group as usize].members.len()).unwrap_or(0);
         slots.flat_map(|slot| self.leaves_below(group, slot)).collect()
     }
 }
 
-/// A path without `main/` before it.
+/// Returns a path without `main/` in front.
 pub(crate) fn short(path: &str) -> String {
     path.strip_prefix("main/").unwrap_or(path).to_owned()
 }
@@ -181,13 +181,13 @@ fn names_tags(expression: &Expression) -> bool {
     is_one || expression.operands().into_iter().any(names_tags)
 }
 
-/// Takes the expression of one group apart.
+/// Divides the expression of one group.
 struct Outline<'m> {
     group: usize,
     source: &'m Group,
-    /// Members of the part that is being written.
+    /// All finished pieces.
     parts: &'m mut Vec<Part>,
-    /// The number of the first piece: the groups come before.
+    /// The number of the first piece; the groups have the smaller numbers.
     first_piece: usize,
 }
 
@@ -226,7 +226,7 @@ impl Outline<'_> {
         }
     }
 
-    /// Copies an expression; `number` is that of its first node in the group's own expression.
+    /// Copies an expression; `number` is the number of its first node in the complete expression of the group.
     fn write(&mut self, expression: &Expression, number: &mut u32, draft: &mut Draft) -> Expression {
         let own = *number;
         draft.nodes.push(own);
@@ -267,7 +267,7 @@ impl Outline<'_> {
         Expression::Concurrent(operands.into_iter().map(|(_, operand)| operand).collect())
     }
 
-    /// Makes a piece of some operands of a `,`; returns its slot in the part around it.
+    /// Makes a piece from some operands of a `,`; returns its slot in the part around it.
     fn piece(&mut self, operands: &[(&Expression, u32)], own: u32, around: &mut Draft) -> u32 {
         let mut draft = Draft { members: seats(self.source), names: self.source.members.clone(), nodes: Vec::new() };
         let expression = match operands {
@@ -298,13 +298,13 @@ impl Outline<'_> {
         u32::try_from(around.members.len() - 1).unwrap_or(u32::MAX)
     }
 
-    /// Whether it is an activity that waits for the ends of members.
+    /// Returns whether this is an activity that waits for the ends of members.
     fn names_members(&self) -> bool {
         let Expression::Chart(chart) = &self.source.expression else { return false };
         chart.notices.iter().any(|notice| matches!(notice, Notice::Done(_) | Notice::Aborted(_)))
     }
 
-    /// Whether an operand shares no member and no resource with the rest of its group.
+    /// Returns whether an operand shares no member and no resource with the rest of its group.
     fn is_alone(&self, operand: &Expression) -> bool {
         let (own, all) = (runs(operand), runs(&self.source.expression));
         let is_shared = |member: &u32| count_of(&all, *member) != count_of(&own, *member);
@@ -319,7 +319,7 @@ impl Outline<'_> {
     }
 }
 
-/// A part while it is written.
+/// A part that is being written.
 struct Draft {
     members: Vec<Seat>,
     names: Vec<Member>,
@@ -334,7 +334,7 @@ fn seats(group: &Group) -> Vec<Seat> {
     group.members.iter().map(seat).collect()
 }
 
-/// Splits into at most `count` runs of nearly the same length.
+/// Splits items into at most `count` runs of nearly equal length.
 fn halves<T>(items: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     let length = items.len().div_ceil(count.max(1)).max(1);
     items.chunks(length)
@@ -344,13 +344,13 @@ fn count_of<T: PartialEq>(items: &[T], one: T) -> usize {
     items.iter().filter(|item| **item == one).count()
 }
 
-/// How many nodes an expression has.
+/// Returns the number of nodes of an expression.
 pub(crate) fn count(expression: &Expression) -> u32 {
     expression.operands().into_iter().map(count).fold(1, u32::saturating_add)
 }
 
-/// Roughly how many configurations an expression has while it is active. The numbers of operands in sequence add up, the numbers of
-/// parallel operands multiply.
+/// Returns the approximate number of configurations of an active expression. The numbers of operands in sequence are added, those
+/// of parallel operands are multiplied.
 fn configurations(expression: &Expression) -> u64 {
     let parts = || expression.operands().into_iter().map(configurations);
     match expression {
@@ -377,7 +377,7 @@ fn configurations(expression: &Expression) -> u64 {
     }
 }
 
-/// The members that an expression runs, each as often as it occurs.
+/// Returns the members that an expression runs, each as often as it occurs.
 pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
     let mut all = Vec::new();
     walk(expression, &mut |expression| {
@@ -388,7 +388,7 @@ pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
     all
 }
 
-/// The nodes of an expression that run a member, each with it.
+/// Returns the nodes of an expression that run a member, each with this member.
 pub(crate) fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
     let (mut runs, mut node) = (Vec::new(), 0);
     walk(expression, &mut |expression| {
@@ -400,8 +400,8 @@ pub(crate) fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
     runs
 }
 
-/// Whether an expression may end at the instant at which it starts. Then the order in which operands begin counts, and
-/// none of them is a piece.
+/// Returns whether an expression may end at the moment at which it starts. Then the order in which operands begin matters, and no
+/// operand becomes a piece.
 fn may_end_at_once(expression: &Expression) -> bool {
     match expression {
         Expression::Skip | Expression::Fail(_) | Expression::Chart(_) => true,
@@ -436,7 +436,7 @@ fn resources(expression: &Expression) -> Vec<&str> {
     own.into_iter().chain(expression.operands().into_iter().flat_map(resources)).collect()
 }
 
-/// Goes through an expression, an operator before its operands.
+/// Visits all parts of an expression, an operator before its operands.
 pub(crate) fn walk(expression: &Expression, visit: &mut impl FnMut(&Expression)) {
     visit(expression);
     for operand in expression.operands() {
@@ -444,7 +444,7 @@ pub(crate) fn walk(expression: &Expression, visit: &mut impl FnMut(&Expression))
     }
 }
 
-/// The times of the timers of an expression, in textual order.
+/// Returns the times of the timers of an expression, in textual order.
 pub(crate) fn times_of(expression: &Expression) -> Vec<Duration> {
     let mut times = Vec::new();
     if let Expression::Chart(chart) = expression {
@@ -458,7 +458,7 @@ pub(crate) fn times_of(expression: &Expression) -> Vec<Duration> {
     times
 }
 
-/// The same operator over other operands.
+/// Returns the same operator with other operands.
 fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> Expression) -> Expression {
     let mut copy = expression.clone();
     match &mut copy {

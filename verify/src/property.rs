@@ -1,4 +1,4 @@
-//! The sentences of `verify` blocks. Each is checked in the smallest system that contains the processes it names.
+//! The sentences of `verify` blocks. Each is checked in the smallest system that contains the named processes.
 
 mod formula;
 mod loss;
@@ -82,7 +82,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             diagnostic = help(diagnostic, why);
         }
         let told = |(system, graph, state): (&System<'_>, &Graph, u32)| match state {
-            // The goal was never possible, so a run shows what happens instead.
+            // The goal was never possible, so the story is any run.
             0 => tell(system, &a_run(system, graph)),
             state => story(system, graph, state),
         };
@@ -93,7 +93,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         Finding::open(format!("{}: {}: {why}", self.group(), self.property.text))
     }
 
-    /// The smallest system around the named processes.
+    /// Returns the smallest system around the named processes.
     fn system(&self, whom: &[ProcessRef], mode: Mode) -> System<'m> {
         let named: Vec<(u32, u32)> = whom.iter().filter_map(|who| Some((who.group, who.member?))).collect();
         let mut system = around(self.times.model, self.property.group, &named);
@@ -108,7 +108,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         system
     }
 
-    /// No transition is a violation.
+    /// Checks that no transition is a violation.
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         follow_starts(&mut system, &goal.begun());
@@ -128,25 +128,25 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         if let Some(reached) = graph.reached {
             return Some(self.open(reached.words()));
         }
-        // A process whose stop is delayed has to stop in the end.
+        // A process whose stop is delayed still has to stop in the end.
         matches!(goal, Goal::StillRuns(..)).then(|| self.is_live(system, goal, &|_| true))?
     }
 
-    /// Checks that the goal can still be reached from every state in which it is owed, without a failure.
+    /// Checks that the goal can still be reached, without a failure, from every state in which it is owed.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         follow_starts(&mut system, &goal.begun());
         self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
 
-    /// The same check, over the transitions that count.
+    /// The same check over the transitions for which `counts` is true.
     fn is_live(&self, system: &System<'_>, goal: &Goal, counts: &dyn Fn(Label) -> bool) -> Option<Finding> {
         let Found { graph, .. } = explore(system, self.limits, true, &Watch::new(system, goal));
         if let Some(reached) = graph.reached {
             return Some(self.open(reached.words()));
         }
         let paid = graph.which(system, |frame| !goal.is_owed(frame));
-        // Where programs do not fail by themselves, a failure that is reported comes from a lost host, and has to come.
+        // If programs do not fail by themselves, a reported failure comes from a lost host, and has to happen.
         let is_forced = |label| matches!(label, Label::Aborted(..)) && !system.mode.aborts;
         let can = graph.can_reach(&paid, &|label| (system.is_natural(label) || is_forced(label)) && counts(label));
         let state = (0..graph.store.count()).find(|&state| !can[state as usize])?;
@@ -181,12 +181,12 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    /// Whether a stop of the group may take longer; nothing if not.
+    /// Returns a finding if a stop of the group may take longer than the limit.
     fn stops(&self, limit: Duration) -> Option<Finding> {
         self.is_slow(self.times.of_group(self.property.group).stop, limit)
     }
 
-    /// Whether it may take longer from when something has happened to a process until another one has stopped.
+    /// Returns a finding if the time from an event of one process until another has stopped may exceed the limit.
     fn stops_after(&self, cause: ProcessRef, who: ProcessRef, limit: Duration) -> Option<Finding> {
         self.is_slow(self.times.stop_after(cause, who), limit)
     }
@@ -235,15 +235,15 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         self.proved()
     }
 
-    /// The sentence that does not hold once a fault has struck one program.
+    /// Returns the violation of a sentence about a fault of one program.
     fn on_fault(&self, kind: FaultKind, struck: ProcessRef, consequence: &Consequence) -> Option<Finding> {
         let (goal, other) = match consequence {
-            // A program that hangs is not noticed, but something else may end it.
+            // A hanging program is not noticed, but something else may end it.
             Consequence::Stopped(who, limit) if kind == FaultKind::Hang => {
                 return self.ends_beside_a_hang(struck, *who, *limit);
             }
             Consequence::Stopped(who, limit) => {
-                // A program that has died takes no time to stop; whether it is started again is another matter.
+                // A dead program takes no time to stop. Whether it is restarted is checked separately.
                 if let Some(found) =
                     limit.filter(|_| *who != struck).and_then(|limit| self.stops_after(struck, *who, limit))
                 {
@@ -262,7 +262,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    /// The smallest system in which a fault may strike a program and another process is seen.
+    /// Returns the smallest system in which a fault may strike a program and another process is visible.
     fn faulty(&self, kind: FaultKind, struck: ProcessRef, other: ProcessRef) -> Option<System<'m>> {
         let mut system = self.system(&[struck, other], Mode::default());
         let MemberRef { unit, member } = system.find(struck.group, struck.member?)?;
@@ -277,8 +277,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         Some(system)
     }
 
-    /// While a program hangs, something else ends a process: a process that ends by itself does not count, since it may
-    /// never do so.
+    /// Checks that something else ends a process while a program hangs. An end of the process by itself does not count,
+    /// since it may never happen.
     fn ends_beside_a_hang(&self, hung: ProcessRef, who: ProcessRef, limit: Option<Duration>) -> Option<Finding> {
         let times = self.times.without_end(&self.leaves_of(hung), &self.leaves_of(who));
         let span = match who.member {
@@ -325,7 +325,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    /// The programs at and below a process, or of the whole group.
+    /// Returns the programs at and below a process, or of the whole group.
     fn struck(&self, who: Option<ProcessRef>) -> Vec<(u32, u32)> {
         let model = self.times.model;
         let leaves: Vec<u32> = match who.and_then(|who| Some((who.group, who.member?))) {
@@ -336,7 +336,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     }
 }
 
-/// The assumption behind a time across hosts.
+/// The assumption for a time limit across hosts.
 fn no_time_for_messages() -> Assumption {
     let text = "messages between hosts take no time: what they take comes on top, and is not counted";
     Assumption { text: text.to_owned(), story: None }
@@ -353,7 +353,7 @@ fn has_limit(sentence: &Sentence) -> bool {
     )
 }
 
-/// Lets the orders to start these programs take time as well, if the programs run on other hosts than their
+/// Makes the orders to start these programs take time as well, if the programs run on other hosts than their
 /// supervisors.
 fn follow_starts(system: &mut System<'_>, whom: &[ProcessRef]) {
     let seats: Vec<_> = whom.iter().filter_map(|who| system.find(who.group, who.member?)).collect();
@@ -368,7 +368,8 @@ pub(crate) fn place_of(model: &Model<'_>, leaf: u32) -> Option<(u32, u32)> {
     })
 }
 
-/// The smallest system with a group as its whole in which these members are seen, and all that may never end.
+/// Returns the smallest system with group `root` as its whole in which these members are visible, and all members that
+/// may never end.
 pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) -> System<'a> {
     let mut needed: Vec<(u32, u32)> = Vec::new();
     for &(group, slot) in named {
@@ -389,14 +390,14 @@ pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) 
     System::new(model, root as usize, &is_open)
 }
 
-/// Whether a frame shows a member that runs, and is not being stopped, it or a group around it.
+/// Returns whether a member runs in a frame, and neither it nor a group around it is being stopped.
 pub(crate) fn is_running(system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
     let Some(slot) = who.member else { return frame.phase == Phase::Running && !system.is_silent(frame, 0) };
     let seat = system.find(who.group, slot).filter(|_| frame.phase == Phase::Running || system.is_split(frame));
     seat.is_some_and(|seat| system.is_running(frame, seat))
 }
 
-/// A run that ends or comes to a standstill; if every run is endless, the beginning of one.
+/// Returns a run that ends or comes to a standstill; if every run is endless, the beginning of one.
 fn a_run(system: &System<'_>, graph: &Graph) -> Vec<Label> {
     let way = graph.dead_end(system, 0);
     if way.is_empty() { graph.way(graph.store.count() - 1) } else { way }

@@ -1,7 +1,7 @@
-//! Repairs: edits of a spec after which a mistake is proved to be gone.
+//! Repairs: edits of a spec that are proved to remove a mistake.
 //!
-//! Common mistakes have common repairs. Each candidate is made in a copy of the text, and the copy is verified. Only
-//! repairs that were proved and bring no new mistake are offered. Only the author can judge which repair has the
+//! Common mistakes have common repairs. Each candidate is applied to a copy of the text, and the copy is verified.
+//! Only repairs that were proved and cause no new mistake are offered. Only the author can decide which repair has the
 //! intended meaning.
 
 mod candidates;
@@ -15,9 +15,9 @@ use language::sites::Sites;
 use language::{Code, Fix, Options, Source, Span, apply_fix, compile_with_sites};
 use std::collections::BTreeMap;
 
-/// The most mistakes of a spec for which repairs are searched.
+/// The most mistakes in a spec for which repairs are searched.
 const FINDINGS_MAX: usize = 20;
-/// The most repairs of one mistake that are tried, and that are offered.
+/// The most candidates that are tried for one mistake, and the most repairs that are offered.
 const TRIED_MAX: usize = 16;
 const OFFERED_MAX: usize = 1;
 
@@ -28,7 +28,7 @@ pub struct Repair {
     pub sentence: String,
     /// The mistake.
     pub code: Code,
-    /// Where the mistake is.
+    /// The place of the mistake.
     pub span: Span,
     /// The change, in words and as edits of the spec.
     pub fix: Fix,
@@ -37,7 +37,7 @@ pub struct Repair {
 /// A spec, and the result of verifying it.
 #[derive(Clone, Copy, Debug)]
 pub struct Verified<'v> {
-    /// Its text.
+    /// The text of the spec.
     pub spec: &'v Source,
     /// The plan of this text.
     pub plan: &'v Plan,
@@ -54,7 +54,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
     let mut repairs = Vec::new();
     for finding in fails.take(FINDINGS_MAX) {
         let Some(diagnostic) = &finding.diagnostic else { continue };
-        // A step that a limit leaves no time for has no story. Its author does not want another order of the steps.
+        // A step for which a limit leaves no time has no story. Its author does not want another order of the steps.
         if diagnostic.code == Code::E0812 && finding.story.is_none() {
             continue;
         }
@@ -66,7 +66,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
             let spec = applied(before.spec, fix);
             let (compiled, sites) = compile_with_sites(&spec, interfaces, options);
             let Some((plan, sites)) = compiled.plan.zip(sites) else { return false };
-            // A question that the changed text does not ask is not proved.
+            // A question that the changed text does not have would not be proved.
             if questions(before.plan, before.sites) != questions(&plan, &sites) {
                 return false;
             }
@@ -82,7 +82,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
     repairs
 }
 
-/// The subjects of the proofs of a spec: its sentences, each with its group; its processes; and its wires.
+/// Returns the subjects of a spec's proofs: its sentences, each with its group; its processes; and its wires.
 fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     let group = |index: u32| plan.groups.get(index as usize).map_or("", |group| &group.path);
     let sentences = sites.properties.iter().map(|property| format!("{}: {}", group(property.group), property.text));
@@ -98,8 +98,8 @@ fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     questions
 }
 
-/// Whether a mistake is gone from the second of two reports about the same questions, nothing new is in it, and all of
-/// it is decided that was.
+/// Returns whether the second of two reports about the same questions shows a repair: the mistake is gone, there is no
+/// new one, and all questions that were decided are still decided.
 fn is_repaired(before: &Report, after: &Report, finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;

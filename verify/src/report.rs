@@ -5,7 +5,8 @@ use crate::{Report, Story};
 use language::{Source, Style, render};
 
 impl Report {
-    /// Returns the whole report as text: each answer with its reason and its story, the assumptions, and the totals.
+    /// Returns the complete report as text: each answer with its reason and its story, the assumptions, and the
+    /// totals.
     pub fn text(&self, spec: &Source, interfaces: &[Source], style: Style) -> String {
         let mut text: String = self.findings.iter().map(|finding| told(finding, spec, interfaces, style)).collect();
         let count = |verdict| self.findings.iter().filter(|finding| finding.verdict == verdict).count();

@@ -1,4 +1,4 @@
-//! A story as a script: one event a line, then the expected result. The simulator of `language` plays it.
+//! A story as a script: one event per line, then the expected result. The simulator of `language` plays it.
 
 use crate::story::{Became, Story};
 use language::plan::Plan;
@@ -6,21 +6,21 @@ use language::{ReplayError, Simulation, TraceEvent, Transition};
 use std::fmt;
 use std::str::FromStr;
 
-/// The events of a story and its result.
+/// The events of a story, and its result.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Script {
-    /// The events, in order; the first starts the whole.
+    /// The events in order; the first one starts the whole.
     pub events: Vec<TraceEvent>,
-    /// The processes whose orders and reports take time between hosts, as paths.
+    /// The processes whose orders and reports take time between hosts, by their paths.
     pub travels: Vec<String>,
-    /// The processes that run at the end, as paths below `main`: programs, and groups whose inside the story does not
-    /// tell.
+    /// The processes that run at the end, by their paths below `main`: programs, and groups whose inside the story
+    /// does not show.
     pub running: Vec<String>,
     /// The processes that are being stopped at the end.
     pub stopping: Vec<String>,
-    /// The processes that may or may not run at the end, as paths like those in `running`.
+    /// The processes that may or may not run at the end, by paths like those in `running`.
     pub untold: Vec<String>,
-    /// How the whole has ended; none if it has not.
+    /// How the whole has ended; none if it has not ended.
     pub ended: Option<Became>,
 }
 
@@ -29,35 +29,35 @@ pub struct Script {
 pub struct Played {
     /// The events, one line each.
     pub lines: Vec<String>,
-    /// How it went.
+    /// The result of playing the script.
     pub result: PlayResult,
 }
 
 /// How a script was played.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlayResult {
-    /// It has the same result.
+    /// The simulation has the same result as the story.
     Same,
-    /// All events have happened, and the result differs.
+    /// All events have happened, but the result differs; the text describes the difference.
     Other(String),
     /// Something could not happen.
     Ends(ReplayError),
 }
 
-/// A line of a script that is not understood.
+/// A line of a script that is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {number} is not a line of a script: {why}")]
 pub struct ScriptError {
-    /// Its number, from 1.
+    /// The number of the line, from 1.
     pub number: usize,
-    /// The text that was expected.
+    /// The expected text.
     pub why: String,
 }
 
 const ENDS: [(&str, Became); 3] = [("done", Became::Done), ("failed", Became::Failed), ("stopped", Became::Stopped)];
 
 impl Script {
-    /// Returns the script of a story; none if an event has no name. Of a part that repeats for ever, it has one round.
+    /// Returns the script of a story; none if an event has no name. A part that repeats for ever is written once.
     pub fn of(story: &Story) -> Option<Self> {
         let is_named = story.steps.iter().all(|step| !step.events.is_empty());
         (is_named && !story.steps.is_empty()).then(|| Self {
@@ -70,7 +70,7 @@ impl Script {
         })
     }
 
-    /// Plays it, with fake programs.
+    /// Plays the script with simulated programs.
     pub fn play(&self, plan: &Plan) -> Played {
         let mut lines = Vec::new();
         let root = match self.events.first() {
@@ -91,7 +91,7 @@ impl Script {
         Played { lines, result }
     }
 
-    /// The difference between the end of a simulation and the end of the story.
+    /// Returns the difference between the end of a simulation and the end of the story.
     fn difference(&self, plan: &Plan, simulation: &Simulation<'_>) -> Option<String> {
         let ended = match simulation.outcome() {
             Some(Transition::Done) => Some(Became::Done),
@@ -134,7 +134,7 @@ impl Script {
     }
 }
 
-/// The effects of an event in the simulation.
+/// Returns the line for an event: its effects in the simulation.
 fn line(number: usize, event: &TraceEvent, simulation: &mut Simulation<'_>) -> String {
     let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
     for found in simulation.take_happenings() {
@@ -180,7 +180,7 @@ impl fmt::Display for Script {
 impl FromStr for Script {
     type Err = ScriptError;
 
-    /// Reads a script. Comments after `#` and empty lines are left out.
+    /// Reads a script. Comments after `#` and empty lines are ignored.
     fn from_str(text: &str) -> Result<Self, ScriptError> {
         let mut script = Self::default();
         for (number, line) in (1..).zip(text.lines()) {

@@ -1,9 +1,9 @@
-//! The states that were seen, each once, in the order of their discovery.
+//! The store of the states that were found: each state once, in the order of their discovery.
 //!
-//! All states of a system have the same length, so they lie one after the other in one array, and a number names one.
-//! The tables beside the array hold only numbers: four bytes a slot, at most two thirds of them taken. The hash of a
-//! state chooses one of several tables, so several threads can look up the states of one batch. The numbers depend only
-//! on the order of the batches, not on the number of threads.
+//! All states of a system have the same length, so they lie one after the other in one array, and a number identifies a state. The
+//! tables beside the array contain only numbers: four bytes per slot, with at most two thirds of the slots in use. The hash of a
+//! state selects one of several tables, so several threads can look up the states of one batch. The numbers depend only on the
+//! order of the batches, not on the number of threads.
 
 use crate::system::Label;
 use crate::threads::{Alone, Threads, each};
@@ -11,15 +11,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The number of tables.
 const SHARDS: usize = 16;
-/// Marks a slot whose value is not yet a number, but an index into the new states of this table.
+/// Marks a slot whose value is not a number yet, but an index into the new states of this table.
 const PENDING: u32 = 1 << 31;
-/// More states than this have no number.
+/// The most states that can have numbers.
 pub(crate) const STATES_MAX: u32 = PENDING - 2;
-/// Up to so many transitions, one thread is faster.
+/// Up to this many transitions, one thread is faster than several.
 const SMALL: usize = 4096;
 /// How many transitions ahead the memory is read.
 const AHEAD: usize = 16;
-/// Of a transition: its target is new and has no number yet.
+/// The target of a transition that is new and has no number yet.
 const NEW: u32 = u32::MAX;
 
 /// A set of byte strings of one length, numbered from 0.
@@ -34,12 +34,12 @@ pub(crate) struct Store {
 /// One table.
 #[derive(Debug)]
 struct Shard {
-    /// The number of a state plus 1; 0 is a free slot. The number of slots is a power of two.
+    /// The number of a state plus 1; 0 marks a free slot. The number of slots is a power of two.
     slots: Vec<u32>,
     count: usize,
 }
 
-/// Transitions in order, each with the state that it leads to.
+/// Transitions in order, each with its target state.
 #[derive(Debug, Default)]
 pub(crate) struct Batch {
     /// The states, one after the other.
@@ -47,14 +47,13 @@ pub(crate) struct Batch {
     hashes: Vec<u64>,
     /// For each transition, its source state and its label.
     pub(crate) origins: Vec<(u32, Label)>,
-    /// For each transition, the number of its state, once it is in the store.
+    /// For each transition, the number of its target, once that is in the store.
     targets: Vec<AtomicU32>,
     /// The transitions of each table.
     shards: [Vec<u32>; SHARDS],
 }
 
-/// The new states of one table: slot, batch and transition of each state. It also holds the transitions that lead to
-/// one of them.
+/// The new states of one table: slot, batch and transition of each. Also the transitions that lead to one of them.
 #[derive(Debug, Default)]
 struct Fresh {
     states: Vec<(usize, usize, usize)>,
@@ -62,7 +61,7 @@ struct Fresh {
 }
 
 impl Batch {
-    /// Adds a transition; its state is written by `write` over a copy of `source`.
+    /// Adds a transition; `write` changes a copy of `source` to its target state.
     pub(crate) fn push(&mut self, origin: (u32, Label), source: &[u8], write: impl FnOnce(&mut [u8])) {
         let start = self.bytes.len();
         self.bytes.extend_from_slice(source);
@@ -73,17 +72,17 @@ impl Batch {
         self.origins.push(origin);
     }
 
-    /// How many transitions there are.
+    /// Returns the number of transitions.
     pub(crate) fn count(&self) -> usize {
         self.hashes.len()
     }
 
-    /// How many bytes its states take.
+    /// Returns the size of the states in bytes.
     pub(crate) fn size(&self) -> usize {
         self.bytes.len()
     }
 
-    /// The state that a transition leads to; the batch has been added.
+    /// Returns the target of a transition; the batch has to be in the store.
     pub(crate) fn target(&self, transition: usize) -> u32 {
         self.targets[transition].load(Ordering::Relaxed)
     }
@@ -108,12 +107,12 @@ impl Store {
         &self.bytes[start..start + self.length]
     }
 
-    /// The memory that it takes, in bytes.
+    /// Returns the used memory in bytes.
     pub(crate) fn memory(&self) -> usize {
         self.bytes.capacity() + 4 * self.shards.iter().map(|shard| shard.slots.len()).sum::<usize>()
     }
 
-    /// Adds the states of some batches that are not known; calls `is_new` with batch and transition of each, in order.
+    /// Adds the unknown states of some batches; calls `is_new` with batch and transition of each, in order.
     pub(crate) fn add(&mut self, batches: &mut [Batch], threads: &dyn Threads, mut is_new: impl FnMut(usize, usize)) {
         for batch in batches.iter_mut() {
             batch.targets.resize_with(batch.hashes.len(), || AtomicU32::new(NEW));
@@ -145,7 +144,7 @@ impl Store {
         self.shards = shards;
     }
 
-    /// Looks every state up in its table.
+    /// Looks up every state in its table.
     fn find(&self, shards: &mut [Shard], batches: &[Batch], threads: &dyn Threads) -> Vec<Fresh> {
         let jobs: Vec<(usize, &mut Shard)> = shards.iter_mut().enumerate().collect();
         let is_small = batches.iter().map(Batch::count).sum::<usize>() < SMALL;
@@ -182,7 +181,8 @@ impl Store {
                         let index = (known & !PENDING) as usize;
                         let (_, number_of_first, first) = fresh.states[index];
                         if batches[number_of_first].state(first, self.length) == state {
-                            // Any number other than `NEW` will do here: the right one is written once the first transition has it.
+                            // Any number except `NEW` is sufficient here: the right one is written once the first transition has
+                            // it.
                             batch.targets[transition].store(0, Ordering::Relaxed);
                             fresh.twins.push((number, transition, index));
                             break;
@@ -196,7 +196,7 @@ impl Store {
         fresh
     }
 
-    /// Reads the memory that the next few transitions will be compared with, so that it arrives all at once.
+    /// Reads the memory for the next few comparisons in advance, so that the loads overlap.
     fn touch(&self, shard: &Shard, batch: &Batch, transitions: &[u32]) {
         let known = transitions.iter().map(|&transition| {
             let slot = slot_of(batch.hashes[transition as usize]) & (shard.slots.len() - 1);
@@ -207,7 +207,7 @@ impl Store {
         std::hint::black_box(sum);
     }
 
-    /// Keeps at most two thirds of the slots taken, after `more` states.
+    /// Makes room so that after `more` further states at most two thirds of the slots are in use.
     fn make_room(&self, shard: &mut Shard, more: usize) {
         let mut length = shard.slots.len();
         while (shard.count + more) * 3 > length * 2 {
@@ -227,7 +227,7 @@ impl Store {
         shard.slots = slots;
     }
 
-    /// Room grows by an eighth, since there may be no memory for twice as much.
+    /// The capacity grows by an eighth, since the memory may not suffice for twice as much.
     fn append(&mut self, state: &[u8]) {
         if self.bytes.len() + state.len() > self.bytes.capacity() {
             self.bytes.reserve_exact((self.bytes.len() / 8).max(64 * state.len()));

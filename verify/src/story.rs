@@ -1,4 +1,4 @@
-//! Tells the events on a way through a system, in words of the spec.
+//! Describes the events on a way through a system, in words of the spec.
 
 mod event;
 pub(crate) mod inside;
@@ -19,65 +19,66 @@ use std::time::Duration;
 pub struct Step {
     /// The event.
     pub cause: String,
-    /// The immediate effects, one clause each.
+    /// The immediate effects, with one clause each.
     pub effects: Vec<String>,
-    /// The same as `cause` for a program; nothing where it cannot be named, as an event of a part of a group.
+    /// The cause in a form for programs; empty if it cannot be named, such as an event of a piece of a group.
     pub events: Vec<TraceEvent>,
     /// The changes of the spec's processes.
     pub moves: Vec<Move>,
 }
 
-/// A process changes its state.
+/// A change of a process's state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Move {
     /// The name of the process.
     pub process: String,
-    /// Where it runs; a group, where its supervisor does.
+    /// The host of the process; for a group, the host of its supervisor.
     pub host: String,
-    /// Its new state.
+    /// The new state of the process.
     pub became: Became,
 }
 
 /// The new state of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Became {
-    /// It is started.
+    /// The process is started.
     Active,
-    /// It is asked to stop.
+    /// The process is asked to stop.
     Stopping,
-    /// It is done.
+    /// The process is done.
     Done,
-    /// It has failed.
+    /// The process has failed.
     Failed,
-    /// It has stopped.
+    /// The process has stopped.
     Stopped,
 }
 
-/// The way to a violation: the events step by step, and the processes that run then.
+/// The way to a violation: the events step by step, and the processes that run at the end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Story {
     /// The steps, the first first.
     pub steps: Vec<Step>,
-    /// The step from which the story repeats for ever; the number after the last step if nothing happens any more.
+    /// The index of the step from which the story repeats for ever. It is the number of steps if nothing happens any
+    /// more.
     pub again: Option<usize>,
     /// The processes that run at the end.
     pub running: Vec<String>,
     /// The processes that are being stopped at the end.
     pub stopping: Vec<String>,
-    /// Processes that may run at the end and that the story does not tell of: they share nothing with its subject.
+    /// Processes that may run at the end but are not part of the story, since they share nothing with its subject.
     pub untold: Vec<String>,
-    /// The started processes whose orders and reports take time between hosts, as paths.
+    /// The started processes whose orders and reports take time between hosts, by their paths.
     pub travels: Vec<String>,
-    /// How the whole has ended; none if it has not.
+    /// How the whole has ended; none if it has not ended.
     pub ended: Option<Became>,
 }
 
-/// Tells the shortest way to a state of a graph.
+/// Returns the story of the shortest way to a state of a graph.
 pub(crate) fn story(system: &System<'_>, graph: &Graph, state: u32) -> Story {
     tell(system, &graph.way(state))
 }
 
-/// Tells the shortest way to a state, and on to a state in which nothing happens any more.
+/// Returns the story of the shortest way to a state, and from there to a state in which nothing happens any more.
 pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Story {
     let way: Vec<Label> = graph.way(state).into_iter().chain(graph.dead_end(system, state)).collect();
     tell(system, &way)
@@ -88,7 +89,7 @@ pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
     tell_run(system, way, None)
 }
 
-/// Tells a way, and the cycle that repeats for ever after it.
+/// Returns the story of a way, and of the cycle after it that repeats for ever.
 pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label]>) -> Story {
     let mut frame = system.initial();
     let (mut story, mut changes, mut stepper) = (Story::default(), Vec::new(), system.stepper());
@@ -115,7 +116,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
             continue;
         }
         match story.steps.last_mut() {
-            // Answers to stops are one step, as long as nothing else follows from them.
+            // Answers to stops are joined to one step as long as nothing else results from them.
             Some(last)
                 if matches!(label, Label::Stopped(..))
                     && effects.is_empty()
@@ -152,7 +153,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
     story
 }
 
-/// The change of a process of the spec; none for the whole and for a piece of a group.
+/// Returns the change of a process of the spec; none for the whole and for a piece of a group.
 fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
     let member = change.member?;
     let process = member_name(system, change.unit, member)?;
@@ -175,7 +176,7 @@ fn is_stop(step: &Step) -> bool {
     step.effects.is_empty() && step.cause.ends_with(STOPPED)
 }
 
-/// The host of a member; nothing for a piece of a group.
+/// Returns the host of a member; empty for a piece of a group.
 fn host_name<'s>(system: &'s System<'_>, MemberRef { unit, member }: MemberRef) -> &'s str {
     let plan = system.model.plan;
     let group = &plan.groups[system.model.parts[system.units[unit].part].group as usize];
@@ -186,7 +187,8 @@ fn host_name<'s>(system: &'s System<'_>, MemberRef { unit, member }: MemberRef) 
     host.and_then(|host| plan.hosts.get(host as usize)).map_or("", String::as_str)
 }
 
-/// The members that run, and those that are being stopped. Open groups are left out, their members are not.
+/// Returns the running members, and the members that are being stopped. Groups that were explored in detail are left
+/// out; their members are not.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
     for MemberRef { unit, member } in there(system, frame) {
@@ -199,13 +201,13 @@ pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<S
     (running, stopping)
 }
 
-/// The active members, while the whole goes on or some of it runs beyond a loss.
+/// Returns the active members, while the whole continues or a part of it runs beyond a loss.
 fn there(system: &System<'_>, frame: &Frame) -> Vec<MemberRef> {
     let is_on = frame.phase != Phase::Idle && (!frame.phase.is_over() || system.is_split(frame));
     if is_on { system.there(frame) } else { Vec::new() }
 }
 
-/// The processes in the closed pieces of groups that continue.
+/// Returns the processes in the black boxes of pieces of groups that continue.
 fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
     let pieces = there(system, frame)
         .into_iter()
@@ -221,7 +223,7 @@ fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
     names
 }
 
-/// The name of a member; none for a piece of a group.
+/// Returns the name of a member; none for a piece of a group.
 pub(crate) fn member_name(system: &System<'_>, unit: usize, member: u32) -> Option<String> {
     let part = &system.model.parts[system.units[unit].part];
     let group = &system.model.plan.groups[part.group as usize];
@@ -305,7 +307,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
     }
 }
 
-/// The effect of a fault on a member, as a verb.
+/// Returns the effect of a fault on a member, as a verb.
 fn fault(system: &System<'_>, unit: u16, member: u16, is_second: bool) -> &'static str {
     let injected = if is_second { system.mode.second } else { system.mode.fault };
     match injected.map(|fault| fault.kind) {
@@ -319,7 +321,7 @@ fn fault(system: &System<'_>, unit: u16, member: u16, is_second: bool) -> &'stat
     }
 }
 
-/// The effects of some changes, one clause each.
+/// Returns the effects of some changes, with one clause each.
 pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
     let subject = match label {
         Label::Done(unit, member, _) | Label::Aborted(unit, member, _) | Label::Stopped(unit, member) => {
@@ -383,12 +385,12 @@ fn root_name(system: &System<'_>) -> String {
     system.model.group_name(system.model.parts[system.units[0].part].group)
 }
 
-/// The time of a timer, by its number in textual order.
+/// Returns the time of a timer, by its number in textual order.
 pub(crate) fn timer_of(expression: &Expression, timer: usize) -> Option<Duration> {
     times_of(expression).get(timer).copied()
 }
 
-/// A time as a person writes it.
+/// Returns a time in the form that people write.
 pub fn seconds(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     if seconds >= 1.0 || seconds == 0.0 { format!("{seconds} s") } else { format!("{} ms", seconds * 1000.0) }

@@ -1,10 +1,10 @@
-//! Some parts together, with all their possible events, for an explorer.
+//! A system: some parts together with all their possible events, for an explorer.
 //!
-//! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. The surroundings
-//! are one automaton for each member: a program that runs may be done, with each of its tags, or abort; a program that
-//! is stopping stops at some time; an armed timer may run out. Supervisors of different groups react independently: an
-//! order to stop reaches a member group some time after it was given. Between hosts, an order to start and the report
-//! of an end take time as well.
+//! Each part in a system is run by `language::algebra::step`, the same function that runs it on the robot. One automaton for
+//! each member represents the surroundings. A running program may be done, with each of its tags, or abort. A program that is
+//! stopping stops at some time. An armed timer may elapse. Supervisors of different groups react independently: an order to
+//! stop reaches a member group some time after it was given. Between hosts, an order to start and the report of an end take
+//! time as well.
 
 mod labels;
 mod loss;
@@ -31,7 +31,7 @@ use std::collections::BTreeSet;
 use transit::Transit;
 use zone::Clocks;
 
-/// Something that happens to a system.
+/// An event of a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Label {
     /// The whole is started.
@@ -43,15 +43,15 @@ pub(crate) enum Label {
     /// A member of a unit has failed, with the report of this number.
     Aborted(u16, u16, u8),
     Stopped(u16, u16),
-    /// A timer of a unit has run out.
+    /// A timer of a unit has elapsed.
     Elapsed(u16, u16),
-    /// An activity gets a message: the number of one of those that it tells apart.
+    /// An activity gets a message. The number selects one of the messages that it distinguishes.
     Told(u16, u16),
     /// The order to stop reaches a unit.
     Reached(u16),
     /// The order to start a member of a unit reaches its host.
     Arrived(u16, u16),
-    /// A unit hears that a member has ended.
+    /// A unit receives the report that a member has ended.
     Heard(u16, u16),
     /// The fault.
     Fault(u16, u16),
@@ -59,13 +59,13 @@ pub(crate) enum Label {
     Second(u16, u16),
     /// The host is lost.
     Lost,
-    /// The node of a host takes note of the loss: an index into `Plan::hosts`.
+    /// The node of a host notices the loss. The number is an index into `Plan::hosts`.
     Noted(u16),
-    /// The program of a member has died, and is started again.
+    /// The program of a member has died, and is restarted.
     Died(u16, u16),
-    /// It runs again.
+    /// The restarted program of a member runs again.
     Back(u16, u16),
-    /// The programs of a unit have died more often than its group bears.
+    /// The programs of a unit have died more often than its group tolerates.
     TooMany(u16),
 }
 
@@ -95,7 +95,7 @@ impl Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct MemberRef {
     pub(crate) unit: usize,
-    /// Its slot.
+    /// The member's slot in the unit.
     pub(crate) member: u32,
 }
 
@@ -103,14 +103,14 @@ pub(crate) struct MemberRef {
 #[derive(Debug)]
 pub(crate) struct Unit {
     pub(crate) part: usize,
-    /// The unit around it, and its member slot there.
+    /// The unit around this one, and this one's member slot there.
     pub(crate) parent: Option<MemberRef>,
-    /// For each member, its unit if it is part of the system, else its possible ends with and without failures.
+    /// For each member: its unit, if that is part of the system; otherwise its possible ends with and without failures.
     pub(crate) seats: Vec<Occupant>,
     packing: Packing,
-    /// Where its state begins in a packed configuration.
+    /// Where the unit's state begins in a packed configuration.
     start: usize,
-    /// The messages that it tells apart, if it is an activity.
+    /// The messages that the unit distinguishes, if it is an activity.
     messages: Vec<Event>,
 }
 
@@ -118,11 +118,11 @@ pub(crate) struct Unit {
 #[derive(Clone, Debug)]
 pub(crate) enum Occupant {
     Unit(usize),
-    /// A program, or a part that is not looked into.
+    /// A program, or a part as a black box, with its possible ends.
     Box([Ends; 2]),
 }
 
-/// A change that a reader or an observer sees.
+/// A change that is visible to readers and observers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Change {
     pub(crate) unit: usize,
@@ -134,14 +134,14 @@ pub(crate) struct Change {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Changed {
     Started,
-    /// The order to start it is on its way to its host.
+    /// The order to start the member is in transit to its host.
     Sent,
     Stopping,
     Done(Value),
-    /// It has failed, with this report.
+    /// The member has failed, with this report.
     Aborted(Value),
     Stopped,
-    /// Its program has died, and is started again.
+    /// The member's program has died, and is restarted.
     Away,
 }
 
@@ -149,12 +149,12 @@ pub(crate) enum Changed {
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
     pub(crate) states: Vec<Words>,
-    /// For each unit, whether an order to stop is on its way to it.
+    /// For each unit, whether an order to stop it is in transit.
     pub(crate) ordered: Vec<bool>,
     pub(crate) phase: Phase,
     /// Whether the fault has happened.
     pub(crate) is_faulty: bool,
-    /// Whether the second one has.
+    /// Whether the second fault has happened.
     pub(crate) is_twice_faulty: bool,
     /// The effects of a loss on hosts and members: see `loss`.
     pub(crate) rift: Vec<u8>,
@@ -169,7 +169,7 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Makes everything but the states like that of another configuration.
+    /// Copies everything except the states from another configuration.
     fn take_rest_of(&mut self, other: &Self) {
         self.ordered.clone_from(&other.ordered);
         self.rift.clone_from(&other.rift);
@@ -190,17 +190,18 @@ pub(crate) struct System<'a> {
     /// How many bytes observers need.
     pub(crate) notes: usize,
     values: Vec<Value>,
-    /// The two sides of a loss, if `mode` has one.
+    /// The two sides of a loss, if `mode` contains one.
     rift: Option<Rift>,
     restarts: Restarts,
     transit: Transit,
     clocks: Clocks,
-    /// Whether it is known how everything in it may end.
+    /// Whether the possible ends of everything in it are known.
     is_whole: bool,
 }
 
 impl<'a> System<'a> {
-    /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
+    /// Makes a system from a part and those parts below it for which `is_open` is true; the others become black boxes. Pieces
+    /// of an open group are open if anything in them is.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
         let mut system = Self {
@@ -220,7 +221,7 @@ impl<'a> System<'a> {
         system
     }
 
-    /// Whether every part in it that is not looked into has been explored to its end.
+    /// Returns whether every black box in the system has been explored completely.
     pub(crate) fn is_whole(&self) -> bool {
         self.is_whole
     }
@@ -234,8 +235,8 @@ impl<'a> System<'a> {
         let messages = messages::of(&source.expression);
         self.clocks.add(index, &source.expression);
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
-        // A part has a slot for each member of its group, including the members that its pieces run: those are never
-        // active in it.
+        // A part has a slot for each member of its group, including the members that its pieces run; those are never active
+        // in the part itself.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
         let is_box = |model: &Model<'_>, inner: usize| !is_open(inner) && !model.parts[inner].ends_at_once;
         let mut seats = Vec::with_capacity(source.members.len());
@@ -245,7 +246,7 @@ impl<'a> System<'a> {
                     Occupant::Unit(self.add(inner, Some(MemberRef { unit: index, member: slot }), is_open))
                 }
                 Seat::Part(inner) => {
-                    // A member that nothing runs has no behaviour.
+                    // A member that no expression runs has no behaviour.
                     self.is_whole &= self.model.parts[inner].is_whole || !runs.contains(&slot);
                     Occupant::Box(self.model.parts[inner].ends.clone())
                 }
@@ -268,7 +269,7 @@ impl<'a> System<'a> {
             false => tags.iter().filter_map(|tag| Value::tagged(tag, &[])).collect(),
         };
         let mut aborted = vec![Value::EMPTY];
-        // The supervisor does not outlive the loss of its own host.
+        // If the supervisor's own host is lost, the supervisor is lost as well.
         let is_away = leaf_plan.host != group.host;
         for reason in [Failure::Crash].into_iter().chain(Some(Failure::HostLost).filter(|_| is_away)) {
             let report = self.value(self.report(&reason));
@@ -283,7 +284,7 @@ impl<'a> System<'a> {
         &self.model.parts[self.units[unit].part].program
     }
 
-    /// The unit and slot of a member of a group, if that group is in the system.
+    /// Returns the unit and slot of a member of a group, if that group is in the system.
     pub(crate) fn find(&self, group: u32, slot: u32) -> Option<MemberRef> {
         let holds = |unit: &Unit| {
             let part = &self.model.parts[unit.part];
@@ -292,12 +293,12 @@ impl<'a> System<'a> {
         self.units.iter().position(holds).map(|unit| MemberRef { unit, member: slot })
     }
 
-    /// Whether a member is a group or a piece of one.
+    /// Returns whether a member is a group or a piece of a group.
     pub(crate) fn is_group(&self, MemberRef { unit, member }: MemberRef) -> bool {
         matches!(self.model.parts[self.units[unit].part].members.get(member as usize), Some(Seat::Part(_)))
     }
 
-    /// Whether a member is a process, or inside it.
+    /// Returns whether a member is a process, or inside this process.
     pub(crate) fn is_below(&self, member: MemberRef, who: ProcessRef) -> bool {
         let Some(slot) = who.member else { return true };
         let seat = self.find(who.group, slot);
@@ -347,7 +348,7 @@ impl<'a> System<'a> {
         self.pack_rest(frame, &mut bytes[self.states_length()..]);
     }
 
-    /// Updates a packed configuration to a frame that differs from it in these items of these units.
+    /// Updates a packed configuration to a frame that differs from it only in these items of these units.
     pub(crate) fn patch(&self, frame: &Frame, items: impl Iterator<Item = (usize, u32)>, bytes: &mut [u8]) {
         for (unit, item) in items {
             let Unit { packing, start, .. } = &self.units[unit];
@@ -403,19 +404,19 @@ impl<'a> System<'a> {
         frame.notes.copy_from_slice(notes);
     }
 
-    /// Where the whole is in a packed configuration.
+    /// Returns the phase of the whole in a packed configuration.
     pub(crate) fn phase_of(&self, bytes: &[u8]) -> Phase {
         Phase::ALL[usize::from(bytes[self.states_length() + self.units.len().div_ceil(8)] & 7).min(5)]
     }
 
-    /// If a value has a tag, only the tag counts, as in a packed state.
+    /// If a value has a tag, only the tag is stored in a packed state.
     fn number(&self, value: &Value) -> u8 {
         let is_same = |other: &Value| if value.tag().is_some() { other.tag() == value.tag() } else { other == value };
         let known = self.values.iter().position(is_same);
         known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 
-    /// The number of the report of a failure. All reasons that nothing asks for have one number.
+    /// Returns the number of the report of a failure. All reasons that no expression distinguishes have the same number.
     pub(crate) fn report(&self, reason: &Failure) -> u8 {
         match self.number(&reason.report()) {
             0 if *reason != Failure::Reported => self.number(&Failure::other().report()),
@@ -423,12 +424,12 @@ impl<'a> System<'a> {
         }
     }
 
-    /// The reason that the report of this number gives.
+    /// Returns the reason for the number of a report.
     fn reason(&self, number: u8) -> Failure {
         Failure::of_report(&self.value(number))
     }
 
-    /// The same for people, if something asks for it.
+    /// Returns the same reason for people, if an expression distinguishes it.
     pub(crate) fn reason_told(&self, number: u8) -> Option<Failure> {
         Some(self.reason(number)).filter(|reason| ![Failure::Reported, Failure::other()].contains(reason))
     }
@@ -443,19 +444,19 @@ impl<'a> System<'a> {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index).cloned()).unwrap_or_default()
     }
 
-    /// Where the activity of a unit is; none if it is not an activity.
+    /// Returns the present configuration of a unit's activity; none if the unit is not an activity.
     pub(crate) fn place(&self, frame: &Frame, unit: usize) -> Option<Box<Configuration>> {
         self.units[unit].packing.chart(self.program(unit), &frame.states[unit])
     }
 
-    /// A stepper, which applies labels to the units.
+    /// Returns a stepper, which applies labels to the units.
     pub(crate) fn stepper(&self) -> Stepper<'_> {
         let steps = (0..self.units.len()).map(|unit| Steps::new(self.program(unit), &self.units[unit].packing));
         Stepper::new(self, steps.collect())
     }
 }
 
-/// The values that outcomes may have besides the empty one, if anything looks at them.
+/// Returns the values that outcomes may have besides the empty one, if an expression distinguishes them.
 fn all_values(model: &Model<'_>) -> Vec<Value> {
     if !model.has_tags() {
         return Vec::new();
@@ -467,10 +468,10 @@ fn all_values(model: &Model<'_>) -> Vec<Value> {
     let mut values: Vec<Value> = tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect();
     let asked = model.plan.groups.iter().flat_map(|group| group.expression.failures());
     let asked: BTreeSet<&Failure> = asked.collect();
-    // Its report is empty, so all others need a number.
+    // The report of this reason is empty, so all other reasons need a number.
     let others = asked.contains(&Failure::Reported).then(|| Failure::other().report());
     for value in asked.into_iter().map(Failure::report).chain(others) {
-        // The bytes of a short text are those of a tag.
+        // The bytes of a short text equal those of a tag.
         if value != Value::EMPTY && !values.contains(&value) {
             values.push(value);
         }

@@ -1,17 +1,17 @@
-//! Work that may be done at once: the caller has the threads.
+//! Work that may run in parallel. The caller provides the threads.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Threads to work on something.
 pub trait Threads: std::fmt::Debug + Sync {
-    /// Returns how many there are, at least 1.
+    /// Returns the number of threads, at least 1.
     fn count(&self) -> usize;
 
-    /// Does some work on all of them at once, each with its number from 0; returns when all have ended.
+    /// Runs `work` on all threads at once, with the number of each thread, from 0. Returns when all have ended.
     fn run(&self, work: &(dyn Fn(usize) + Sync));
 }
 
-/// The thread of the caller, and no other.
+/// Only the thread of the caller.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Alone;
 
@@ -25,7 +25,7 @@ impl Threads for Alone {
     }
 }
 
-/// Runs each job on one of the threads and tells it the thread's number. The results are in the order of the jobs.
+/// Runs each job on one of the threads, with the number of the thread. The results are in the order of the jobs.
 pub(crate) fn each<J: Send, R: Send>(
     threads: &dyn Threads,
     jobs: Vec<J>,
@@ -47,7 +47,7 @@ pub(crate) fn each<J: Send, R: Send>(
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-/// A thread that has panicked takes the others with it, so nothing that it left is read.
+/// If a thread panics, the other threads panic as well, so nothing that it has written is read.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

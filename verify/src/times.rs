@@ -1,4 +1,4 @@
-//! The durations of processes, as far as limits, pauses and declared durations bound them.
+//! The durations of processes, as far as limits, pauses and declared durations determine them.
 
 mod culprit;
 mod turn;
@@ -13,38 +13,38 @@ use std::time::Duration;
 /// How long an expression takes: from its start to its normal end, and to any end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
-    /// The least time until it is done; none if it is never done.
+    /// The shortest time until it is done; none if it is never done.
     pub(crate) done: Option<Duration>,
-    /// The most time until it is done, if it ever is; none if nothing bounds it.
+    /// The longest time until it is done, if it ever is; none if it is not limited.
     done_most: Option<Duration>,
-    /// The least time until it has ended in any way; none if it never ends by itself.
+    /// The shortest time until it has ended in any way; none if it never ends by itself.
     pub(crate) end_least: Option<Duration>,
-    /// The most time until it has ended; none if nothing bounds it.
+    /// The longest time until it has ended; none if it is not limited.
     pub(crate) end: Option<Duration>,
-    /// The most time that a stop of it takes; none if nothing bounds it.
+    /// The longest time that stopping it takes; none if it is not limited.
     pub(crate) stop: Option<Duration>,
 }
 
 const ZERO: Option<Duration> = Some(Duration::ZERO);
 const NOW: Span = Span { done: ZERO, done_most: ZERO, end_least: ZERO, end: ZERO, stop: ZERO };
 
-/// The known durations, and the unknown ones that were asked for.
+/// The known durations, and the data for computing others.
 pub(crate) struct Times<'m, 'a> {
     pub(crate) model: &'m Model<'a>,
-    /// For a member of a group, the durations that the spec assumes.
+    /// For members of groups, the shortest and the longest duration that the spec assumes.
     pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
-    /// Programs that never end by themselves, whatever the spec says about them.
+    /// Programs that never end by themselves, whatever the spec assumes for them.
     pub(crate) endless: BTreeSet<u32>,
     /// The endless programs that hang, so that they are never done.
     pub(crate) hung: BTreeSet<u32>,
-    /// The `using` whose turn is being computed, so that none asks for itself.
+    /// The `using`s whose turn is being computed, so that none of them waits for itself.
     pub(crate) turns: RefCell<Vec<usize>>,
-    /// Whether a time that was asked for has a message between hosts in it, which counts as no time.
+    /// Whether a requested time contains a message between hosts, whose time is counted as zero.
     has_messages: Cell<bool>,
 }
 
 impl<'m, 'a> Times<'m, 'a> {
-    /// The durations for a run in which nothing hangs.
+    /// Returns the durations for a run in which no program hangs.
     pub(crate) fn new(model: &'m Model<'a>, assumed: BTreeMap<(u32, u32), (Duration, Duration)>) -> Self {
         Self {
             model,
@@ -56,7 +56,7 @@ impl<'m, 'a> Times<'m, 'a> {
         }
     }
 
-    /// Whether a message between hosts was part of a question since the last call.
+    /// Returns whether a message between hosts was part of a requested time since the last call.
     pub(crate) fn take_messages(&self) -> bool {
         self.has_messages.take()
     }
@@ -100,7 +100,8 @@ impl Times<'_, '_> {
         span
     }
 
-    /// A member is started and stopped by messages, and answers with one, if it is on another host than its supervisor.
+    /// Notes messages if a member is on another host than its supervisor: it is started and stopped by messages, and answers
+    /// with one.
     pub(crate) fn count_messages(&self, group: u32, slot: u32) {
         let plan = self.model.plan;
         let source = &plan.groups[group as usize];
@@ -111,7 +112,8 @@ impl Times<'_, '_> {
         self.has_messages.set(self.has_messages.get() || host != source.host);
     }
 
-    /// The same where some programs hang and others never end by themselves; nothing is assumed of the groups around them.
+    /// Returns the durations if some programs hang and others never end by themselves. Nothing is assumed for the groups
+    /// around them.
     pub(crate) fn without_end(&self, hung: &[u32], others: &[u32]) -> Self {
         let leaves: BTreeSet<u32> = hung.iter().chain(others).copied().collect();
         let mut assumed = self.assumed.clone();
@@ -127,7 +129,7 @@ impl Times<'_, '_> {
         }
     }
 
-    /// How long a member is active at most, by the narrowest bound around each of its places.
+    /// Returns the longest time for which a member is active: the smallest limit around each of its occurrences.
     pub(crate) fn until_ended(&self, group: u32, slot: u32) -> Option<Duration> {
         let source = &self.model.plan.groups[group as usize];
         let outer = match self.model.around[group as usize] {
@@ -137,7 +139,7 @@ impl Times<'_, '_> {
         self.narrowest(group, source, &source.expression, slot, outer).unwrap_or(outer)
     }
 
-    /// The same below an expression, around which something has the bound `outer`; nothing if the member has no place there.
+    /// Returns the same within an expression that has the limit `outer`; none if the member does not occur in it.
     fn narrowest(
         &self,
         group: u32,
@@ -157,7 +159,7 @@ impl Times<'_, '_> {
             .reduce(|one, other| one.zip(other).map(|(one, other)| one.max(other)))
     }
 
-    /// How long an expression of a group takes.
+    /// Returns the durations of an expression of a group.
     pub(crate) fn of(&self, group: u32, source: &Group, expression: &Expression) -> Span {
         let parts: Vec<Span> =
             expression.operands().into_iter().map(|operand| self.of(group, source, operand)).collect();
@@ -184,7 +186,7 @@ impl Times<'_, '_> {
             Expression::Recurrent(..) | Expression::Asynchronous { .. } => {
                 Span { done: None, done_most: None, end_least: parts[0].end_least, end: None, stop }
             }
-            // It may take any number of rounds.
+            // The number of rounds is not limited.
             Expression::Repeat { .. } => Span { done_most: None, end: None, ..parts[0] },
             Expression::Otherwise(..) | Expression::Catch { .. } => caught(&parts, stop),
             Expression::Concurrent(of) => self.concurrent(source, of, &parts),
@@ -210,7 +212,7 @@ impl Times<'_, '_> {
             }
             Expression::Shield { bound, .. } => {
                 let held = match (bound, parts[0].end) {
-                    // An operand that ends before its bound is never stopped.
+                    // An operand that ends within its time limit is never stopped.
                     (Some(bound), Some(end)) if end < *bound => Some(end),
                     (Some(bound), _) => add(Some(*bound), stop),
                     (None, end) => end,
@@ -238,8 +240,8 @@ impl Times<'_, '_> {
         let stop = longest(parts.iter().map(|part| part.stop));
         let done = all(tasks().map(|part| part.done));
         let end = longest(tasks().map(|part| part.end));
-        // Only tasks are waited for. With a service, something is stopped at the end: the services, or all operands if
-        // one of them fails.
+        // Only tasks are waited for. If there is a service, something is stopped at the end: the services, or all operands
+        // if one of them fails.
         let waited = is_service || !services.contains(&true);
         let left = longest(parts.iter().zip(&services).filter(|(_, service)| **service).map(|(part, _)| part.stop));
         let done_most = longest(tasks().map(|part| part.done_most));
@@ -253,7 +255,7 @@ fn add(one: Option<Duration>, other: Option<Duration>) -> Option<Duration> {
     Some(one?.saturating_add(other?))
 }
 
-/// The longest, if all are known.
+/// Returns the longest of some times, if all are known.
 fn longest(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
     times.collect::<Option<Vec<_>>>().map(|times| times.into_iter().max().unwrap_or_default())
 }
@@ -262,17 +264,17 @@ fn all(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
     longest(times)
 }
 
-/// The least time until one of them is done.
+/// Returns the shortest time until one of some parts is done.
 fn soonest(parts: &[Span]) -> Option<Duration> {
     parts.iter().filter_map(|part| part.done).min()
 }
 
-/// The least time until one of them has ended.
+/// Returns the shortest time until one of some parts has ended.
 fn first(parts: &[Span]) -> Option<Duration> {
     parts.iter().filter_map(|part| part.end_least).min()
 }
 
-/// All come to their ends. Some of them may fail, and need not have been done.
+/// Returns the durations if all parts end by themselves. Some of them may fail, and do not have to be done.
 fn at_least(parts: &[Span], count: usize, stop: Option<Duration>) -> Span {
     let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
     done.sort_unstable();
@@ -283,7 +285,7 @@ fn at_least(parts: &[Span], count: usize, stop: Option<Duration>) -> Span {
     Span { done, done_most: end, end_least, end, stop }
 }
 
-/// When the first operand fails, one of the others follows.
+/// Returns the durations if one of the other parts follows when the first one fails.
 fn caught(parts: &[Span], stop: Option<Duration>) -> Span {
     let [of, arms @ ..] = parts else { return NOW };
     let ways = arms.iter().filter(|arm| arm.done.is_some()).map(|arm| add(of.end, arm.done_most));
@@ -292,7 +294,7 @@ fn caught(parts: &[Span], stop: Option<Duration>) -> Span {
     Span { done: soonest(parts), done_most: longest(ways.chain(own)), end_least: of.end_least, end, stop }
 }
 
-/// The second begins once the first is done. Nothing follows a first operand that fails.
+/// Returns the durations if the second part begins once the first is done. Nothing follows a first part that fails.
 fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
     let [one, other] = parts else { return NOW };
     let after = add(one.done_most, other.end);
@@ -305,7 +307,8 @@ fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
     }
 }
 
-/// The first to end stops the others. An operand whose least time exceeds another's greatest time is never the first.
+/// Returns the durations if the first part that ends stops the others. A part whose shortest time exceeds another one's
+/// longest time is never the first.
 fn disable(parts: &[Span], stop: Option<Duration>) -> Span {
     let most = parts.iter().filter_map(|part| part.end).min();
     let is_first = |least: Option<Duration>| least.is_some_and(|least| most.is_none_or(|most| least <= most));

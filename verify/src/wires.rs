@@ -1,7 +1,7 @@
-//! Senders, receivers and times of data: two writers of one input, and processes that never get their inputs.
+//! Checks senders, receivers and times of data: two writers of one input, and processes that never get their inputs.
 //!
-//! A wire carries data while its connection set is open and its sender runs. A set is open while the node that names it
-//! runs, or while its group does.
+//! A wire carries data while its connection set is open and its sender runs. A set is open while the node that names it runs; a set
+//! that no node names is open while its group runs.
 
 use crate::explore::{Graph, Limits, Nobody, explore};
 use crate::finding::{Finding, diagnostic, help, reason};
@@ -14,13 +14,13 @@ use language::algebra::Activity;
 use language::plan::{Expression, Retention, Transfer};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A wire where it is declared.
+/// A wire, with its declaration.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Line {
     pub(crate) wire: u32,
     pub(crate) group: u32,
     pub(crate) set: u32,
-    /// The members of that group at or around its two ends.
+    /// The members of that group at the two ends of the wire, or groups that contain the ends.
     from: u32,
     to: u32,
 }
@@ -73,8 +73,8 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
     findings
 }
 
-/// The inputs that a program needs and that other programs have to send, for programs that can end. Inputs fed from
-/// keys of the database are left out, and so are those of a process that runs in another deployment.
+/// Returns the inputs that a program needs and that other programs have to send, for programs that can end. Left out are inputs
+/// from keys of the database, and inputs of a process that runs in another deployment.
 fn needs<'m>(model: &'m Model<'_>, leaf: u32) -> impl Iterator<Item = &'m str> {
     let is_service = place_of(model, leaf)
         .is_some_and(|(group, slot)| model.plan.groups[group as usize].members[slot as usize].service);
@@ -90,7 +90,7 @@ fn is_of(model: &Model<'_>, leaf: u32, group: u32) -> bool {
     place_of(model, leaf).is_some_and(|(of, _)| of == group)
 }
 
-/// Each two groups with connections to one input.
+/// Returns each pair of groups with connections to the same input.
 fn writing_groups(inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> BTreeSet<[u32; 2]> {
     let mut pairs = BTreeSet::new();
     for lines in inputs.values() {
@@ -102,14 +102,15 @@ fn writing_groups(inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> BTreeSet<[u32; 2
     pairs
 }
 
-/// Every wire with the set that it is in.
+/// Returns every wire with its connection set.
 pub(crate) fn lines(model: &Model<'_>) -> Vec<Line> {
     let mut lines = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         for (set, source) in (0_u32..).zip(&source.sets) {
             for &wire in &source.wires {
                 let ends = &model.plan.wires[wire as usize];
-                // Any number may call one thing, and nothing is sent. Any number may send to an activity, which takes each message.
+                // Any number of processes may make a call, and a call sends no data. Any number may send to an activity, which
+                // takes each message.
                 if ends.transfer == Transfer::Call || model.plan.has_ports(ends.to.leaf) {
                     continue;
                 }
@@ -123,7 +124,7 @@ pub(crate) fn lines(model: &Model<'_>) -> Vec<Line> {
     lines
 }
 
-/// The member of a group that is or holds a leaf.
+/// Returns the member of a group that is or contains a leaf.
 fn holder(model: &Model<'_>, group: u32, leaf: u32) -> Option<u32> {
     let path = &model.plan.leaves[leaf as usize].path;
     let own = format!("{}/", model.plan.groups[group as usize].path);
@@ -132,13 +133,13 @@ fn holder(model: &Model<'_>, group: u32, leaf: u32) -> Option<u32> {
     (0_u32..).zip(members).find(|(_, member)| member.name == name).map(|(slot, _)| slot)
 }
 
-/// A group with its wires, or two with those to the same inputs, explored whole.
+/// A group with its wires, or two groups with wires to the same inputs, explored completely.
 struct Watch<'w, 'a> {
     model: &'w Model<'a>,
     groups: Vec<u32>,
     system: System<'w>,
     graph: Graph,
-    /// For each unit and node, the sets that it names.
+    /// For each unit and node, the named connection sets.
     named: Vec<(usize, usize, Vec<u32>)>,
 }
 
@@ -150,7 +151,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         };
         let root =
             outwards(groups[0]).into_iter().find(|outer| groups.iter().all(|own| outwards(*own).contains(outer)))?;
-        // The groups from the one around all of them down to each, with all pieces of theirs.
+        // The groups from the innermost one that contains all of them down to each of them, with all their pieces.
         let open: BTreeSet<u32> =
             groups.iter().flat_map(|own| outwards(*own).into_iter().take_while(|outer| *outer != root)).collect();
         let is_open = |part: usize| model.parts[part].group == root || open.contains(&model.parts[part].group);
@@ -175,7 +176,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         Some(Self { model, groups: groups.to_vec(), system, graph, named })
     }
 
-    /// Whether a unit is of a group.
+    /// Returns whether a unit belongs to a group.
     fn is_of(&self, unit: usize, group: u32) -> bool {
         self.model.parts[self.system.units[unit].part].group == group
     }
@@ -213,7 +214,8 @@ impl<'w, 'a> Watch<'w, 'a> {
         self.model.name(group, member)
     }
 
-    /// Pairs of wires from different outputs to one input that carry data at the same time: the first of each two connections.
+    /// Finds pairs of wires from different outputs to one input that carry data at the same time: the first for each pair of
+    /// connections.
     fn two_writers(&self, inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> Vec<Finding> {
         let (mut findings, mut told) = (Vec::new(), BTreeSet::new());
         for ((leaf, port), lines) in inputs {
@@ -221,7 +223,7 @@ impl<'w, 'a> Watch<'w, 'a> {
             for (index, &one) in own.iter().enumerate() {
                 let from = |line: Line| &self.model.plan.wires[line.wire as usize].from;
                 let span = |line: Line| self.model.sites.groups[line.group as usize].sets[line.set as usize];
-                // Two groups are considered together for the targets to which both send.
+                // Two groups are considered together only for the inputs to which both send.
                 let is_other =
                     |other: &&Line| from(**other) != from(one) && (self.groups.len() == 1 || other.group != one.group);
                 for &other in own[index + 1..].iter().filter(is_other) {
@@ -260,7 +262,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         self.graph.first(&self.system, has)
     }
 
-    /// Processes that can end, and need an input of which no wire ever carries data while they run.
+    /// Finds processes that can end but need an input for which no wire ever carries data while they run.
     fn blind(&self, inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> Vec<Finding> {
         let (mut findings, group) = (Vec::new(), self.groups[0]);
         for (leaf, source) in (0_u32..).zip(&self.model.plan.leaves) {

@@ -21,19 +21,19 @@ pub fn unix_time() -> Duration {
     Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
 }
 
-/// Returns by how many minutes local time is ahead of UTC at a moment, in milliseconds since 1970: by the variable `TZ`, or by
-/// `/etc/localtime`.
+/// Returns how many minutes local time is ahead of UTC at `millis`, milliseconds since 1970. The zone comes from the variable
+/// `TZ`, or from `/etc/localtime`.
 pub fn minutes_ahead(millis: u64) -> i64 {
     zone::minutes_ahead(millis)
 }
 
-/// How often both clocks are read at most, until both reads count as one moment.
+/// How often both clocks are read at most, until one pair of reads is quick enough to count as one moment.
 const READS_MAX: usize = 4;
 /// The longest time for reading both clocks. A longer time shows that something has interrupted the reads.
 const READ_WITHIN: Duration = Duration::from_micros(20);
 
-/// Returns the time of the calendar clock at the origin of [`now`], since 1970. It changes only when the calendar clock
-/// is set: both clocks are slewed together.
+/// Returns the time of the calendar clock at the origin of [`now`], since 1970. It changes only when the calendar clock is
+/// set: corrections of its rate (slewing) apply to both clocks.
 pub fn calendar_origin() -> Duration {
     let mut best = (Duration::MAX, Duration::ZERO);
     for _ in 0..READS_MAX {
@@ -49,23 +49,24 @@ pub fn calendar_origin() -> Duration {
     best.1
 }
 
-/// How far a calendar clock is to be believed.
+/// How far a calendar clock can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockQuality {
     /// A time service keeps it synchronised.
     Kept,
-    /// The clock shows a date that may be right, and nothing keeps it.
+    /// The clock shows a date that may be right, but no service keeps it synchronised.
     Plausible,
-    /// The clock shows a date that cannot be right: nothing has set it.
+    /// The clock shows a date that cannot be right: it has never been set.
     Unset,
 }
 
-/// The dates between which an unkept clock may be right, as time since 1970: 2024, when no program could write what this one
-/// reads, and 2100.
+/// The dates between which an unsynchronised clock may be right, as time since 1970. The lower one is 2024: no program of that
+/// time could write what this program reads. The upper one is 2100.
 const PLAUSIBLE: [Duration; 2] = [Duration::from_secs(1_704_067_200), Duration::from_secs(4_102_444_800)];
 
-/// Returns how far this host's calendar clock is to be believed. The kernel knows whether chrony, ntpd, PTP or systemd keeps
-/// the clock, and tells every program. Some containers forbid this question: there, systemd's own mark counts.
+/// Returns how far this host's calendar clock can be trusted. The kernel reports whether chrony, ntpd, PTP or systemd keeps
+/// the clock synchronised. Some containers forbid this system call; there, the file that systemd-timesyncd makes after a
+/// synchronisation decides.
 pub fn belief() -> ClockQuality {
     let kept = kernel::is_kept().unwrap_or_else(|| Path::new("/run/systemd/timesync/synchronized").exists());
     believe(kept, unix_time())
@@ -81,7 +82,7 @@ fn believe(kept: bool, shown: Duration) -> ClockQuality {
 
 fn since_origin(clock: ClockId) -> Time {
     let read = clock_gettime(clock);
-    // Both parts are positive on a clock that started at its origin; a calendar before 1970 counts as 1970.
+    // A clock that started at its origin is positive in both parts. A calendar clock before 1970 counts as 1970.
     let (seconds, nanos) = (u64::try_from(read.tv_sec).unwrap_or(0), u64::try_from(read.tv_nsec).unwrap_or(0));
     Time::from_nanos(seconds.saturating_mul(1_000_000_000).saturating_add(nanos))
 }
@@ -96,7 +97,7 @@ pub async fn sleep_until(until: Time) {
 
 /// Prepares the calling thread for waiting: the kernel wakes it at the deadline instead of up to 50 µs later.
 pub fn make_punctual() {
-    // The oldest kernels refuse; the thread is then merely less punctual.
+    // The oldest kernels refuse; the thread then only wakes less punctually.
     if let Err(error) = set_current_timer_slack(NonZeroU64::new(1)) {
         tracing::debug!(%error, "timer slack stays as it was");
     }
@@ -153,7 +154,7 @@ mod tests {
         assert!(times[0] > Time::ZERO && unix_time() > Duration::from_secs(1_600_000_000));
     }
 
-    /// It is shown to people, so a millisecond is enough.
+    /// The origin is only shown to people, so an error of a millisecond is allowed.
     #[test]
     fn the_origin_of_the_calendar_stays_where_it_is() {
         let origins: Vec<Duration> = (0..1000).map(|_| calendar_origin()).collect();

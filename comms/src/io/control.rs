@@ -29,7 +29,7 @@ const FRAMES_MAX: usize = 256;
 /// How much is read at once.
 const READ_SIZE: usize = 16 << 10;
 
-/// Why a control channel is of no more use.
+/// Why a control channel cannot be used any more.
 #[derive(Debug, Error)]
 pub enum ControlError {
     /// The socket cannot be made.
@@ -57,10 +57,10 @@ pub enum ControlError {
     /// Reading or writing failed.
     #[error("the control channel broke: {0}")]
     Broken(#[from] io::Error),
-    /// The other side does not keep to the protocol.
+    /// The other side breaks the protocol.
     #[error("the other side of the control channel: {0}")]
     Frame(#[from] FrameError),
-    /// The other side does not keep to the protocol.
+    /// The other side breaks the protocol.
     #[error("the other side of the control channel: {0}")]
     Codec(CodecError),
     /// The other side was built with another version of DCA.
@@ -83,7 +83,7 @@ impl From<CodecError> for ControlError {
     }
 }
 
-/// A node's control socket. The file stays when it is dropped; binding again replaces it.
+/// A node's control socket. Its file remains when the listener is dropped; the next [`Self::bind`] replaces it.
 #[derive(Debug)]
 pub struct Listener {
     listener: UnixListener,
@@ -103,13 +103,13 @@ pub struct ControlSender {
 pub struct ControlReceiver {
     channel: Arc<Channel>,
     decoder: Decoder,
-    /// The channel's socket once more, while it takes no more bytes.
+    /// A second descriptor of the channel's socket, while the socket has no room for more bytes.
     full: Option<AsyncFd<UnixStream>>,
 }
 
 #[derive(Debug)]
 struct Channel {
-    /// Registered only for reading: a registration for writing would wake a task whenever the other side reads.
+    /// Registered only for reading: with a registration for writing, each read of the other side would wake a task.
     stream: AsyncFd<UnixStream>,
     outbox: Mutex<Outbox>,
     filled: Notify,
@@ -135,7 +135,7 @@ impl Listener {
             Ok(()) | Err(_) => {}
         }
         let listener = UnixListener::bind(path).map_err(failed)?;
-        // Until here the directory's mode and the user check keep strangers out.
+        // Before this line, only the directory's mode and the user check keep other users out.
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).map_err(failed)?;
         Ok(Self { listener, user: None })
     }
@@ -154,7 +154,7 @@ impl Listener {
     /// Waits for the next program.
     ///
     /// # Errors
-    /// If the system refuses, or a stranger knocks; accepting again is possible.
+    /// If the system refuses, or a process of another user connects. The listener can still accept after an error.
     ///
     /// # Cancellation
     /// Safe.
@@ -172,18 +172,18 @@ impl Listener {
 }
 
 impl ControlSender {
-    /// Sends an order. It is written at once, since the way through another task would cost as much as the way to the
-    /// program; bytes that the socket does not take are sent while [`ControlReceiver::recv`] is awaited.
+    /// Sends an order. It is written at once: a hand-over to another task would cost as much as the way to the program.
+    /// Bytes that the socket does not take are sent while [`ControlReceiver::recv`] is awaited.
     ///
     /// # Errors
-    /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
-    /// says so.
+    /// If the order is too long, or 256 orders already wait. An order to a program that has ended is not an error here:
+    /// [`ControlReceiver::recv`] reports the end.
     pub fn send(&self, order: &Order) -> Result<(), ControlError> {
         // An order may hold a secret, and no copy of the secret may stay in memory.
         let body = Zeroizing::new(codec::encode_in(order, Vec::with_capacity(room_for(order)))?);
         let frame = Zeroizing::new(frame::encode(&body, Order::SIZE_MAX)?);
         let is_written = Outbox::send(&self.channel.outbox, frame, self.channel.stream.get_ref())?;
-        // The receiver writes the rest, and reports the reason if the channel is broken.
+        // The receiver writes the rest. If the channel is broken, the receiver reports the reason.
         if !is_written {
             self.channel.filled.notify_one();
         }
@@ -192,14 +192,14 @@ impl ControlSender {
 }
 
 impl ControlReceiver {
-    /// Returns the next notice; none once the program has closed its side. A program of another version has said
-    /// [`Notice::Hello`], with no more in it than its version and its instance.
+    /// Returns the next notice; none once the program has closed its side. From a program of another version, it returns
+    /// [`Notice::Hello`] with only the version and the instance.
     ///
     /// # Errors
-    /// If the channel breaks or the program does not keep to the protocol; it is then of no more use.
+    /// If the channel breaks or the program breaks the protocol. The channel cannot be used afterwards.
     ///
     /// # Cancellation
-    /// Safe: nothing is lost, neither read nor written.
+    /// Safe: no byte is lost, read or written.
     pub async fn recv(&mut self) -> Result<Option<Notice>, ControlError> {
         loop {
             if let Some(body) = self.decoder.next_frame()? {
@@ -260,8 +260,8 @@ impl Outbox {
         outbox.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a frame, and writes as much as the socket takes at once; returns whether nothing is left for the receiver
-    /// to write.
+    /// Takes a frame, and writes as much as the socket takes at once. Returns whether everything is written, so that the
+    /// receiver has nothing to do.
     fn send(outbox: &Mutex<Self>, frame: Zeroizing<Vec<u8>>, stream: &UnixStream) -> Result<bool, ControlError> {
         let mut outbox = Self::lock(outbox);
         let pushed = outbox.frames.push(frame);
@@ -289,7 +289,8 @@ impl Outbox {
             match not_yet(stream.write(&frame[*done..])) {
                 Ok(Some(written)) => *done += written,
                 Ok(None) => return Ok(false),
-                // A program that ends reads no more, but may have sent notices before: the node still reads these.
+                // A program that ends reads nothing more, but may have sent notices before. The node still reads these
+                // notices.
                 Err(cause) if is_gone(&cause) => *done = frame.len(),
                 Err(cause) => return Err(cause),
             }
@@ -311,14 +312,14 @@ async fn writable(full: Option<&AsyncFd<UnixStream>>) -> io::Result<AsyncFdReady
     }
 }
 
-/// Reads what there is; returns how much, none if there was nothing after all.
+/// Reads the bytes that have arrived; returns their number, or none if nothing had arrived after all.
 fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder) -> io::Result<Option<usize>> {
     let mut bytes = [0; READ_SIZE];
     let read = match not_yet(ready.get_inner().read(&mut bytes)) {
         Err(cause) if is_gone(&cause) => Some(0),
         read => read?,
     };
-    // Less than the buffer has room for: the socket has no more.
+    // The read did not fill the buffer, so the socket is empty.
     if read.is_none_or(|read| read < READ_SIZE) {
         ready.clear_ready();
     }
@@ -326,7 +327,7 @@ fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder
     Ok(read)
 }
 
-/// Returns how much room an order with a secret needs: a buffer that grows would leave copies of the secret behind.
+/// Returns how much room an order with a secret needs. A buffer that grows would leave copies of the secret in memory.
 fn room_for(order: &Order) -> usize {
     const ROOM: usize = 64;
     if let Order::Secret { parameter, value } = order {
@@ -340,7 +341,7 @@ fn check_user(uid: u32) -> Result<(), ControlError> {
     if uid == rustix::process::geteuid().as_raw() { Ok(()) } else { Err(ControlError::Stranger { uid }) }
 }
 
-/// Returns whether the other side has closed. A side that closes without having read everything resets the connection.
+/// Returns whether the other side has closed. A side that closes before it has read everything resets the connection.
 fn is_gone(cause: &io::Error) -> bool {
     matches!(cause.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
 }

@@ -1,17 +1,17 @@
-//! Whether the kernel writes the memory of this process to the disk when it crashes. A node and a command hold keys and secrets,
-//! so they have the soft limit 0 for that. Programs that they start get the original limit back.
+//! Core dumps: whether the kernel writes the memory of this process to the disk when it crashes. A node and a command hold keys
+//! and secrets, so they set the soft limit of core dumps to 0. Programs that they start get the original limit back.
 
 use super::soft_limit;
 use rustix::process::{Resource, getrlimit};
 use std::sync::OnceLock;
 
-/// No limit, as the kernel writes it.
+/// The value of a limit that is not set, as the kernel represents it.
 const UNLIMITED: u64 = u64::MAX;
 
 /// The soft limit that this process was started with.
 static BEFORE: OnceLock<u64> = OnceLock::new();
 
-/// Keeps the memory of this process from the disk.
+/// Prevents core dumps of this process: sets the soft limit to 0.
 pub fn forbid() {
     BEFORE.get_or_init(|| getrlimit(Resource::Core).current.unwrap_or(UNLIMITED));
     set(0);

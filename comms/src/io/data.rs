@@ -43,7 +43,7 @@ use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable, Reply, ReplyError};
 use zenoh::sample::{Sample, SourceInfo};
 
-/// How long [`DataSession::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
+/// How long [`DataSession::close`] waits. Without this limit zenoh can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 
 /// An open data session.
@@ -80,7 +80,7 @@ pub enum DataError {
     Session {
         /// The key.
         key: String,
-        /// Its words.
+        /// The text of the error.
         cause: String,
     },
     /// No answer in time.
@@ -106,13 +106,13 @@ pub struct Publisher {
 #[derive(Clone, Debug)]
 pub struct Payload(ZBytes);
 
-/// The subscription of one key. Dropping it ends it.
+/// The subscription of one key. It ends when this is dropped.
 #[derive(Debug)]
 pub struct Subscription {
     _subscriber: Subscriber<()>,
 }
 
-/// The answering side of one key. Dropping it ends it.
+/// The answering side of one key. It ends when this is dropped.
 #[derive(Debug)]
 pub struct Responder {
     _queryable: Queryable<()>,
@@ -146,8 +146,8 @@ impl DataSession {
         Ok(Self { opened: Opened::open(settings, Redial::Listed, Search::Off, tunnels)?, answers: Answers::default() })
     }
 
-    /// Opens a data session that only dials. With an identity, it dials others of the team from a folder that only this
-    /// user can enter.
+    /// Opens a data session that dials others, and that others cannot dial. With an identity it is in a team: it dials
+    /// other hosts through tunnels, whose sockets are in a folder that only this user can enter.
     ///
     /// # Errors
     /// If zenoh refuses.
@@ -169,7 +169,7 @@ impl DataSession {
         Location { session: self.opened.id(), local, remote, keys: Vec::new() }
     }
 
-    /// Links to another session and keeps linked to it; tries for as long as `within`.
+    /// Links to another session, and restores the link when it is lost. Waits at most `within` for the first link.
     ///
     /// # Errors
     /// If it cannot be reached in time.
@@ -178,7 +178,7 @@ impl DataSession {
         dialled.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
-    /// Links to another session as soon as it can be reached, and stays linked to it; waits for nothing.
+    /// Links to another session as soon as that can be reached, and restores the link when it is lost. Does not wait.
     ///
     /// # Errors
     /// If the address cannot be dialled.
@@ -192,7 +192,7 @@ impl DataSession {
         self.opened.forget(session);
     }
 
-    /// Prepares to publish on `key`. Samples are dropped rather than waited for when a link is congested.
+    /// Prepares to publish on `key`. When a link is congested, samples are dropped; the sender does not wait.
     ///
     /// # Errors
     /// If the session is closed.
@@ -209,8 +209,8 @@ impl DataSession {
             .declare_publisher(key.to_owned())
             .congestion_control(CongestionControl::Drop)
             .priority(priority)
-            // With a separate batch for each sample, the two available batches would be full whenever the sender has to
-            // wait for a processor: at 1 kHz some samples a second were dropped on two busy cores.
+            // Zenoh has two batches. With a separate batch for each sample, both would be full whenever the sender
+            // waits for a processor: at 1 kHz, two busy cores dropped some samples a second.
             .express(!is_sample)
             .wait()
             .map_err(|cause| session_error(key, &cause))?;
@@ -222,7 +222,7 @@ impl DataSession {
             .background()
             .wait()
             .map_err(|cause| session_error(key, &cause))?;
-        // A subscriber may have been there before, and the listener reports only changes.
+        // The listener reports only changes, and a subscriber may have been there before.
         if publisher.matching_status().wait().is_ok_and(|status| status.matching()) {
             listeners.set(true);
         }
@@ -304,13 +304,13 @@ impl DataSession {
         self.ask(key, within)?.answer(now() + within)
     }
 
-    /// Sends a query for a key without waiting. After `within` it gets no answer any more.
+    /// Sends a query for a key without waiting. An answer that comes after `within` is not taken.
     ///
     /// # Errors
     /// If the session is closed.
     pub fn ask(&self, key: &str, within: Duration) -> Result<PendingFetch, DataError> {
         let (reply_tx, reply) = sync_channel(1);
-        // A second answer finds the queue full and is dropped: a key has one producer.
+        // A key has one producer. If a second answer comes, the queue is full and the answer is dropped.
         let on_reply = move |reply: Reply| {
             let answer = reply.into_result().map(|sample| sample.payload().to_bytes().into_owned());
             drop(reply_tx.try_send(answer));
@@ -336,8 +336,8 @@ impl DataSession {
 }
 
 impl PendingFetch {
-    /// Waits for the answer; none if no session answers for the key. An answer that is already there is taken, however
-    /// late it is.
+    /// Waits for the answer; none if no session answers for the key. An answer that has already arrived is taken even
+    /// after `until`.
     ///
     /// # Errors
     /// If a session is there, but does not answer before `until`.
@@ -420,7 +420,7 @@ impl Publisher {
         self.listeners.wait(within)
     }
 
-    /// Returns the present subscribers, which are kept up to date.
+    /// Returns the present subscribers; the value is updated when they change.
     pub(crate) fn listeners(&self) -> Arc<Listeners> {
         Arc::clone(&self.listeners)
     }

@@ -1,4 +1,4 @@
-//! How many files and sockets this process may have open, and which of them it has inherited.
+//! The limit of open files and sockets of this process, and the descriptors that it has inherited.
 //!
 //! The soft limit of most systems is 1024, kept low for programs that use select(2). A process of DCA does not use
 //! select and may have many connections, so it raises its limit to the hard limit. Programs that it starts get the
@@ -18,7 +18,7 @@ pub fn raise() {
     set(maximum);
 }
 
-/// Returns the soft limit that this process was started with, if that is known and is a limit.
+/// Returns the soft limit that this process was started with; none if it is unknown or was not set.
 pub fn before() -> Option<u64> {
     BEFORE.get().copied().flatten()
 }
@@ -28,15 +28,14 @@ pub fn set(current: Option<u64>) {
     soft_limit::set(Resource::Nofile, current);
 }
 
-/// Closes everything this process has inherited except standard input, output and errors. It was not meant for this
-/// process, and a pipe of a shell would stay open for as long as the process runs. To be called first in `main`, before
-/// anything is opened.
+/// Closes all inherited descriptors except standard input, output and error. They were not meant for this process, and an
+/// inherited pipe of a shell would stay open as long as the process runs. `main` calls this first, before it opens anything.
 pub fn close_inherited() {
     let closed = close_from_third();
     if closed == 0 {
         return;
     }
-    // Linux before 5.9, or a filter of system calls.
+    // The call is missing in Linux before 5.9, or forbidden by a filter of system calls.
     let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
     let numbers: Vec<i32> = open.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect();
     numbers.into_iter().filter(|number| *number > libc::STDERR_FILENO).for_each(close);

@@ -45,10 +45,10 @@ use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How many connections of consumers wait to be accepted.
+/// How many connections of consumers may wait to be accepted.
 const BACKLOG: i32 = 256;
 
-/// The direct paths of one program. Dropping it ends them all.
+/// The direct paths of one program. All of them end when this is dropped.
 #[derive(Debug)]
 pub struct DirectPath {
     shared: Arc<Shared>,
@@ -59,14 +59,14 @@ pub struct DirectPath {
 }
 
 impl DirectPath {
-    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end. With a guard both ends of a
-    /// wire show each other that they have its secrets, as programs of a team do.
+    /// Listens on the Unix socket `socket`. An existing file is replaced, and the file is removed at the end. With a
+    /// guard, as in a team, both ends of a wire prove to each other that they have the secrets of the wire.
     ///
     /// # Errors
-    /// The socket cannot be used, or the system has no shared memory.
+    /// If the socket cannot be used, or the system has no shared memory.
     pub fn open(socket: &Path, guard: Option<Guard>) -> io::Result<Self> {
         let path = socket.to_str().ok_or(Errno::INVAL)?.to_owned();
-        // A producer without shared memory must not be sent a long value.
+        // Without shared memory this program could not receive long values, so it must not offer a direct path.
         drop(Buffer::new(1)?);
         match std::fs::remove_file(socket) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -85,12 +85,13 @@ impl DirectPath {
         Ok(Self { shared, inlets, bell, thread: Some(thread) })
     }
 
-    /// Returns the locator that consumers of this host need, with the token they have to present. For the node alone.
+    /// Returns the locator that consumers on this host need, which contains the token that they have to present. Only
+    /// the node may learn it.
     pub fn locator(&self) -> String {
         self.shared.place.locator()
     }
 
-    /// Takes note that the programs which the guard knows at the other ends of wires have changed.
+    /// Notes that the guard now knows other programs at the ends of wires.
     pub fn keys_changed(&self) {
         self.shared.keys_changed();
     }
@@ -100,8 +101,8 @@ impl DirectPath {
         &self.inlets
     }
 
-    /// Returns the producer's end of a wire with this key, in the memory of its output. The publisher also
-    /// reports these consumers ([`Publisher::is_heard`]).
+    /// Returns the producer's end of the wire `key`. Values lie in `memory`, which belongs to the output. `publisher`
+    /// also reports these consumers ([`Publisher::is_heard`]).
     pub fn outlet(&self, key: &str, memory: &Memory, publisher: &Publisher) -> Outlet {
         let life = self.shared.lives.fetch_add(1, Ordering::Relaxed);
         let end = Arc::new(End::new(life, memory.clone(), publisher.listeners(), Arc::clone(&self.shared)));
@@ -110,11 +111,12 @@ impl DirectPath {
         Outlet::new(end)
     }
 
-    /// Connects the consumer's end of a wire with its producer, which has `within` to accept it. `on_arrival` takes the
-    /// values, in a thread that must not wait. If it replaces another inlet, that inlet's values come first.
+    /// Connects the consumer's end of a wire with its producer, which has `within` to accept. `on_arrival` takes the
+    /// values, on a thread that must not wait. If this inlet replaces another one, the values of the old inlet come
+    /// first.
     ///
     /// # Errors
-    /// If no producer listens there, or it does not answer in time, or another program does.
+    /// If no producer listens there, it does not answer in time, or another program answers.
     pub fn inlet(
         &self,
         place: &Place,

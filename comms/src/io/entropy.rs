@@ -2,10 +2,11 @@
 
 use std::io;
 
-/// Returns unpredictable bytes. Right after the machine has started it waits until the system has some.
+/// Returns unpredictable bytes. Right after the start of the machine it waits until the system has collected
+/// randomness.
 ///
 /// # Errors
-/// The system has no such call.
+/// If the system has no such call.
 pub fn bytes<const N: usize>() -> io::Result<[u8; N]> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(|error| io::Error::other(error.to_string()))?;
@@ -15,7 +16,7 @@ pub fn bytes<const N: usize>() -> io::Result<[u8; N]> {
 /// Returns a unique number: 64 random bits.
 ///
 /// # Errors
-/// The system has no such call.
+/// If the system has no such call.
 pub fn number() -> io::Result<u64> {
     bytes().map(u64::from_le_bytes)
 }

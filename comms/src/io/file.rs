@@ -1,7 +1,7 @@
-//! Reads and writes regular files, and nothing else, without waiting.
+//! Reads and writes regular files without waiting, and refuses everything else.
 //!
-//! A name in a folder may belong to anything. Opening a named pipe waits for a reader or writer, a device may have no
-//! end, and a regular file may be larger than the memory.
+//! A name in a folder may belong to anything. Opening a named pipe waits for a reader or writer, a device may be
+//! endless, and a regular file may be larger than the memory.
 
 use crate::logic::human::size;
 use rustix::fs::{FileType, Mode, OFlags, fstat, lstat, open, stat};
@@ -14,7 +14,7 @@ use std::path::Path;
 /// The permissions of a new file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Privacy {
-    /// Its user alone.
+    /// Only its user may read or write the file.
     Own,
     /// The usual permissions of the process.
     Usual,
@@ -42,42 +42,42 @@ pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
 /// # Errors
 /// The file cannot be opened, or is not a regular file (`InvalidInput`), which includes a dangling link.
 pub fn opened(path: &Path) -> io::Result<File> {
-    // To open a device may already do something to it.
+    // Opening a device may already have an effect on it.
     if !is_there(path, "read")? {
         return Err(Errno::NOENT.into());
     }
-    // Without blocking: the name may belong to something else by now.
+    // Opened without blocking: since the check, the name may belong to something else.
     regular(path, OFlags::RDONLY, Privacy::Usual, "read")
 }
 
-/// Returns the bytes as [`bytes`] does, but follows no link, like [`opened_itself`].
+/// Returns the bytes like [`bytes`], but does not follow a link, like [`opened_itself`].
 ///
 /// # Errors
-/// As [`opened_itself`], or it is longer (`FileTooLarge`).
+/// The errors of [`opened_itself`], or the file is longer (`FileTooLarge`).
 pub fn bytes_itself(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
     bounded(opened_itself(path)?, bytes_max)
 }
 
-/// Opens a regular file for reading, without following a link. So the folder may belong to a user who must not make
-/// this process read other files.
+/// Opens a regular file for reading, without following a link. So a user who owns the folder cannot make this process
+/// read other files.
 ///
 /// # Errors
-/// As [`opened`], and for a link (`InvalidInput`).
+/// The errors of [`opened`], and a link (`InvalidInput`).
 pub fn opened_itself(path: &Path) -> io::Result<File> {
     require_regular(FileType::from_raw_mode(lstat(path)?.st_mode), "read")?;
     regular(path, OFlags::RDONLY | OFlags::NOFOLLOW, Privacy::Usual, "read")
 }
 
-/// Opens a regular file to be appended to, as [`opened_itself`] does; makes it if it is not there.
+/// Opens a regular file to be appended to, without following a link; makes it if it does not exist.
 ///
 /// # Errors
-/// As [`appended`], and for a link (`InvalidInput`).
+/// The errors of [`appended`], and a link (`InvalidInput`).
 pub fn appended_itself(path: &Path, privacy: Privacy) -> io::Result<File> {
     check_itself(path)?;
     regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE | OFlags::NOFOLLOW, privacy, "written")
 }
 
-/// Checks that a name belongs to a regular file itself or to nothing.
+/// Checks that a name belongs to a regular file, not to a link to one, or to nothing.
 ///
 /// # Errors
 /// It belongs to something else, such as a link (`InvalidInput`, or `IsADirectory`), or cannot be examined.
@@ -98,7 +98,7 @@ pub fn appended(path: &Path, privacy: Privacy) -> io::Result<File> {
     regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE, privacy, "written")
 }
 
-/// Checks that a name belongs to a regular file or to nothing, before a library opens it that checks less.
+/// Checks that a name belongs to a regular file or to nothing, before a library opens it that does not check this.
 ///
 /// # Errors
 /// It belongs to something else (`InvalidInput`, or `IsADirectory`), or cannot be examined.
@@ -106,14 +106,14 @@ pub fn check(path: &Path) -> io::Result<()> {
     is_there(path, "written").map(drop)
 }
 
-/// Returns whether an open file still has this name: writes to a file without a name are lost.
+/// Returns whether an open file still has this name. Writes to a file without a name are lost.
 pub fn is_in_place(file: &File, path: &Path) -> bool {
     let id = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
     let here = id(std::fs::symlink_metadata(path));
     here.is_some() && here == id(file.metadata())
 }
 
-/// Makes an empty file, and replaces anything of its name except a folder.
+/// Makes an empty file. It replaces anything of its name, except a folder.
 ///
 /// # Errors
 /// The present entry cannot be removed, or the file cannot be made.
@@ -125,10 +125,10 @@ pub fn created(path: &Path, privacy: Privacy) -> io::Result<File> {
     OpenOptions::new().create_new(true).write(true).mode(privacy.mode()).open(path)
 }
 
-/// Makes a file of these bytes, and replaces anything of its name except a folder.
+/// Makes a file of these bytes. It replaces anything of its name, except a folder.
 ///
 /// # Errors
-/// As [`created`], or it cannot be written.
+/// The errors of [`created`], or the file cannot be written.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     created(path, Privacy::Usual)?.write_all(bytes)
 }
@@ -151,7 +151,7 @@ pub fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
 fn is_there(path: &Path, use_of_it: &str) -> io::Result<bool> {
     match stat(path) {
         Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), use_of_it).map(|()| true),
-        // A write would make a file elsewhere, or fail with "not found".
+        // A dangling link. Writing would make a file elsewhere, and reading would fail with "not found".
         Err(Errno::NOENT) if lstat(path).is_ok() => {
             Err(io::Error::new(ErrorKind::InvalidInput, "it is a link that leads nowhere"))
         }
@@ -161,7 +161,7 @@ fn is_there(path: &Path, use_of_it: &str) -> io::Result<bool> {
 }
 
 fn regular(path: &Path, flags: OFlags, privacy: Privacy, use_of_it: &str) -> io::Result<File> {
-    // A pipe without a reader is refused by the system itself (`ENXIO`).
+    // The system itself refuses to open a pipe without a reader for writing (`ENXIO`).
     let flags = flags | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
     let file = open(path, flags, Mode::from_raw_mode(privacy.mode()))?;
     require_regular(FileType::from_raw_mode(fstat(&file)?.st_mode), use_of_it)?;

@@ -1,4 +1,4 @@
-//! A bounded queue between a callback, which must not wait, and a task, which does.
+//! A bounded queue between a callback, which must not wait, and a task, which may wait.
 
 use crate::logic::port::{Policy, Pushed, Queue};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,7 +11,7 @@ pub fn channel<T>(policy: Policy) -> (Sender<T>, Receiver<T>) {
     (Sender(Arc::clone(&shared)), Receiver(shared))
 }
 
-/// The end that a callback owns. The queue ends when it is dropped.
+/// The end that a callback owns. Dropping it ends the queue.
 #[derive(Debug)]
 pub struct Sender<T>(Arc<Shared<T>>);
 
@@ -40,7 +40,7 @@ impl<T> Shared<T> {
 }
 
 impl<T> Sender<T> {
-    /// Adds a value under the policy. The value is turned away when the receiver is gone.
+    /// Adds a value under the policy. The value is rejected if the receiver was dropped.
     pub fn push(&self, value: T) -> Pushed<T> {
         let mut state = self.0.lock();
         if state.receiver_gone {
@@ -67,7 +67,7 @@ impl<T> Receiver<T> {
     /// Safe: no value is lost.
     pub async fn recv(&mut self) -> Option<T> {
         loop {
-            // A value that comes between the look and the wait leaves a permit, so it is not missed.
+            // A value that comes between the check and the wait leaves a permit, so it is not missed.
             {
                 let mut state = self.0.lock();
                 if let Some(value) = state.queue.pop() {
@@ -86,7 +86,7 @@ impl<T> Receiver<T> {
         self.0.lock().queue.pop()
     }
 
-    /// Returns how many values were replaced or turned away because the queue was full.
+    /// Returns how many values were replaced or rejected because the queue was full.
     pub fn lost(&self) -> u64 {
         self.0.lock().queue.lost()
     }

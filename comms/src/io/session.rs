@@ -1,10 +1,9 @@
 //! The session of a node, and of the command line: calls, streams, presence, and messages from node to node.
 //!
-//! Nodes are zenoh peers and form a clique: each is linked to each, none relays for others. A command line is a client of
-//! the node on its host and reaches every other node through it. Data of controllers goes over sessions of their own
-//! ([`crate::io::data`]).
+//! Nodes are zenoh peers and form a clique: each node is linked to each other one, and none relays for others. A command line is a client
+//! of the node on its host, and reaches every other node through it. The data of controllers uses separate sessions ([`crate::io::data`]).
 //!
-//! Callbacks of zenoh only put things into bounded queues, so one slow task never holds up a link.
+//! Callbacks of zenoh only put values into bounded queues, so a slow task never blocks a link.
 
 mod call;
 mod config;
@@ -46,19 +45,19 @@ use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::watch;
 
-/// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
+/// How long [`Session::close`] waits. Without this limit zenoh can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
-/// How long a session has to be silent before its link is cut. On the slowest radio a part of an answer comes each 0.3 s.
+/// How long a session has to be silent before its link is cut. On the slowest radio, a part of an answer arrives each 0.3 s.
 const CUT_AFTER: Duration = Duration::from_secs(2);
-/// How long a command line without a node waits for the first nodes to answer, and how often it looks.
+/// How long a command line without a node waits for the first nodes to answer, and how often it checks.
 const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
-/// Zenoh's thread pools in a process that only sends and receives. One pool serves almost everything, since a hand-over
-/// between pools costs more than the wire. Only sending has a pool of its own: a task that receives and passes on waits inside
-/// zenoh, without yielding, for the task that sends, and tokio keeps a task that was just woken for the thread that woke it.
-/// With a single worker, a call that blocks inside zenoh would hold up everything.
+/// Zenoh's thread pools in a process that only sends and receives. One pool serves almost everything, since a hand-over between pools costs
+/// more than the wire. Only sending has a separate pool. The reason: a task that receives and passes on waits inside zenoh, without
+/// yielding, for the task that sends. And tokio keeps a task that was just woken for the thread that woke it. The main pool has two
+/// workers: with one, a call that blocks inside zenoh would block everything.
 const RUNTIME_END: &str = "(rx: (handover: app), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
-/// Zenoh's thread pools in a process that relays messages between others. A link that takes nothing holds up messages
-/// that come over another link, and there may be several links of both kinds.
+/// Zenoh's thread pools in a process that relays messages between others. A link that takes nothing blocks messages from another link, and
+/// there may be several links of both kinds.
 const RUNTIME_RELAY: &str = "(rx: (worker_threads: 4), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
 
 /// The role of a process on its links.
@@ -75,7 +74,7 @@ pub enum Role {
 pub enum Reach {
     /// Programs of this user on this host.
     Host,
-    /// Also the local network, unauthenticated.
+    /// Also hosts of the local network, unauthenticated.
     Lan,
     /// Also trusted programs on the network.
     Team(Arc<dyn Identity>),
@@ -92,7 +91,7 @@ pub struct NodeOptions {
     pub reach: Reach,
     /// The TCP port to listen on with [`Reach::Lan`]; 0 for any that is free.
     pub port: u16,
-    /// Locators of nodes known ahead; they may be absent, and are dialled until they are there.
+    /// Locators of nodes that are known in advance. A node may be absent; its locator is dialled until it answers.
     pub peers: Vec<String>,
 }
 
@@ -103,14 +102,14 @@ pub struct Session {
     calls: Calls,
     /// In a team: signs outgoing messages, and checks incoming messages.
     authenticator: Option<Arc<dyn Authenticator>>,
-    /// Each stream of answers that still has a reader holds a receiver of it.
+    /// Each stream of answers that still has a reader holds a receiver of this channel.
     answering: watch::Sender<()>,
 }
 
 /// Why a session could not be opened.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum OpenError {
-    /// The socket's path is of no use.
+    /// The path of the socket cannot be used.
     #[error("the socket path `{path}` cannot be used: {problem}")]
     SocketPath {
         /// The path.
@@ -147,7 +146,7 @@ pub enum OpenError {
     /// Zenoh refuses.
     #[error("cannot open a session: {cause}")]
     Zenoh {
-        /// Its words.
+        /// The text of the error.
         cause: String,
     },
     /// The system gives no thread.
@@ -155,8 +154,8 @@ pub enum OpenError {
     NoThread,
 }
 
-/// Tunes this process for sessions: its limit of descriptors, and the threads of zenoh. Called first in `main`; later, or the
-/// second time, it has no effect on the threads.
+/// Prepares this process for sessions: raises its limit of descriptors, and sets the threads of zenoh. `main` has to call this first; a
+/// later or second call has no effect on the threads.
 pub fn prepare_process(role: Role) {
     descriptors::raise();
     const VARIABLE: &str = "ZENOH_RUNTIME";
@@ -170,12 +169,12 @@ pub fn prepare_process(role: Role) {
 
 #[expect(unsafe_code, reason = "zenoh takes the layout of its thread pools from the environment and from nowhere else")]
 fn set_variable(name: &str, value: &str) {
-    // SAFETY: the caller has seen that this process has a single thread, which is this one, so nothing reads the
-    // environment meanwhile.
+    // SAFETY: the caller has checked that this process has a single thread, which is this one. So no other thread reads the environment
+    // now.
     unsafe { std::env::set_var(name, value) };
 }
 
-/// Takes the port from the system first: the system gives the reason of a failure, zenoh does not. 0 gives a free port.
+/// Takes the port from the system before zenoh does, since only the system gives the reason of a failure. 0 gives a free port.
 fn take_port(address: IpAddr, port: u16) -> Result<u16, OpenError> {
     let taken = TcpListener::bind(SocketAddr::new(address, port)).and_then(|listener| listener.local_addr());
     let failed =
@@ -186,14 +185,14 @@ fn take_port(address: IpAddr, port: u16) -> Result<u16, OpenError> {
 impl Session {
     /// Opens the session of a node.
     ///
-    /// With [`Reach::Lan`] and [`Reach::Team`] it also listens on one TCP port at every address that this machine has or gets, and looks for
-    /// other nodes on every network interface, as they come and go: see [`Session::addresses`].
+    /// With [`Reach::Lan`] and [`Reach::Team`] it also listens on one TCP port, at every address that this machine has or gets. It looks
+    /// for other nodes on every network interface, including interfaces that come up later: see [`Session::addresses`].
     ///
     /// # Errors
     /// If the socket cannot be used, or another node listens on it.
     ///
     /// # Cancellation
-    /// The session is opened and closed again in the background.
+    /// The session is still opened in the background, and closed again.
     pub async fn open_node(options: NodeOptions) -> Result<Self, OpenError> {
         let mut listen = vec![unix_locator(&options.socket)?];
         let (name, mut tunnels) = (options.name.as_str().to_owned(), None);
@@ -227,28 +226,28 @@ impl Session {
         Ok(session)
     }
 
-    /// Returns the addresses at which others can find this machine now, and hears of every change. None without a network,
-    /// and with [`Reach::Host`].
+    /// Returns a receiver of the addresses at which others can find this machine, which changes with them. The list is empty without a
+    /// network, and with [`Reach::Host`].
     pub fn addresses(&self) -> watch::Receiver<Vec<String>> {
         self.opened.addresses()
     }
 
-    /// Returns the peers that are dialled and not linked: a name or a place, and the reason, for a person.
+    /// Returns the peers that are dialled but not linked: the name or locator of each, and the reason, for people.
     pub fn unlinked(&self) -> Vec<(String, String)> {
         self.opened.unlinked()
     }
 
-    /// Notes the round trip of a link, measured by the time of an answer. A link that carries nothing for much longer is
-    /// given up.
+    /// Notes the round trip of a link, measured by the time of an answer. A link that carries nothing for much longer than this is given
+    /// up.
     pub fn note_round_trip(&self, session: &str, took: Duration) {
-        // Rounded to few steps, so that the limit of the link seldom changes.
+        // Rounded to a few steps, so that the limit of the link seldom changes.
         let millis = patience::of(took).as_millis().max(1);
         let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
         self.opened.set_patience(session, Duration::from_millis(millis));
     }
 
-    /// Cuts the link to a session whose process has stopped while its system runs: no data arrives from it any more. A
-    /// link to a process of the same machine is left to its lease.
+    /// Cuts the link to a session that sends no data any more because its process has stopped, although its system runs. A link to a
+    /// process on the same machine is not cut: it ends with its lease.
     pub fn cut(&self, session: &str) {
         self.opened.cut_if_silent(session, CUT_AFTER);
     }
@@ -259,23 +258,23 @@ impl Session {
     /// If no node answers there.
     ///
     /// # Cancellation
-    /// The session is opened and closed again in the background.
+    /// The session is still opened in the background, and closed again.
     pub async fn open_client(socket: &Path) -> Result<Self, OpenError> {
         let locator = unix_locator(socket)?;
-        // Connects to the socket first: the system gives the reason of a failure, zenoh does not.
+        // Connects to the socket before zenoh does, since only the system gives the reason of a failure.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
         Self::open(Settings::client(&locator), Redial::Listed, Search::Off, None).await
     }
 
-    /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
-    /// when the first have answered or after half a second.
+    /// Opens the session of a command line on a host without a node. It looks for nodes on the local network, and returns when the first
+    /// have answered, or after half a second.
     ///
     /// # Errors
     /// If there is no network to look on.
     ///
     /// # Cancellation
-    /// The session is opened and closed again in the background.
+    /// The session is still opened in the background, and closed again.
     pub async fn open_scout() -> Result<Self, OpenError> {
         let session = Self::open(Settings::node(), Redial::Listed, Search::Ask, None).await?;
         let [within, look_every] = SCOUT;
@@ -300,14 +299,14 @@ impl Session {
         Ok(Self { opened, calls: Calls::default(), authenticator: None, answering: watch::Sender::new(()) })
     }
 
-    /// Signs outgoing messages from now on, and checks incoming messages. To be called before any message is sent.
+    /// Signs outgoing messages from now on, and checks incoming messages. Call this before any message is sent.
     #[must_use]
     pub fn authenticated_by(mut self, authenticator: Arc<dyn Authenticator>) -> Self {
         self.authenticator = Some(authenticator);
         self
     }
 
-    /// Judges again all peers from other hosts of the team, after the facts by which they are trusted have changed.
+    /// Checks all peers from other hosts of the team again, after the keys or revocations on which their trust is based have changed.
     pub fn judge_again(&self) {
         self.opened.judge_again();
     }
@@ -317,12 +316,12 @@ impl Session {
         self.opened.id()
     }
 
-    /// Returns the locators that it listens on.
+    /// Returns the locators at which the session listens.
     pub fn locators(&self) -> Vec<String> {
         self.opened.locators()
     }
 
-    /// Closes the session, in 2 s at the most.
+    /// Closes the session; waits 2 s at most.
     ///
     /// # Cancellation
     /// The session closes in the background.

@@ -1,8 +1,8 @@
-//! Soft limits of this process, which it may change up to the hard ones.
+//! Soft limits of this process. A process may change them up to the hard limits.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// Sets the soft limit of a resource; none is without a limit.
+/// Sets the soft limit of a resource; `None` sets no limit.
 pub(super) fn set(resource: Resource, current: Option<u64>) {
     let Rlimit { maximum, .. } = getrlimit(resource);
     if let Err(error) = setrlimit(resource, Rlimit { current, maximum }) {

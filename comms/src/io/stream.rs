@@ -1,4 +1,4 @@
-//! Stream sockets of others: connections that are accepted, and frames on them ([`crate::logic::frame`]).
+//! TCP sockets: accepting connections, and frames on them ([`crate::logic::frame`]).
 
 use crate::logic::frame::{self, FrameError, PREFIX_SIZE};
 use std::collections::{BTreeMap, VecDeque};
@@ -12,9 +12,9 @@ use tokio::task::{AbortHandle, JoinSet};
 /// The pause before the next accept after the system has refused one.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Accepts connections for ever, and serves each. At most `serving_max` are served at a time: for a new one, the oldest
-/// connection of the address with the most connections is dropped. So an address with many connections ends none of
-/// another address.
+/// Accepts connections for ever, and serves each. At most `serving_max` are served at a time. A further connection
+/// replaces the oldest connection of the address that has the most. So an address with many connections cannot end
+/// those of another address.
 ///
 /// # Cancellation
 /// All connections end.
@@ -42,7 +42,7 @@ where
     }
 }
 
-/// Returns the place of the oldest connection of the address that has the most.
+/// Returns the index of the oldest connection of the address that has the most.
 fn gives_way<T>(begun: &VecDeque<(IpAddr, T)>) -> Option<usize> {
     let mut counts = BTreeMap::<IpAddr, usize>::new();
     begun.iter().for_each(|(address, _)| *counts.entry(*address).or_default() += 1);
@@ -50,13 +50,13 @@ fn gives_way<T>(begun: &VecDeque<(IpAddr, T)>) -> Option<usize> {
     begun.iter().position(|(address, _)| counts.get(address) == Some(&most))
 }
 
-/// Why a frame does not come or go.
+/// Why a frame could not be sent or received.
 #[derive(Debug, Error)]
 pub enum StreamError {
     /// The connection is broken.
     #[error("the other side has hung up")]
     HungUp(#[source] std::io::Error),
-    /// The frame is longer than agreed.
+    /// The frame is longer than allowed.
     #[error(transparent)]
     TooLong(#[from] FrameError),
 }
@@ -70,7 +70,7 @@ pub async fn send(stream: &mut (impl AsyncWrite + Unpin), body: &[u8], size_max:
     stream.flush().await.map_err(StreamError::HungUp)
 }
 
-/// Receives a frame; nothing is allocated for one that is too long.
+/// Receives a frame. Nothing is allocated for a frame that is too long.
 ///
 /// # Errors
 /// The connection is broken, or the frame is longer than `size_max`.

@@ -1,12 +1,12 @@
-//! Bytes that are written and read as one piece. A `Vec<u8>` is encoded byte by byte, at a hundredth of the speed; in postcard
-//! both are the same bytes.
+//! Bytes that are encoded as one piece. A `Vec<u8>` is encoded byte by byte, at a hundredth of the speed. In postcard both
+//! give the same bytes.
 
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use serde::ser::{Serialize, Serializer};
 use std::fmt;
 use zeroize::Zeroizing;
 
-/// The most bytes that are made room for before any of them has come.
+/// The most bytes for which memory is reserved before any of them has arrived.
 const ROOM_MAX: usize = 4 << 10;
 
 /// Bytes of any meaning.
@@ -37,7 +37,7 @@ impl<'de> Deserialize<'de> for Bytes {
     }
 }
 
-/// Bytes that are a secret: nothing shows them, and they are wiped when they are dropped.
+/// Secret bytes: they are never shown in debug output, and are wiped when they are dropped.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct SecretBytes(Zeroizing<Vec<u8>>);
 
@@ -47,7 +47,7 @@ impl SecretBytes {
         Self(Zeroizing::new(bytes))
     }
 
-    /// Returns the bytes. A copy of them is not wiped.
+    /// Returns the bytes. A copy of them is not wiped automatically.
     pub fn expose(&self) -> &[u8] {
         &self.0
     }
@@ -94,7 +94,7 @@ impl<'de> Visitor<'de> for BytesVisitor {
         Ok(bytes)
     }
 
-    /// Takes bytes from a text format, which has them as a list.
+    /// Takes bytes from a text format, which represents them as a list.
     fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Vec<u8>, A::Error> {
         let mut all = Vec::with_capacity(bytes.size_hint().unwrap_or(0).min(ROOM_MAX));
         while let Some(byte) = bytes.next_element()? {

@@ -4,8 +4,8 @@
 //! 'D' 'C' | version: u16 LE | kind: u16 LE | postcard
 //! ```
 //!
-//! A reader refuses a message of another kind or version instead of guessing. Samples on wires go without an envelope:
-//! both ends get the same message type from the same plan.
+//! A reader refuses a message of another kind or version; it does not guess. Samples on wires have no envelope: both ends know
+//! the message type from the same plan.
 
 use crate::logic::control::{Notice, Order};
 use crate::logic::signals::{Peaks, Signals};
@@ -15,19 +15,19 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 
 /// The version of all messages between programs, nodes and the command line. Any change of a message increases it. A reader
-/// refuses every other version. Of other versions, it only reads the beginning of [`Notice::Hello`] and [`Notice::Resume`], to
-/// name the sender.
+/// refuses every other version. From another version it reads only the beginning of [`Notice::Hello`] and [`Notice::Resume`],
+/// to name the sender.
 pub const WIRE_VERSION: u16 = 1;
 const MAGIC: [u8; 2] = *b"DC";
 /// The bytes before the message.
 pub const HEADER_SIZE: usize = 6;
-/// The number of [`Notice::Hello`] among the notices.
+/// The variant number of [`Notice::Hello`].
 const HELLO: u32 = 0;
-/// The number of [`Notice::Resume`] among the notices.
+/// The variant number of [`Notice::Resume`].
 const RESUME: u32 = 8;
 
-/// Every kind of message, by its number on the wire: the compiler refuses a number that is taken. Append only; 1..99
-/// are messages of this crate, 100.. of nodes, 200.. of others.
+/// Every kind of message, with its number on the wire. The compiler refuses a number that is already used. Append only: 1..99
+/// are messages of this crate, 100.. of nodes, 200.. of other programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Kind {
@@ -39,7 +39,7 @@ pub enum Kind {
     Signals = 3,
     /// [`Peaks`].
     Peaks = 4,
-    /// A request of the caller of a stream for its next piece.
+    /// A request of a stream's caller for the next piece.
     Pull = 6,
     /// A part of a stream of answers.
     Piece = 7,
@@ -49,19 +49,19 @@ pub enum Kind {
     Outputs = 9,
     /// [`Introduction`](crate::logic::tunnel::Introduction): the identity of an end of a tunnel.
     Introduction = 10,
-    /// [`Revocations`](crate::logic::tunnel::Revocations): the revocations that an end of a tunnel knows.
+    /// [`Revocations`](crate::logic::tunnel::Revocations): the revoked keys that an end of a tunnel knows.
     Revocations = 11,
     /// [`ObjectCall`](crate::logic::object::ObjectCall): a call of a procedure, or the request to read a state.
     ObjectCall = 12,
-    /// [`ObjectAnswer`](crate::logic::object::ObjectAnswer): the answer to it.
+    /// [`ObjectAnswer`](crate::logic::object::ObjectAnswer): the answer to an [`ObjectCall`](Self::ObjectCall).
     ObjectAnswer = 13,
-    /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller waits no more.
+    /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller does not wait any longer.
     ObjectCancel = 14,
     /// [`Exports`](crate::logic::object::Exports): the exports of a program.
     Exports = 15,
-    /// [`TypeForm`](crate::logic::object::TypeForm): the type that the consumer of a wire takes.
+    /// [`TypeForm`](crate::logic::object::TypeForm): the type that the consumer of a wire accepts.
     TypeForm = 16,
-    /// [`Boundary`](crate::logic::switch::Boundary): a word between the values of a wire.
+    /// [`Boundary`](crate::logic::switch::Boundary): a control message between the values of a wire.
     Boundary = 17,
     /// [`Proof`](crate::logic::proof::Proof): the sender of a message in a team.
     Proof = 19,
@@ -69,26 +69,26 @@ pub enum Kind {
     QueueRequest = 20,
     /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): the result for a message.
     QueueAnswer = 21,
-    /// [`RouterRequest`](crate::logic::messaging::wire::RouterRequest): a queue subscribes.
+    /// [`RouterRequest`](crate::logic::messaging::wire::RouterRequest): a queue subscribes to a router.
     RouterRequest = 22,
-    /// [`RouterAnswer`](crate::logic::messaging::wire::RouterAnswer): the answer to it.
+    /// [`RouterAnswer`](crate::logic::messaging::wire::RouterAnswer): the answer to a [`RouterRequest`](Self::RouterRequest).
     RouterAnswer = 23,
     /// [`LockRequest`](crate::logic::messaging::wire::LockRequest): a client wants a lock.
     LockRequest = 24,
-    /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
+    /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to a [`LockRequest`](Self::LockRequest).
     LockAnswer = 25,
     /// [`Seal`](crate::logic::seal::Seal): the attachment of a sealed message in a team.
     Seal = 26,
-    /// [`Seals`](crate::logic::seal::Seals): the attachment of a sample for several programs.
+    /// [`Seals`](crate::logic::seal::Seals): the attachment of a sample for several programs in a team.
     Seals = 27,
     /// [`Hello`](crate::logic::direct::Hello): the consumer of a wire connects to its producer on the same host.
     DirectHello = 28,
-    /// [`Welcome`](crate::logic::direct::Welcome): the answer to it.
+    /// [`Welcome`](crate::logic::direct::Welcome): the producer's answer to the consumer's `Hello`.
     DirectWelcome = 29,
-    /// [`Challenge`](crate::logic::direct::Challenge): in a team, the consumer is to show that it is the other end of
-    /// the wire.
+    /// [`Challenge`](crate::logic::direct::Challenge): in a team, the producer asks the consumer to prove that it is the other
+    /// end of the wire.
     DirectChallenge = 30,
-    /// [`Claim`](crate::logic::direct::Claim): the consumer's proof of that.
+    /// [`Claim`](crate::logic::direct::Claim): the consumer's proof that it is the other end.
     DirectClaim = 31,
     /// [`Confirmation`](crate::logic::direct::Confirmation): the producer's proof that it is the other end.
     DirectConfirmation = 32,
@@ -102,20 +102,20 @@ pub enum Kind {
     Envelope = 103,
     /// The answer to a ping.
     Pong = 104,
-    /// The question whether a node is there.
+    /// The question whether a node is running.
     Ping = 105,
     /// A message between two nodes of the same name.
     Namesake = 106,
-    /// A node's message to another one whose message it has refused.
+    /// A node's message to another node, whose message it has refused.
     Refusal = 107,
-    /// The position of a node's audit log, signed.
+    /// The signed position of a node's audit log.
     AuditHead = 108,
-    /// The certificate of a node that is to be renewed, or has been renewed.
+    /// The certificate of a node, to be renewed or renewed.
     Renewing = 109,
 }
 
 impl Kind {
-    /// Returns its number on the wire.
+    /// Returns the number of the kind on the wire.
     pub const fn number(self) -> u16 {
         self as u16
     }
@@ -123,9 +123,9 @@ impl Kind {
 
 /// A message that travels in an envelope.
 pub trait Enveloped: Serialize + DeserializeOwned {
-    /// The kind of the message. No other message has the same.
+    /// The kind of the message. No other type has the same kind.
     const KIND: Kind;
-    /// The most bytes a message may have, envelope included.
+    /// The most bytes of a message, including the envelope.
     const SIZE_MAX: usize = 16 << 20;
 }
 
@@ -156,7 +156,7 @@ impl Enveloped for Outputs {
     const SIZE_MAX: usize = 1 << 20;
 }
 
-/// Why a message was not written or read.
+/// Why a message could not be written or read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CodecError {
     /// Too many bytes.
@@ -164,7 +164,7 @@ pub enum CodecError {
     TooLong {
         /// Expected kind.
         kind: u16,
-        /// Its size.
+        /// The size of the message in bytes.
         size: usize,
         /// The limit.
         size_max: usize,
@@ -203,7 +203,7 @@ pub enum CodecError {
 /// Returns a message in its envelope.
 ///
 /// # Errors
-/// If it is longer than its kind allows.
+/// If the message is longer than its kind allows.
 pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
     encode_in(message, Vec::with_capacity(64))
 }
@@ -211,7 +211,7 @@ pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
 /// Puts a message into its envelope, in an empty buffer.
 ///
 /// # Errors
-/// As of [`encode`].
+/// The errors of [`encode`].
 pub fn encode_in<T: Enveloped>(message: &T, mut bytes: Vec<u8>) -> Result<Vec<u8>, CodecError> {
     bytes.extend(MAGIC);
     bytes.extend(WIRE_VERSION.to_le_bytes());
@@ -222,10 +222,10 @@ pub fn encode_in<T: Enveloped>(message: &T, mut bytes: Vec<u8>) -> Result<Vec<u8
     Ok(bytes)
 }
 
-/// Reads a message from its envelope; it must fill `bytes`.
+/// Reads a message from its envelope. Both must fill `bytes` exactly.
 ///
 /// # Errors
-/// If it is too long, of another kind or version, or malformed.
+/// If `bytes` is too long, of another kind or version, or malformed.
 pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     let (version, body) = open::<T>(bytes)?;
     if version != WIRE_VERSION {
@@ -238,8 +238,8 @@ pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     }
 }
 
-/// Reads a notice like [`decode`]. Of a [`Notice::Hello`] or [`Notice::Resume`] of another version it reads the
-/// beginning, which all versions have in common: the version and the sender.
+/// Reads a notice like [`decode`]. From a [`Notice::Hello`] or [`Notice::Resume`] of another version it reads the version and
+/// the sender, which are at the beginning in all versions.
 ///
 /// # Errors
 /// The errors of [`decode`].
@@ -259,7 +259,7 @@ pub fn decode_notice(bytes: &[u8]) -> Result<Notice, CodecError> {
     }
 }
 
-/// Takes a message out of its envelope; returns its version, and its bytes.
+/// Checks the envelope of a message; returns its version, and the bytes behind the envelope.
 fn open<T: Enveloped>(bytes: &[u8]) -> Result<(u16, &[u8]), CodecError> {
     check_size::<T>(bytes.len())?;
     let (header, body) = bytes.split_first_chunk::<HEADER_SIZE>().ok_or(CodecError::Foreign)?;
@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(decode::<T>(&bytes).as_ref(), Ok(message));
     }
 
-    /// Bytes that other versions rely on: if this fails, the version has to go up.
+    /// These bytes are read by other programs of the same version. If this test fails, the version has to be increased.
     #[test]
     fn golden_orders() {
         let dial = || Dial { session: "a1".into(), locators: vec!["l".into()] };
@@ -469,7 +469,7 @@ mod tests {
         assert!(encode(&Order::Activate { activation: 0, value: long, since: Time::ZERO }).is_err());
     }
 
-    /// A hello of another version, with as much in it as this one or with more, says which version its sender has.
+    /// A hello of another version with the same fields, or with further ones, still shows the version of its sender.
     #[test]
     fn a_hello_of_another_version_says_whose_it_is() {
         for (version, hello) in [
@@ -481,7 +481,7 @@ mod tests {
             let (location, owns, needs) = (None, vec![], vec![]);
             let read = Notice::Hello { version, instance: "m".into(), location, owns, needs, signals: false };
             assert_eq!(decode_notice(hello), Ok(read));
-            // Anything else of another version is not understood.
+            // Other messages of another version are refused.
             let mut other = hello.to_vec();
             other[HEADER_SIZE] = 1;
             assert_eq!(decode_notice(&other), Err(refused));

@@ -1,16 +1,16 @@
 //! The control channel between a node and one controller on the same host, over a local Unix socket.
 //!
-//! Frames are postcard, length-prefixed, inside the versioned envelope of [`crate::logic::codec`]. Variants are only
-//! ever appended: postcard numbers them.
+//! Frames are length-prefixed and contain postcard, inside the versioned envelope of [`crate::logic::codec`]. New variants
+//! are only appended, since postcard numbers them.
 //!
-//! Life of a channel: the program connects and says [`Notice::Hello`]; the node answers [`Order::Connect`] with every
-//! link the program takes part in; the program dials them and says [`Notice::Connected`] (or why not). From then on it
-//! is idle until [`Order::Activate`].
+//! The life of a channel: the program connects and sends [`Notice::Hello`]. The node answers [`Order::Connect`] with every
+//! link of the program. The program dials them and sends [`Notice::Connected`], or the reason why it cannot. Then it is
+//! idle until [`Order::Activate`].
 //!
-//! A channel that breaks is not the end of the program. The program dials again and sends [`Notice::Resume`]. The node,
-//! which may be a successor of the first node, answers [`Order::Resumed`]. Each side then sends what the other side has
-//! not received. For this, both count orders and notices from the program's start, over all its channels, except those
-//! that only concern a channel ([`Order::is_counted`], [`Notice::is_counted`]).
+//! If a channel breaks, the program continues. It dials again and sends [`Notice::Resume`]. The node, which may be a
+//! successor of the first node, answers [`Order::Resumed`]. Then each side sends the messages that the other side has not
+//! received. For this, both sides number orders and notices from the program's start, over all its channels. Messages that
+//! concern only one channel have no number ([`Order::is_counted`], [`Notice::is_counted`]).
 
 use crate::logic::bytes::SecretBytes;
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
@@ -22,28 +22,28 @@ use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// The most bytes that a process may leave for the next one.
+/// The longest value that a process may pass on to the next process, in bytes.
 pub const VALUE_MAX: usize = 1 << 20;
 
-/// Returns why a process may not leave a value of so many bytes; none if it may.
+/// Returns why a process may not pass on a value of `size` bytes; none if it may.
 pub fn too_large(size: usize) -> Option<String> {
     (size > VALUE_MAX).then(|| format!("it leaves a value of {size} bytes; {VALUE_MAX} are allowed"))
 }
 
-/// Where a program's data session can be dialled.
+/// The addresses at which a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Location {
     /// The zenoh id of the session, as lower-case hex.
     pub session: String,
-    /// Dialled by programs on the same host: a Unix socket, and the direct path of wires.
+    /// Addresses for programs on the same host: a Unix socket, and the direct path of wires.
     pub local: Vec<String>,
-    /// Dialled by programs on other hosts; empty when the node is not open to the network.
+    /// Addresses for programs on other hosts; empty if the node is not open to the network.
     pub remote: Vec<String>,
-    /// The public keys that the program made at its start, for data sealed for it; empty outside of a team.
+    /// The public keys that the program made at its start; others use them to seal data for it. Empty outside of a team.
     pub keys: Vec<u8>,
 }
 
-/// A program at the other end of wires, or that shares a device. Data for it is sealed.
+/// A program at the other end of wires, or that shares a device. Data for this program is sealed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Partner {
     /// The session of the program.
@@ -54,22 +54,22 @@ pub struct Partner {
     pub is_near: bool,
     /// Numbers of the wires, including those of calls.
     pub wires: Vec<u32>,
-    /// Devices that one of the two owns and the other needs.
+    /// Devices that one of the two programs owns and the other one uses.
     pub devices: Vec<String>,
 }
 
-/// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends get the same one.
+/// The consumer's end of a data route. Both ends get the same key, `comms::logic::key::wire(..)`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Incoming {
     /// Number of the wire in the plan.
     pub wire: u32,
     /// The consumer's input port.
     pub port: String,
-    /// The key the producer publishes (or answers) on.
+    /// The key on which the producer publishes (push) or answers (pull).
     pub key: String,
-    /// Where the producer is: session id and the locators to dial.
+    /// The producer's session id, and the locators to dial.
     pub producer: Dial,
-    /// Whether the consumer fetches (pull) or receives (push).
+    /// Whether the consumer fetches values (pull) instead of receiving them (push).
     pub pull: bool,
 }
 
@@ -82,18 +82,18 @@ pub struct Outgoing {
     pub port: String,
     /// The key to publish (or answer) on.
     pub key: String,
-    /// Whether the consumer fetches (pull) or receives (push).
+    /// Whether the consumer fetches values (pull) instead of receiving them (push).
     pub pull: bool,
 }
 
-/// How data moves on a wire, if the spec gives it. Both ends get this.
+/// How data moves on a wire, if the spec defines it. Both ends get this.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
     /// Number of the wire in the plan.
     pub wire: u32,
     /// Whether a consumer gets the last value when the wire is opened.
     pub latch: bool,
-    /// How many values wait for the consumer at most.
+    /// How many values may wait for the consumer.
     pub queue: Option<u32>,
     /// The shortest time between two values.
     pub period_min: Option<Duration>,
@@ -104,20 +104,20 @@ pub struct Shape {
 pub struct Device {
     /// The device: `arm`, `base`, `ft`, `gripper`, `laser`, `camera`.
     pub device: String,
-    /// The program that owns its keys.
+    /// The program that publishes the device's keys.
     pub owner: Dial,
-    /// The deployment of that program: the device's keys begin with its name.
+    /// The deployment of that program, whose name is the beginning of the device's keys.
     pub deployment: String,
 }
 
 /// The route of a call to another program's export.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CallRoute {
-    /// Number of the wire in the plan; it is opened and closed like a wire for data.
+    /// Number of the wire in the plan. It is opened and closed like a wire for data.
     pub wire: u32,
     /// The call of the caller's interface.
     pub call: String,
-    /// The program that is called.
+    /// The called program.
     pub server: Dial,
     /// The instance path of that program.
     pub path: String,
@@ -125,23 +125,23 @@ pub struct CallRoute {
     pub name: String,
     /// The deployment of that program.
     pub deployment: String,
-    /// The number under which both ends make the seals of the wire, in a team.
+    /// In a team: the number from which both ends derive the seals of the wire.
     pub seal: u32,
 }
 
-/// A port that is connected with keys of the database.
+/// A port that is connected to keys of the database.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct KeyPort {
     /// The port.
     pub port: String,
     /// A key, or a prefix that ends in `/`.
     pub keys: String,
-    /// Whether the program writes the keys; otherwise it watches them.
+    /// Whether the program writes the keys; otherwise it reads and watches them.
     pub is_write: bool,
 }
 
 impl KeyPort {
-    /// Returns whether a key is among its keys.
+    /// Returns whether `key` is one of the keys of this port.
     pub fn covers(&self, key: &str) -> bool {
         if self.keys.ends_with('/') { key.starts_with(&self.keys) } else { key == self.keys }
     }
@@ -152,18 +152,17 @@ impl KeyPort {
 pub struct Dial {
     /// The zenoh id of the session.
     pub session: String,
-    /// Locators, to be tried in order. For a program on the same host, the locator of its direct path may be among
-    /// them.
+    /// Locators, to be tried in order. For a program on the same host, they may include the locator of its direct path.
     pub locators: Vec<String>,
 }
 
 impl Dial {
-    /// Returns the locators of the session itself.
+    /// Returns the locators of the zenoh session, without the direct path.
     pub fn of_session(&self) -> Vec<String> {
         self.locators.iter().filter(|locator| !Place::is_meant(locator)).cloned().collect()
     }
 
-    /// Returns the direct path, if it has one.
+    /// Returns the direct path, if the program has one.
     pub fn direct(&self) -> Option<Place> {
         self.locators.iter().find_map(|locator| Place::of(locator))
     }
@@ -174,7 +173,7 @@ impl Dial {
 pub enum Order {
     /// Make every link; the wires stay closed.
     Connect {
-        /// Prefix for hardware keys: the robot's name.
+        /// Prefix of device keys: the robot's name.
         robot: String,
         /// Inputs.
         incoming: Vec<Incoming>,
@@ -187,14 +186,14 @@ pub enum Order {
     Open {
         /// Wire numbers.
         wires: Vec<u32>,
-        /// The generation that the order had.
+        /// The generation of the order.
         generation: u64,
     },
     /// Close these outgoing wires, then answer [`Notice::Switched`].
     Close {
         /// Wire numbers.
         wires: Vec<u32>,
-        /// The generation that the order had.
+        /// The generation of the order.
         generation: u64,
     },
     /// `Init(value)`, then `Run()`.
@@ -206,43 +205,43 @@ pub enum Order {
         /// When the supervisor decided it, on the clock of this host: values that come later are for this activation.
         since: Time,
     },
-    /// `Stop()`, then report [`Notice::Stopped`], or the outcome already reached.
+    /// Call `Stop()`, then report [`Notice::Stopped`], or the outcome already reached.
     Stop {
-        /// The activation meant; an older one is ignored.
+        /// The activation to stop; the order is ignored if it names an older one.
         activation: u32,
     },
-    /// End: stop if running, close the session, exit with code 0.
+    /// End the program: stop if running, close the session, exit with code 0.
     Exit,
-    /// Parameter values from the database, which have precedence over the arguments of the spec. The values of the
-    /// previous `Configure` no longer count.
+    /// Parameter values from the database, which have precedence over the arguments of the spec. They replace the values of
+    /// the previous `Configure`.
     Configure {
-        /// Parameter names, and values as a spec spells them.
+        /// Parameter names, each with its value as a spec spells it.
         parameters: Vec<(String, String)>,
     },
-    /// How data moves on some wires, other than as the ports do it; comes before [`Order::Connect`].
+    /// How data moves on some wires, where the spec differs from the ports. Comes before [`Order::Connect`].
     Shape {
         /// The shapes, one for each wire.
         wires: Vec<Shape>,
     },
-    /// The deployment runs already, and this program was restarted. Comes before [`Order::Connect`], which then does
-    /// not wait long: absent programs are linked when they come.
+    /// The deployment already runs, and this program was restarted. Comes before [`Order::Connect`], which then does not
+    /// wait long: absent programs are linked later, when they can be reached.
     Rejoin,
-    /// A program that this one dials was started again and is elsewhere now.
+    /// A program that this program dials was restarted, and has another address now.
     Relink {
-        /// The session that the program had.
+        /// The previous session of that program.
         lost: String,
-        /// Where the program is now.
+        /// The present session and locators of that program.
         found: Dial,
     },
-    /// The answer to [`Notice::Resume`], and the first order after it: the program is known. It sends the notices after
-    /// this number again.
+    /// The answer to [`Notice::Resume`], and the first order after it: the node knows the program. The program sends again
+    /// all notices after the number `notices`.
     Resumed {
-        /// How many counted notices of this program the node has, since the program's start.
+        /// How many counted notices the node has received since the program's start.
         notices: u64,
     },
-    /// The complete set of the program's calls to others; comes before [`Order::Connect`].
+    /// The complete set of the program's calls to others. Comes before [`Order::Connect`].
     Calls {
-        /// The routes, all closed unless they were open before.
+        /// The routes. A route that was open before stays open; all others are closed.
         calls: Vec<CallRoute>,
     },
     /// Flip these outgoing wires between two values, then answer [`Notice::Switched`].
@@ -252,31 +251,32 @@ pub enum Order {
         /// The wires.
         flip: Flip,
     },
-    /// Expect a switch of inputs: answer [`Notice::Expecting`] at once, and [`Notice::Taken`] when it has come.
+    /// Expect a switch of inputs: answer [`Notice::Expecting`] at once, and [`Notice::Taken`] when the switch has arrived.
     Expect {
         /// Echoed in the answers.
         ticket: u64,
         /// The inputs.
         expect: Expect,
-        /// Outgoing wires to flip once all that came before the switch has had its calculation.
+        /// Outgoing wires to flip once the program has processed everything that came before the switch.
         then: Option<Flip>,
     },
     /// The database answers.
     Database {
         /// The number of the request.
         number: u64,
-        /// The answer, or the next part of it.
+        /// The answer, or the next part of the answer.
         answer: DatabaseAnswer,
     },
-    /// The ports that are connected with keys of the database; the first order of a program's life, if there are some.
+    /// The ports that are connected to keys of the database. If there are such ports, this is the first order of a
+    /// program's life.
     Keys {
-        /// Each with its keys.
+        /// Each port with its keys.
         ports: Vec<KeyPort>,
     },
-    /// The complete set of programs at the other ends of wires and calls, in a team; comes before [`Order::Connect`],
-    /// and again when one of them was restarted.
+    /// In a team: the complete set of programs at the other ends of wires and calls. Comes before [`Order::Connect`], and
+    /// again when one of these programs was restarted.
     Partners {
-        /// Each with the wires to it.
+        /// Each program with the wires to it.
         partners: Vec<Partner>,
     },
     /// The present value of a secret parameter. It replaces the value with which the program was started.
@@ -286,24 +286,24 @@ pub enum Order {
         /// The value.
         value: SecretBytes,
     },
-    /// The proof for programs of other hosts that the node has started this one, in a team: signed, for the keys of its
-    /// [`Location`].
+    /// In a team: the signed proof for programs of other hosts that the node has started this program. It covers the keys
+    /// of the program's [`Location`].
     Vouch {
         /// A delegation, in the form of the room `trust`.
         delegation: Vec<u8>,
     },
-    /// Whether a user may make a call that the program has asked about.
+    /// The answer to [`Notice::Judge`]: whether a user may make a call.
     Judged {
         /// The number of the question.
         number: u64,
-        /// Why not, for a person; none if the user may.
+        /// The reason, for people, why the user may not; none if the user may.
         refusal: Option<String>,
     },
     /// The fate of a [`Notice::Message`].
     Received {
         /// The number of the message.
         number: u64,
-        /// Its fate.
+        /// The fate of the message.
         fate: MessageFate,
     },
     /// Send a value through an output, then answer [`Notice::Sent`].
@@ -317,37 +317,37 @@ pub enum Order {
     },
 }
 
-/// A message for a port of an activity, from the program that has its ports.
+/// A message for a port of an activity. It comes from the program that has the ports of this activity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PortMessage {
-    /// The program gives each number once; the answer bears it.
+    /// The number of the message, which the program uses only once. The answer repeats it.
     pub number: u64,
     /// The port.
     pub port: String,
     /// The value, encoded.
     pub value: Vec<u8>,
-    /// A message with a greater priority goes first.
+    /// Messages of greater priority go first.
     pub priority: u8,
-    /// Whether its sender waits for a receipt.
+    /// Whether the sender of the message waits for a receipt.
     pub has_receipt: bool,
-    /// How many values of this port have found no room since the last message.
+    /// How many values of this port were lost for lack of room since the last message.
     pub lost: u64,
 }
 
 /// The fate of a message for an activity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MessageFate {
-    /// The activity has it.
+    /// The activity has accepted the message.
     Taken,
     /// Too many messages wait already.
     Full,
-    /// The activity does not run.
+    /// The activity is not running.
     Idle,
 }
 
 impl Order {
-    /// Returns whether the order has a number: 1 is the first of the program's life. The others concern one
-    /// channel.
+    /// Returns whether the order is counted; the first counted order of a program's life is number 1. The other orders
+    /// concern one channel only.
     pub const fn is_counted(&self) -> bool {
         !matches!(
             self,
@@ -365,20 +365,20 @@ impl Order {
 /// From the program to the node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notice {
-    /// First frame on the first channel of a program. It is the first variant in every version, and begins with
-    /// these two fields.
+    /// The first frame on the first channel of a program. In every version this is the first variant, and begins with the
+    /// fields `version` and `instance`.
     Hello {
         /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
-        /// The instance path the program was started as (`DCA_INSTANCE`).
+        /// The instance path with which the program was started (`DCA_INSTANCE`).
         instance: String,
-        /// Where its data session is; none if it has no ports.
+        /// The address of its data session; none if the program has no ports.
         location: Option<Location>,
         /// Devices whose keys this program owns.
         owns: Vec<String>,
-        /// Devices of others that it needs.
+        /// Devices of other programs that this program uses.
         needs: Vec<String>,
-        /// Whether it publishes [`crate::logic::signals::Signals`].
+        /// Whether the program publishes [`crate::logic::signals::Signals`].
         signals: bool,
     },
     /// Every link is up.
@@ -402,7 +402,7 @@ pub enum Notice {
     Done {
         /// As ordered.
         activation: u32,
-        /// The value that it leaves.
+        /// The value for the next process.
         value: Vec<u8>,
     },
     /// Failed, after `Stop()`.
@@ -417,69 +417,70 @@ pub enum Notice {
         /// As ordered.
         activation: u32,
     },
-    /// First frame on each later channel: the program had lost its node. In every version it begins with these two
-    /// fields. A node that does not know the program closes the channel.
+    /// The first frame on each later channel: the program has lost its node and connects again. In every version it begins
+    /// with the fields `version` and `instance`. A node that does not know the program closes the channel.
     Resume {
         /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
-        /// The instance path the program was started as.
+        /// The instance path with which the program was started.
         instance: String,
-        /// How many counted orders the program has taken since its start.
+        /// How many counted orders the program has received since its start.
         orders: u64,
-        /// How many counted notices it has made since then.
+        /// How many counted notices the program has made since its start.
         notices: u64,
     },
-    /// A switch is expected.
+    /// The answer to [`Order::Expect`]: the program expects a switch.
     Expecting {
         /// As ordered.
         ticket: u64,
     },
-    /// A switch that was expected has come, or is not waited for any longer.
+    /// An expected switch has arrived, or the program does not wait for it any longer.
     Taken {
         /// As ordered.
         ticket: u64,
-        /// How many values of closed wires were sent and have not arrived, or found no room while they were held back.
+        /// How many values of closed wires were sent but did not arrive, or were lost for lack of room while they were held
+        /// back.
         lost: u64,
-        /// How many values came after they had been given up, and were dropped.
+        /// How many values arrived after they were counted as lost, and were dropped.
         late: u64,
-        /// Wires that nothing was heard of in time.
+        /// Wires on which nothing arrived in time.
         missing: Vec<u32>,
     },
     /// A request to the database of the node.
     Database {
-        /// The answers bear it; the program gives each number once on a channel.
+        /// The number of the request, which the program uses only once on a channel. The answers repeat it.
         number: u64,
-        /// The request, or a word about a watch that has this number.
+        /// The request, or a message about the watch with this number.
         request: DatabaseRequest,
     },
-    /// How many values of wires have not come, and how many values inputs have refused, since the program began.
+    /// The losses since the program began: values of wires that did not arrive, and values that inputs have refused.
     Losses {
-        /// The wires that have lost values, each with the number of all values that it has lost.
+        /// The wires that have lost values, each with the number of lost values.
         wires: Vec<(u32, u64)>,
-        /// The inputs that have refused values, because a number in them was not finite, each with the number of all values
-        /// that it has refused.
+        /// The inputs that have refused values because a number in them was not finite, each with the number of refused
+        /// values.
         refused: Vec<(String, u64)>,
     },
-    /// Messages over wires that were dropped, because the other end has not sealed them.
+    /// Messages over wires that were dropped because they were not sealed by the other end.
     Refused {
         /// Each wire at most once a minute.
         wires: Vec<Refused>,
     },
-    /// A user wants to call a procedure of this program, in a team: may the user? Answered by [`Order::Judged`].
+    /// In a team: asks whether a user may call a procedure of this program. Answered by [`Order::Judged`].
     Judge {
-        /// The answer bears it; the program gives each number once.
+        /// The number of the question, which the program uses only once. The answer repeats it.
         number: u64,
         /// The call.
         call: UserCall,
     },
-    /// Stopped as ordered, after `Stop()`, but work outside of the program may go on.
+    /// Stopped as ordered, after `Stop()`. But work outside of the program may continue.
     StopUnconfirmed {
         /// As ordered.
         activation: u32,
-        /// The work that may go on, for a person.
+        /// The work that may continue, for people.
         reason: String,
     },
-    /// A message for the activity whose ports this program has. Answered by [`Order::Received`].
+    /// A message for the activity whose ports belong to this program. Answered by [`Order::Received`].
     Message(PortMessage),
     /// A value of [`Order::Send`] was sent.
     Sent {
@@ -488,7 +489,7 @@ pub enum Notice {
     },
 }
 
-/// A call of a user, as the called program has it.
+/// A call of a user, as the called program has received it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UserCall {
     /// The procedure.
@@ -502,7 +503,7 @@ pub struct UserCall {
 }
 
 impl Notice {
-    /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
+    /// Returns whether the notice is counted; [`Notice::Hello`] is number 1.
     pub const fn is_counted(&self) -> bool {
         !matches!(
             self,

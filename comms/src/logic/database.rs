@@ -1,13 +1,13 @@
 //! A program's requests to the database of its node, over its control channel, and the answers.
 //!
-//! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers
-//! until it is cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then
-//! each committed change. If the program was too slow, or the disk has failed, the watch starts again with `Begin`.
-//! At most [`WINDOW`] parts of a watch are sent that the program has not taken, so that a slow program neither fills its
-//! channel nor holds up its orders.
+//! The program gives each request a number. A `Get` and a `Transact` have one answer each. A `Watch` has answers until
+//! it is cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then each
+//! committed change. If the program was too slow, or the disk has failed, the watch starts again with `Begin`. At most
+//! [`WINDOW`] parts of a watch are sent before the program has taken them. So a slow program does not fill its channel,
+//! and its orders are not delayed.
 //!
-//! Nothing here is repeated when a channel breaks. The result of an unanswered request is unknown: a transaction may
-//! have been committed.
+//! When a channel breaks, nothing is repeated. The result of an unanswered request is unknown: a transaction may have
+//! been committed.
 
 mod value;
 
@@ -18,15 +18,16 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use thiserror::Error;
 
-/// How many requests of one program, watches left out, may have no answer at a time.
+/// How many requests of one program may be unanswered at a time, not counting watches.
 pub const REQUESTS_MAX: usize = 32;
 /// How many watches a program has at a time.
 pub const WATCHES_MAX: usize = 8;
-/// How many parts of one watch are on their way to its program at most.
+/// How many parts of one watch may be sent before its program has taken them.
 pub const WINDOW: u32 = 8;
 /// The longest value, in bytes.
 pub const VALUE_SIZE_MAX: usize = 64 << 10;
-/// The most bytes of keys and values in one transaction. The database's own additions have room beside them.
+/// The most bytes of keys and values in one transaction. A message has enough room for these and for the database's own
+/// fields.
 pub const TRANSACTION_SIZE_MAX: usize = 240 << 10;
 
 /// A request of a program to the database of its node. Append only.
@@ -44,7 +45,7 @@ pub enum DatabaseRequest {
         /// The key or prefix.
         prefix: String,
     },
-    /// The program has taken parts of the watch with this number.
+    /// The program has taken parts of the watch with this number, so more parts may be sent.
     Taken {
         /// How many more.
         parts: u32,
@@ -53,21 +54,21 @@ pub enum DatabaseRequest {
     Cancel,
 }
 
-/// Changes of several keys that happen together or not at all.
+/// Changes of several keys, all of them or none.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transaction {
     /// The reason, for the history.
     pub reason: String,
     /// The conditions of the transaction.
     pub requires: Vec<Requirement>,
-    /// The writes; of several at one key the last counts.
+    /// The writes. If several write the same key, the last one applies.
     pub writes: Vec<KeyWrite>,
 }
 
 /// A condition of a transaction.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Requirement {
-    /// The key that it is about.
+    /// The key whose state is expected.
     pub key: String,
     /// The expected state of the key.
     pub expected: Expected,
@@ -76,11 +77,11 @@ pub struct Requirement {
 /// The state of a key that a transaction expects. Append only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Expected {
-    /// It has no value.
+    /// The key has no value.
     Absent,
-    /// It has a value.
+    /// The key has a value.
     Exists,
-    /// Its value is of this transaction, and no other write was concurrent.
+    /// The key's value was written by this transaction, and no other write was concurrent.
     Version(TxnId),
 }
 
@@ -96,18 +97,18 @@ pub struct KeyWrite {
 /// A value in its stored form: see [`Value`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stored {
-    /// How the bytes are meant.
+    /// The type of the bytes.
     pub tag: u8,
     /// The bytes.
     pub bytes: Bytes,
 }
 
-/// Names a transaction, and so the version of each key that it has written.
+/// The id of a transaction, and so the version of each key that it has written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct TxnId {
-    /// The replica that has committed it.
+    /// The replica that has committed the transaction.
     pub origin: u64,
-    /// Its number there, from 1.
+    /// The number of the transaction at that replica, from 1.
     pub seq: u64,
 }
 
@@ -122,45 +123,45 @@ impl fmt::Display for TxnId {
 pub struct Entry {
     /// The key.
     pub key: String,
-    /// The value; nothing if it was deleted.
+    /// The value; none if it was deleted.
     pub value: Option<Stored>,
-    /// The transaction that has written it.
+    /// The transaction that has written the value.
     pub version: TxnId,
-    /// Whether there was a concurrent write, and the conflict is not settled.
+    /// Whether there was a concurrent write, and the conflict is not resolved.
     pub is_conflict: bool,
 }
 
-/// A committed transaction that changes keys which are watched.
+/// A committed transaction that changes watched keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Change {
-    /// Its name.
+    /// The id of the transaction.
     pub version: TxnId,
-    /// The robot that has committed it.
+    /// The robot that has committed the transaction.
     pub by: String,
-    /// The reason that its writer gave.
+    /// The writer's reason for the transaction.
     pub reason: String,
-    /// All of its writes to watched keys.
+    /// All writes of the transaction to watched keys.
     pub entries: Vec<Entry>,
 }
 
 /// An answer of the database to a program. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DatabaseAnswer {
-    /// To `Get`: nothing if the key has no value.
+    /// To `Get`: the entry; none if the key has no value.
     Value(Option<Entry>),
-    /// To `Transact`: it is on the disk of this robot, and goes to all others.
+    /// To `Transact`: the transaction is on this robot's disk, and will be sent to all others.
     Committed(TxnId),
     /// Nothing was done.
     Refused(DatabaseRefusal),
-    /// To `Watch`: the present values come next. All earlier values of this watch no longer count.
+    /// To `Watch`: the present values come next. They replace all earlier values of this watch.
     Begin,
     /// To `Watch`: some of the present values.
     Present(Vec<Entry>),
-    /// To `Watch`: these were all. Changes come next.
+    /// To `Watch`: all present values were sent. Changes come next.
     Complete,
     /// To `Watch`: a transaction was committed, here or on another robot.
     Changed(Change),
-    /// To `Transact`: it is unknown whether it was committed, since the disk has failed.
+    /// To `Transact`: the disk has failed, so it is unknown whether the transaction was committed.
     Unknown {
         /// Why, for a person.
         why: String,
@@ -168,7 +169,7 @@ pub enum DatabaseAnswer {
 }
 
 impl DatabaseAnswer {
-    /// Returns whether it is a part of a watch for which the program needs room.
+    /// Returns whether the answer is a part of a watch, of which at most [`WINDOW`] may be on their way.
     pub const fn is_part(&self) -> bool {
         matches!(self, Self::Begin | Self::Present(_) | Self::Complete | Self::Changed(_))
     }
@@ -177,15 +178,15 @@ impl DatabaseAnswer {
 /// Why nothing was done. Append only.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DatabaseRefusal {
-    /// A key does not have its expected state: read it again.
+    /// A key does not have its expected state: read the key again.
     #[error("{why}")]
     Unmet {
         /// The key.
         key: String,
-        /// Its actual state, for a person.
+        /// The actual state of the key, for people.
         why: String,
     },
-    /// The program may not do that.
+    /// The program is not allowed to do this.
     #[error("{why}")]
     NotAllowed {
         /// The key or prefix.
@@ -196,13 +197,13 @@ pub enum DatabaseRefusal {
     /// Only another robot writes there.
     #[error("only the robot `{robot}` writes there")]
     NotOwner {
-        /// Its name.
+        /// The name of the robot.
         robot: String,
     },
     /// A value or transaction is too long.
     #[error("{size} bytes are more than the {size_max} that are allowed; give the parts keys of their own")]
     TooLarge {
-        /// Its size in bytes.
+        /// The size of the value or transaction, in bytes.
         size: u64,
         /// The limit.
         size_max: u64,
@@ -213,7 +214,7 @@ pub enum DatabaseRefusal {
         /// How many.
         waiting: u32,
     },
-    /// No node is there at present, so the request was not sent.
+    /// No node is running at present, so the request was not sent.
     #[error("the node is away, so nothing was asked; try again when it is back")]
     NoNode,
     /// The database's own words.

@@ -1,8 +1,9 @@
-//! Decodes a value from bytes that can be copied and not borrowed, such as shared memory: postcard reads slices.
+//! Decodes a value from bytes that can be copied but not borrowed, such as shared memory. Postcard itself reads only
+//! slices.
 //!
-//! Each byte is copied once, and long pieces directly to their final place: the buffer of a
-//! [`Bytes`](super::bytes::Bytes) or of a `String` is filled from the source. So a writer that changes the source
-//! during the copy cannot change a value after its check.
+//! Each byte is copied once. Long pieces go directly to their final place: the buffer of a
+//! [`Bytes`](super::bytes::Bytes) or of a `String` is filled from the source. So if another program changes the
+//! source during the copy, it cannot change a value after its check.
 //!
 //! Source: the postcard wire format, version 1.
 
@@ -13,7 +14,7 @@ use serde::de::{
     Visitor,
 };
 
-/// How many bytes are copied at once where none of them are a long piece.
+/// How many bytes are copied at once, apart from long pieces.
 const WINDOW: usize = 4 << 10;
 
 /// Bytes that are read once, from their beginning.
@@ -21,7 +22,7 @@ pub trait Source {
     /// Returns how many bytes are left.
     fn left(&self) -> usize;
 
-    /// Appends so many bytes; returns whether so many are left. If not, it copies none.
+    /// Appends `size` bytes to `to`. Returns false and copies nothing if fewer bytes are left.
     fn append(&mut self, size: usize, to: &mut Vec<u8>) -> bool;
 }
 
@@ -38,10 +39,10 @@ impl Source for &[u8] {
     }
 }
 
-/// Returns the value that a source begins with, as `postcard::from_bytes` does.
+/// Returns the value at the beginning of a source, like `postcard::from_bytes`.
 ///
 /// # Errors
-/// The bytes are none of such a value.
+/// If the bytes do not encode such a value.
 pub fn decode_from<T: DeserializeOwned>(source: &mut dyn Source) -> Result<T> {
     T::deserialize(&mut Reader { source, window: Vec::new(), at: 0 })
 }
@@ -90,7 +91,7 @@ impl Reader<'_> {
         Ok(array)
     }
 
-    /// Returns so many bytes in a new buffer.
+    /// Reads a length and returns that many bytes in a new buffer.
     fn piece(&mut self) -> Result<Vec<u8>> {
         let size = self.length()?;
         if size > self.left() {
@@ -112,7 +113,8 @@ impl Reader<'_> {
         usize::try_from(self.varint::<64>()?).map_err(|_too_long| Error::DeserializeBadVarint)
     }
 
-    /// Reads a number of `BITS` bits: seven in a byte, the lowest first; the highest bit marks that more follow.
+    /// Reads a number of `BITS` bits: seven bits per byte, the lowest first. The highest bit of a byte marks that
+    /// more bytes follow.
     #[inline]
     fn varint<const BITS: u32>(&mut self) -> Result<u64> {
         let (mut number, bytes) = (0, BITS.div_ceil(7));
@@ -148,7 +150,7 @@ impl Reader<'_> {
     }
 }
 
-/// Reads numbers of fixed and of varying length.
+/// Reads numbers of fixed and of variable length.
 macro_rules! numbers {
     ($($name:ident, $visit:ident, |$reader:ident| $number:expr;)*) => {$(
         #[inline]
@@ -159,7 +161,7 @@ macro_rules! numbers {
     )*};
 }
 
-/// Returns a number that was read with the bits of its type, so it fits.
+/// Converts a number that was read with the bits of its type, so that it fits.
 fn fitting<A, B: TryFrom<A>>(number: A) -> Result<B> {
     B::try_from(number).map_err(|_too_large| Error::DeserializeBadVarint)
 }
@@ -299,7 +301,7 @@ impl<'de> Deserializer<'de> for &mut Reader<'_> {
     }
 }
 
-/// So many elements, or entries of a map.
+/// The elements of a sequence, or the entries of a map, with their number.
 struct Elements<'r, 's> {
     reader: &'r mut Reader<'s>,
     count: usize,
@@ -315,7 +317,7 @@ impl<'de> SeqAccess<'de> for Elements<'_, '_> {
         seed.deserialize(&mut *self.reader).map(Some)
     }
 
-    /// None if there are fewer bytes than elements: then no room is reserved for them.
+    /// `None` if there are fewer bytes than elements. Then no memory is reserved for them.
     fn size_hint(&self) -> Option<usize> {
         (self.count <= self.reader.left()).then_some(self.count)
     }
@@ -442,7 +444,7 @@ mod tests {
             let at = at.index(bytes.len());
             same::<Everything>(&bytes[..at]);
             bytes[at] = byte;
-            // A float that has become NaN is not equal to itself.
+            // A float that has become NaN is not equal to itself, so encoded bytes are compared.
             let [ours, theirs] = [decode_from::<Everything>(&mut &*bytes), postcard::from_bytes(&bytes)];
             prop_assert_eq!(format!("{ours:?}"), format!("{theirs:?}"));
         }

@@ -1,10 +1,9 @@
-//! The direct path of a wire between two programs of one host: the messages over its Unix socket, without zenoh in
-//! between.
+//! The direct path of a wire between two programs of one host: the messages over its Unix socket. Zenoh is not involved.
 //!
-//! The producer listens beside its data session, and publishes the address with the locators of that session
-//! ([`Place`]). The node hands them only to the programs that it wires. The consumer connects a separate socket for
-//! each wire, of type `SOCK_SEQPACKET`, so each frame is one packet, and presents the token of the place ([`Hello`]).
-//! From the [`Welcome`] on, values and boundaries come in frames:
+//! The producer listens beside its data session, and publishes the address with the locators of that session ([`Place`]). The node
+//! gives these locators only to programs that are wired to the producer. For each wire, the consumer connects a separate socket of
+//! type `SOCK_SEQPACKET`, so each frame is one packet, and presents the token of the place ([`Hello`]). After the [`Welcome`], values
+//! and boundaries are sent in frames:
 //!
 //! ```text
 //! producer to consumer                                                     consumer to producer
@@ -16,23 +15,23 @@
 //! header: life: u32 LE | number: u32 LE | order: u64 LE
 //! ```
 //!
-//! In a team each end shows first that it is at this wire: between [`Hello`] and the values go [`Challenge`], [`Claim`]
-//! and [`Confirmation`].
+//! In a team each end first proves that it is an end of this wire: [`Challenge`], [`Claim`] and [`Confirmation`] follow the
+//! [`Hello`], before any value.
 //!
-//! A *life* is the time in which one producer's end of the wire exists: numbers count within it. The *order* counts all messages of a
-//! producer over all its wires, so a consumer with several of them takes the messages in the order of sending. A shared
-//! value lies in a buffer of memory that both map; the producer writes there again once all its consumers have released
-//! it.
+//! A *life* is the time in which one producer's end of the wire exists: value numbers begin again with each life. The *order* numbers
+//! all messages of a producer over all its wires. So a consumer with several of these wires takes the messages in the order of
+//! sending. A shared value lies in a buffer of memory that both programs map. The producer writes there again once all its consumers
+//! have released the buffer.
 
 use super::codec::{Enveloped, Kind};
 use super::object::TypeForm;
 use serde::{Deserialize, Serialize};
 
-/// How the locator of a direct path begins. No locator of zenoh begins so.
+/// The beginning of the locator of a direct path. No locator of zenoh begins like this.
 const SCHEME: &str = "dca-direct/";
-/// The bytes before those of a value or a boundary.
+/// The length of the header before a value or a boundary, in bytes.
 pub const HEADER_SIZE: usize = 17;
-/// The longest frame with a value. Longer ones lie in shared memory.
+/// The longest frame with a value, in bytes. Longer values lie in shared memory.
 pub const INLINE_MAX: usize = 16 << 10;
 
 const VALUE: u8 = 0x00;
@@ -41,12 +40,12 @@ const SHARED: u8 = 0x02;
 const RETIRED: u8 = 0x03;
 const RELEASE: u8 = 0x10;
 
-/// The address where a producer accepts consumers of its host, and the token they present there.
+/// The address where a producer accepts consumers on its host, and the token that a consumer presents there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     /// The socket.
     pub path: String,
-    /// Known to the producer, its node, and the programs wired with it.
+    /// The token. Only the producer, its node, and the programs wired to the producer know it.
     pub token: String,
 }
 
@@ -68,8 +67,8 @@ impl Place {
     }
 }
 
-/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for waiting packets to be read;
-/// in a team the eventfd goes later.
+/// The first packet of a consumer. It carries an eventfd, by which the producer asks the consumer to read waiting packets. In a team
+/// the [`Claim`] carries the eventfd.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// The token of the [`Place`].
@@ -85,10 +84,10 @@ impl Enveloped for Hello {
     const SIZE_MAX: usize = 64 << 10;
 }
 
-/// The answer to it. A producer that does not take the consumer closes the socket instead.
+/// The answer to a [`Hello`]. A producer that does not accept the consumer closes the socket instead.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Welcome {
-    /// Random, the same for all wires of one producer.
+    /// A random number that is the same for all wires of one producer.
     pub process: u128,
 }
 
@@ -97,11 +96,10 @@ impl Enveloped for Welcome {
     const SIZE_MAX: usize = 1 << 10;
 }
 
-/// Random bytes that have never been used before.
+/// Random bytes that were never used before.
 pub type Nonce = [u8; 32];
 
-/// The answer to a [`Hello`] in a team: the challenge by which the consumer proves that it is the other end of this
-/// wire.
+/// The answer to a [`Hello`] in a team. The consumer has to prove over these bytes that it is the other end of this wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Challenge {
     /// Random.
@@ -113,12 +111,12 @@ impl Enveloped for Challenge {
     const SIZE_MAX: usize = 64;
 }
 
-/// The consumer's proof. With it goes its eventfd, which then does not go with the [`Hello`].
+/// The consumer's proof. It carries the consumer's eventfd, which the [`Hello`] then does not carry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
     /// Random.
     pub nonce: Nonce,
-    /// A hash that only holders of the secret of this direction of the wire can make.
+    /// A hash that only a program with the secret of this direction of the wire can make.
     pub tag: [u8; 32],
 }
 
@@ -127,12 +125,12 @@ impl Enveloped for Claim {
     const SIZE_MAX: usize = 128;
 }
 
-/// The producer's proof, in the place of a [`Welcome`].
+/// The producer's proof. In a team it is sent instead of a [`Welcome`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Confirmation {
     /// As in a [`Welcome`].
     pub process: u128,
-    /// As in a [`Claim`], for the other direction.
+    /// The hash of a [`Claim`], for the other direction.
     pub tag: [u8; 32],
 }
 
@@ -146,9 +144,9 @@ impl Enveloped for Confirmation {
 pub struct Header {
     /// The life of the producer's end.
     pub life: u32,
-    /// How many values the end has sent in this life, including a value in this frame.
+    /// How many values were sent in this life, including a value in this frame.
     pub number: u32,
-    /// Grows with each frame of the producer, over all its wires.
+    /// A number that grows with each frame of the producer, over all its wires.
     pub order: u64,
 }
 
@@ -157,20 +155,20 @@ pub struct Header {
 pub enum Frame<'a> {
     /// A value.
     Value(Header, &'a [u8]),
-    /// A word between values, in its envelope.
+    /// A boundary between values, in its envelope.
     Word(Header, &'a [u8]),
     /// A value in shared memory.
     Shared(Header, SharedValue),
-    /// A buffer that is not used again.
+    /// A buffer that the producer does not use again.
     Retired(u32),
 }
 
-/// Where a value is.
+/// The place of a value in shared memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SharedValue {
     /// The number of the buffer.
     pub buffer: u32,
-    /// Its bytes, from the beginning of the buffer.
+    /// The length of the value in bytes; it is at the beginning of the buffer.
     pub size: u32,
 }
 
@@ -231,7 +229,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Returns the packet by which a consumer gives a buffer back.
+/// Returns the packet by which a consumer releases a buffer.
 pub fn release(buffer: u32) -> [u8; 5] {
     of_buffer(RELEASE, buffer)
 }
@@ -246,7 +244,7 @@ fn of_buffer(tag: u8, buffer: u32) -> [u8; 5] {
     [tag, a, b, c, d]
 }
 
-/// Returns the buffer that a packet gives back; none if it is no such packet.
+/// Returns the buffer that a packet releases; none if it is another packet.
 pub fn released(packet: &[u8]) -> Option<u32> {
     let (tag, rest) = packet.split_first()?;
     only_number(rest).filter(|_| *tag == RELEASE)

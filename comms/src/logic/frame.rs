@@ -12,7 +12,7 @@ pub enum FrameError {
     /// Longer than agreed.
     #[error("a frame of {size} bytes is longer than the {size_max} allowed")]
     TooLong {
-        /// Its size.
+        /// The size of the frame.
         size: usize,
         /// The limit.
         size_max: usize,
@@ -22,7 +22,7 @@ pub enum FrameError {
 /// Returns `body` as a frame.
 ///
 /// # Errors
-/// If it is longer than `size_max`.
+/// If `body` is longer than `size_max`.
 pub fn encode(body: &[u8], size_max: usize) -> Result<Vec<u8>, FrameError> {
     let size = body.len();
     let prefix = u32::try_from(size).ok().filter(|_| size <= size_max);
@@ -33,7 +33,7 @@ pub fn encode(body: &[u8], size_max: usize) -> Result<Vec<u8>, FrameError> {
     Ok(frame)
 }
 
-/// Puts frames together from the pieces a stream delivers.
+/// Assembles frames from the pieces that a stream delivers.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     bytes: VecDeque<u8>,
@@ -51,10 +51,10 @@ impl Decoder {
         self.bytes.extend(bytes);
     }
 
-    /// Returns the body of the next whole frame.
+    /// Returns the body of the next complete frame.
     ///
     /// # Errors
-    /// If a frame announces too many bytes; the stream is then of no more use.
+    /// If a frame announces too many bytes. The stream cannot be used afterwards.
     pub fn next_frame(&mut self) -> Result<Option<Vec<u8>>, FrameError> {
         let mut prefix = [0; PREFIX_SIZE];
         if self.bytes.len() < PREFIX_SIZE {
@@ -74,7 +74,7 @@ impl Decoder {
         Ok(Some(self.bytes.drain(..size).collect()))
     }
 
-    /// Returns whether the stream may end here: no frame is half read.
+    /// Returns whether the stream may end here: no frame is incomplete.
     pub fn is_between_frames(&self) -> bool {
         self.bytes.is_empty()
     }

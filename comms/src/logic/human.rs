@@ -1,8 +1,8 @@
 //! Times ([`span`]), sizes ([`size`]) and errors of the system ([`cause`]) as text for people, and values as JSON for
-//! tools. The bytes of those values in postcard are unchanged.
+//! tools. In postcard these values keep their usual encoding.
 //!
-//! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON
-//! keep numbers in 53 bits. For `#[serde(with = "…")]`.
+//! In JSON, times are numbers in seconds. Numbers that identify something are strings of 16 hexadecimal digits, since
+//! most JSON readers keep only 53 bits of a number. For use with `#[serde(with = "…")]`.
 
 /// Returns a span of time in words: `5 s`, `1.5 s`, `200 ms`, `0.25 ms`.
 pub fn span(time: std::time::Duration) -> String {
@@ -21,8 +21,8 @@ pub fn size(bytes: u64) -> String {
     }
 }
 
-/// Returns the system's text for an error within a sentence: `no such file or directory` for the standard library's
-/// `No such file or directory (os error 2)`.
+/// Returns the system's text for an error in a form that fits into a sentence: `no such file or directory` instead of
+/// the standard library's `No such file or directory (os error 2)`.
 pub fn cause(error: &std::io::Error) -> String {
     let text = error.to_string();
     let text = text.split(" (os error").next().unwrap_or_default();
@@ -38,7 +38,7 @@ pub mod seconds {
     /// Writes a time.
     ///
     /// # Errors
-    /// The serialiser's own.
+    /// The errors of the serialiser.
     pub fn serialize<S: Serializer>(time: &Duration, to: S) -> Result<S::Ok, S::Error> {
         if to.is_human_readable() { to.serialize_f64(time.as_secs_f64()) } else { time.serialize(to) }
     }
@@ -46,7 +46,7 @@ pub mod seconds {
     /// Reads a time.
     ///
     /// # Errors
-    /// It is none, or negative.
+    /// If the value is not a time, or negative.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Duration, D::Error> {
         if !from.is_human_readable() {
             return Duration::deserialize(from);
@@ -66,7 +66,7 @@ pub mod seconds_if_known {
     /// Writes a time.
     ///
     /// # Errors
-    /// The serialiser's own.
+    /// The errors of the serialiser.
     pub fn serialize<S: Serializer>(time: &Option<Duration>, to: S) -> Result<S::Ok, S::Error> {
         time.map(Known).serialize(to)
     }
@@ -74,7 +74,7 @@ pub mod seconds_if_known {
     /// Reads a time.
     ///
     /// # Errors
-    /// It is none, or negative.
+    /// If the value is not a time, or negative.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Duration>, D::Error> {
         Ok(Option::<Known>::deserialize(from)?.map(|Known(time)| time))
     }
@@ -88,7 +88,7 @@ pub mod millis {
     /// Writes a date.
     ///
     /// # Errors
-    /// The serialiser's own.
+    /// The errors of the serialiser.
     pub fn serialize<S: Serializer>(millis: &u64, to: S) -> Result<S::Ok, S::Error> {
         if to.is_human_readable() {
             super::seconds::serialize(&Duration::from_millis(*millis), to)
@@ -100,7 +100,7 @@ pub mod millis {
     /// Reads a date.
     ///
     /// # Errors
-    /// It is not a date, or before 1970.
+    /// If the value is not a date, or before 1970.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         if !from.is_human_readable() {
             return u64::deserialize(from);
@@ -110,14 +110,14 @@ pub mod millis {
     }
 }
 
-/// A number that names something.
+/// A number that identifies something.
 pub mod hex {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes a number.
     ///
     /// # Errors
-    /// The serialiser's own.
+    /// The errors of the serialiser.
     pub fn serialize<S: Serializer>(number: &u64, to: S) -> Result<S::Ok, S::Error> {
         if to.is_human_readable() { to.collect_str(&format_args!("{number:016x}")) } else { number.serialize(to) }
     }
@@ -125,7 +125,7 @@ pub mod hex {
     /// Reads a number.
     ///
     /// # Errors
-    /// It is none.
+    /// If the value is not such a number.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         if !from.is_human_readable() {
             return u64::deserialize(from);

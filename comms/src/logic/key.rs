@@ -1,4 +1,4 @@
-//! The only place where key expressions are built and read.
+//! Key expressions: the only place where they are built and read.
 //!
 //! ```text
 //! dca/n/<host>/rpc/<verb>            a call to a node
@@ -30,16 +30,16 @@
 //! dca/<robot>/exports/<instance path>  what a program exports
 //! ```
 //!
-//! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters,
-//! digits, `_`, `-` and `.` stand for themselves, any other byte is `%` and two hex digits, an empty name is `%`.
-//! Escaping is one-to-one: different names never share a key, and no name can match the key of another.
+//! Users choose names, and in a key expression `/ * $ # ? @` have a meaning. So every name is escaped: letters,
+//! digits, `_`, `-` and `.` stand for themselves; any other byte is `%` and two hex digits; an empty name is `%`.
+//! Escaping is one-to-one: different names never share a key, and no name can match the key of another name.
 
 use std::fmt;
 use thiserror::Error;
 
 /// The longest host name. Source: RFC 1123, the length of one label.
 pub const HOST_NAME_SIZE_MAX: usize = 63;
-/// Stands between a key and a session that serves it; no name can contain it.
+/// Separates a key from the id of a session that serves it. No name can contain it.
 const SESSION: &str = "/s!/";
 /// First words that a robot's name must not take.
 const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
@@ -48,7 +48,7 @@ const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HostName(String);
 
-/// The reason why a text is not a host name.
+/// Why a text is not a host name.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("`{text}` is not a host name: {problem}")]
 pub struct HostNameError {
@@ -123,12 +123,12 @@ pub fn parse_rpc(key: &str) -> Option<(String, String)> {
     Some((unescape(host)?, unescape(verb)?))
 }
 
-/// Returns the key of calls to the one server of `key` that has this session id.
+/// Returns the key of calls to the server of `key` in the session with this id.
 pub fn of_session(key: &str, session: &str) -> String {
     format!("{key}{SESSION}{session}")
 }
 
-/// Returns the key that was called, whether or not a session was named.
+/// Returns the called key, without the session if it names one.
 pub fn without_session(key: &str) -> &str {
     key.split_once(SESSION).map_or(key, |(key, _)| key)
 }
@@ -138,12 +138,12 @@ pub fn inbox(host: &str) -> String {
     format!("dca/n/{}/in", escape(host))
 }
 
-/// Returns the key on which a node tells the others of its team the revoked keys.
+/// Returns the key on which a node sends the revoked keys to the other nodes of its team.
 pub fn revoked(host: &str) -> String {
     format!("dca/n/{}/revoked", escape(host))
 }
 
-/// Returns the key on which a node hears that others have refused its messages.
+/// Returns the key on which a node learns that others have refused its messages.
 pub fn refused(host: &str) -> String {
     format!("dca/n/{}/refused", escape(host))
 }
@@ -158,12 +158,12 @@ pub fn audit_any() -> String {
     "dca/n/*/audit".to_owned()
 }
 
-/// Returns the key on which a node gets back others' signatures on the head of its audit log.
+/// Returns the key on which a node receives the signatures of others on the head of its audit log.
 pub fn countersigned(host: &str) -> String {
     format!("dca/n/{}/countersigned", escape(host))
 }
 
-/// Returns the key on which a node asks the others of its team to renew its certificate.
+/// Returns the key on which a node asks the other nodes of its team to renew its certificate.
 pub fn renew(host: &str) -> String {
     format!("dca/n/{}/renew", escape(host))
 }
@@ -173,32 +173,32 @@ pub fn renew_any() -> String {
     "dca/n/*/renew".to_owned()
 }
 
-/// Returns the key on which a node gets its certificate back, renewed.
+/// Returns the key on which a node receives its renewed certificate.
 pub fn renewed(host: &str) -> String {
     format!("dca/n/{}/renewed", escape(host))
 }
 
-/// Returns the expression of all keys on which nodes tell the others the revoked keys.
+/// Returns the expression of all keys on which nodes send revoked keys.
 pub fn revoked_any() -> String {
     "dca/n/*/revoked".to_owned()
 }
 
-/// Returns the key on which a node asks for the nodes that are there.
+/// Returns the key on which a node asks which nodes are running.
 pub fn ping(host: &str) -> String {
     format!("dca/n/{}/ping", escape(host))
 }
 
-/// Returns the key expression on which any node asks for the nodes that are there.
+/// Returns the expression of all keys on which nodes ask which nodes are running.
 pub fn ping_any() -> String {
     "dca/n/*/ping".to_owned()
 }
 
-/// Returns the key of presence questions to one node.
+/// Returns the key on which a node is asked whether it is running.
 pub fn asked(host: &str) -> String {
     format!("dca/n/{}/asked", escape(host))
 }
 
-/// Returns the key of answers to a node that has asked for the nodes that are there.
+/// Returns the key on which a node receives the answers to its questions for running nodes.
 pub fn pong(host: &str) -> String {
     format!("dca/n/{}/pong", escape(host))
 }
@@ -208,17 +208,17 @@ pub fn beat(host: &str) -> String {
     format!("dca/n/{}/beat", escape(host))
 }
 
-/// Returns the key on which nodes of one name speak to each other.
+/// Returns the key on which nodes of the same name send messages to each other.
 pub fn namesake(host: &str) -> String {
     format!("dca/n/{}/namesake", escape(host))
 }
 
-/// Returns the key that shows that a node is up.
+/// Returns the key that announces that a node is running.
 pub fn live(host: &str, boot: u64) -> String {
     format!("dca/live/{}/{boot:016x}", escape(host))
 }
 
-/// Returns the key expression of every node that is up.
+/// Returns the expression of the keys that announce running nodes.
 pub fn live_any() -> String {
     "dca/live/*/*".to_owned()
 }
@@ -237,7 +237,7 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
     format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
 }
 
-/// Returns the number of the wire with this key; none if it is not the key of a wire.
+/// Returns the number of the wire with this key; none if the key does not belong to a wire.
 pub fn parse_wire(key: &str) -> Option<u32> {
     let mut parts = key.strip_prefix("dca/d/")?.split('/').skip(2);
     let (kind, number) = (parts.next()?, parts.next()?);
@@ -245,22 +245,22 @@ pub fn parse_wire(key: &str) -> Option<u32> {
     (kind == "w" && parts.next().is_none() && number == wire.to_string()).then_some(wire)
 }
 
-/// Returns the key on which the consumer of a wire answers of which type it takes the values.
+/// Returns the key on which the consumer of a wire answers with the type of the values that it accepts.
 pub fn wire_type(wire: &str) -> String {
     format!("{wire}/type")
 }
 
-/// Returns the key for people who watch a wire whose values are sealed for its consumer.
+/// Returns the key of a wire's values for people, if the values themselves are sealed for the consumer.
 pub fn wire_seen(wire: &str) -> String {
     format!("{wire}/seen")
 }
 
-/// Returns the key of a replica's news to all replicas of a team's database.
+/// Returns the key on which a replica sends to all replicas of a team's database.
 pub fn db_news(team: &str, origin: u64) -> String {
     format!("dca/db/{}/news/{origin:016x}", escape(team))
 }
 
-/// Returns the key expression of every replica's news to all.
+/// Returns the expression of the keys on which replicas send to all others.
 pub fn db_news_any(team: &str) -> String {
     format!("dca/db/{}/news/*", escape(team))
 }
@@ -270,7 +270,7 @@ pub fn db_inbox(team: &str, origin: u64) -> String {
     format!("dca/db/{}/to/{origin:016x}", escape(team))
 }
 
-/// Returns the key of questions to exactly one replica.
+/// Returns the key of questions to one replica.
 pub fn db_ask(team: &str, origin: u64) -> String {
     format!("dca/db/{}/ask/{origin:016x}", escape(team))
 }
@@ -285,7 +285,7 @@ pub fn signals(robot: &str, instance: &str) -> String {
     format!("dca/{}/signals/{}", robot_name(robot), escape_path(instance))
 }
 
-/// Returns the key on which one program answers which outputs it has.
+/// Returns the key on which a program answers with the list of its outputs.
 pub fn outputs(robot: &str, instance: &str) -> String {
     format!("dca/{}/outputs/{}", robot_name(robot), escape_path(instance))
 }
@@ -298,9 +298,9 @@ pub fn tap(robot: &str, instance: &str, output: &str) -> String {
 /// The two keys of a program with exports.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectKeys {
-    /// On which it is called.
+    /// The key on which the program is called.
     pub call: String,
-    /// On which it hears of cancelled calls.
+    /// The key on which the program receives cancellations of calls.
     pub cancel: String,
 }
 
@@ -326,7 +326,7 @@ pub fn parse_signals(key: &str) -> Option<String> {
     path.map(|path| path.join("/"))
 }
 
-/// A robot must not be mistaken for a reserved word; with `_` in front the name is still unique.
+/// Returns the key's part for a robot. A reserved word gets `_` in front; the result is still unique.
 fn robot_name(robot: &str) -> String {
     let bare = robot.trim_start_matches('_');
     let prefix = if RESERVED.contains(&bare) { "_" } else { "" };
@@ -372,7 +372,7 @@ fn unescape(escaped: &str) -> Option<String> {
         });
     }
     let name = String::from_utf8(bytes).ok()?;
-    // Only the form that `escape` writes is read: one name, one key.
+    // Only the form that `escape` writes is accepted, so each name has one key.
     (escape(&name) == escaped).then_some(name)
 }
 

@@ -1,9 +1,9 @@
-//! The layout of a message that is known only at run time, and its bytes read and written by it.
+//! The layout of a message that is known only at run time, and reading and writing of its bytes.
 //!
-//! Values of wires are encoded with postcard, which does not describe itself. The fields that an interface declares, `force: Force[3], who: Text`,
-//! give the layout of the bytes. Records, `dca echo`, `dca call` and programs that are not written in Rust read and write values by it.
-//! The reader and the writer know no value type: [`Build`] makes the values that are read, and [`Part`] is a value that is written.
-//! Source: <https://postcard.jamesmunns.com/wire-format>.
+//! Values of wires are encoded with postcard, which does not describe itself. The fields that an interface declares, such as `force:
+//! Force[3], who: Text`, give the layout of the bytes. Records, `dca echo`, `dca call` and programs in other languages than Rust read and
+//! write values with a layout. Reader and writer work with any value type: [`Build`] makes the values that are read, and [`Part`] is a
+//! value that is written. Source: <https://postcard.jamesmunns.com/wire-format>.
 
 mod read;
 mod write;
@@ -13,10 +13,10 @@ pub use write::{Part, Writer, write};
 
 use std::fmt;
 
-/// How many bytes the length of something takes at most.
+/// How many bytes an encoded length has at most.
 const LENGTH_BYTES_MAX: usize = 10;
 
-/// The layout of a message: its values one after the other, in the order of its type, as postcard encodes them.
+/// The layout of a message: its values one after the other, in the order of its type, encoded by postcard.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// A number of 64 bits, `f64`, in SI units.
@@ -28,9 +28,9 @@ pub enum Layout {
     Truth,
     /// `String`.
     Text,
-    /// Bytes that are sent with their length, in a form that another description has.
+    /// Bytes with their length. Another description defines their form.
     Piece {
-        /// The type that the description has: `ros.sensor.LaserScan`.
+        /// The type in that description: `ros.sensor.LaserScan`.
         of: String,
     },
     /// Fields in order.
@@ -39,7 +39,7 @@ pub enum Layout {
     List {
         /// The type of an element.
         of: Box<Self>,
-        /// The number of elements; none if the type allows any number, which is then sent with them.
+        /// The number of elements. `None`: the type allows any number, and the number is sent before the elements.
         count: Option<usize>,
     },
 }
@@ -47,23 +47,23 @@ pub enum Layout {
 /// A field of a record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name.
+    /// The name of the field.
     pub name: String,
-    /// Its type.
+    /// The type of the field.
     pub layout: Layout,
 }
 
 /// A message type: its name and its layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Its name: `Wrench`.
+    /// The name of the message type: `Wrench`.
     pub name: String,
     /// The layout of its bytes.
     pub layout: Layout,
 }
 
 impl Layout {
-    /// Returns the fields of a record as an interface declares them: `force: Force[3], who: Text`. Empty for anything else.
+    /// Returns the fields of a record as an interface declares them: `force: Force[3], who: Text`. Empty for any other layout.
     pub fn fields(&self) -> String {
         match self {
             Self::Record(fields) => {

@@ -1,11 +1,11 @@
-//! The object level: a program exports procedures and state, and others call and read them.
+//! The object level: a program exports procedures and state, and other programs call and read them.
 //!
-//! A call is one message to the program (`key::object`), and one answer. Both ends say of which types argument and
-//! result are, so that two programs that were built from different definitions refuse each other instead of misreading
-//! bytes. A caller that waits no more says so ([`ObjectCancel`]); a call that has not begun then never does.
+//! A call is one message to the program (`key::object`), and has one answer. Both ends send the types of argument and
+//! result. So two programs that were built from different definitions refuse each other instead of misreading bytes. A
+//! caller that does not wait any longer sends [`ObjectCancel`]. A call that has not begun is then never carried out.
 //!
-//! Unknown results are not hidden: after [`ObjectError::Deadline`] and [`ObjectError::Gone`] the call may have been
-//! carried out.
+//! An unknown result is shown as such: after [`ObjectError::Deadline`] and [`ObjectError::Gone`] the call may have
+//! been carried out.
 
 mod table;
 
@@ -19,19 +19,19 @@ use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The most bytes of an argument, and of a result.
+/// The most bytes of an argument or a result.
 pub const PAYLOAD_SIZE_MAX: usize = 8 << 20;
 
-/// Names a call: the session of its caller, and its number there.
+/// Identifies a call: the session of its caller, and its number in that session.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct CallId {
     /// The data session of the caller, as in a `Dial`.
     pub session: String,
-    /// Counts the calls of that session.
+    /// The number of the call in that session.
     pub number: u64,
 }
 
-/// A call of a procedure; of a state, the request to read it.
+/// A call of a procedure, or a request to read a state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ObjectCall {
     /// The name of the call.
@@ -46,12 +46,12 @@ pub struct ObjectCall {
     pub within: Duration,
     /// The encoded argument; none for a state.
     pub argument: Bytes,
-    /// The signature of a user, in a team. Programs that the spec connects need none, and a call that only looks needs
-    /// none.
+    /// In a team: the signature of a user. Programs that the spec connects need none, and neither does a call that
+    /// only looks.
     pub warrant: Option<Warrant>,
 }
 
-/// A request with the signature of a user, in the form of the room `trust`. Only a node judges it.
+/// A request with the signature of a user, in the form of the room `trust`. Only a node checks it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warrant {
     /// The request, its time and its user, with the signature.
@@ -60,7 +60,7 @@ pub struct Warrant {
     pub body: Bytes,
 }
 
-/// The right that a user of a team needs to call a procedure. Programs need none: the spec connects them.
+/// The right that a user of a team needs to call a procedure. Programs do not need it: the spec connects them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Access {
     /// To look: the procedure changes nothing.
@@ -91,16 +91,16 @@ pub struct ObjectCancel {
 /// The types of a procedure: `Force { newton: Force } -> Width { metre: Length }`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signature {
-    /// The type of its argument.
+    /// The type of the argument.
     pub argument: TypeForm,
-    /// The type of its result.
+    /// The type of the result.
     pub result: TypeForm,
 }
 
-/// A type, with its fields if its owner lists them.
+/// A type, with its fields if they are declared.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TypeForm {
-    /// Its name; empty for nothing at all.
+    /// The name of the type; empty for a procedure without such a value.
     pub name: String,
     /// Its fields, as a spec spells them; empty if they are not declared.
     pub fields: String,
@@ -116,17 +116,17 @@ pub struct Exports {
 /// A procedure or a state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Exported {
-    /// Its name.
+    /// The name of the export.
     pub name: String,
     /// The kind of the export.
     pub kind: ExportKind,
-    /// Its types.
+    /// The types of the export.
     pub signature: Signature,
-    /// One sentence; empty without.
+    /// A description in one sentence; may be empty.
     pub doc: String,
-    /// Whether it is answered while its process is idle.
+    /// Whether a call is answered while the process is idle.
     pub is_answered_idle: bool,
-    /// The right that a user needs; for a state it is `Look`.
+    /// The right that a user needs. For a state it is `Look`.
     pub access: Access,
 }
 
@@ -142,28 +142,28 @@ pub enum ExportKind {
 /// Why a call has no result.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ObjectError {
-    /// Nothing of that name runs.
+    /// No running program has this name.
     #[error("nothing that runs is called `{name}`")]
     NoSuchName {
         /// As asked for.
         name: String,
     },
-    /// The program exports no such thing.
+    /// The program has no export of this name.
     #[error("it exports no `{name}`; {}", known_words(.known))]
     NoSuchProcedure {
         /// As asked for.
         name: String,
-        /// The names that it exports.
+        /// The names of its exports.
         known: Vec<String>,
     },
-    /// Both ends know other types.
+    /// The two ends have different types.
     #[error("`{name}` is `{theirs}` there, and `{ours}` here: one of both programs was built from another definition")]
     WrongType {
         /// The procedure.
         name: String,
-        /// The types as the program that exports it has them.
+        /// The types of the program that exports it.
         theirs: Box<Signature>,
-        /// The types as the caller has them.
+        /// The types of the caller.
         ours: Box<Signature>,
     },
     /// The program's reason.
@@ -178,7 +178,7 @@ pub enum ObjectError {
         /// The time given.
         within: Duration,
     },
-    /// The program, or the way to it, is gone.
+    /// The program has ended, or the way to it is lost.
     #[error("its program has ended, or was cut off, without an answer; it may have been carried out")]
     Gone,
     /// Too many bytes.
@@ -195,13 +195,13 @@ pub enum ObjectError {
         /// Their number.
         waiting: u32,
     },
-    /// The spec has not connected it, or the connection is closed at this time.
+    /// The spec does not connect this call, or the connection is closed now.
     #[error("`{name}` is not connected to anything at this time")]
     NotConnected {
         /// The name of the called export.
         name: String,
     },
-    /// The program has passed the call on, and got no answer.
+    /// The program has passed the call on, and has got no answer.
     #[error("{reason}; the call may have been carried out")]
     Unanswered {
         /// For a person.
@@ -210,10 +210,10 @@ pub enum ObjectError {
 }
 
 impl ObjectError {
-    /// Returns [`ObjectError::TooLarge`] for `size` bytes, if they are too many.
+    /// Checks a size of `size` bytes.
     ///
     /// # Errors
-    /// If they are.
+    /// [`ObjectError::TooLarge`] if the size exceeds the limit.
     pub fn check_size(size: usize) -> Result<(), Self> {
         if size <= PAYLOAD_SIZE_MAX {
             return Ok(());
@@ -227,7 +227,7 @@ impl ObjectError {
         matches!(self, Self::Deadline { .. } | Self::Gone | Self::Unanswered { .. })
     }
 
-    /// Returns advice for a person; empty if the error contains it.
+    /// Returns advice for people; empty if the error itself contains it.
     pub fn hint(&self) -> &'static str {
         match self {
             Self::NoSuchName { .. } => "`dca list` shows what runs",
@@ -249,20 +249,21 @@ fn known_words(known: &[String]) -> String {
 }
 
 impl Signature {
-    /// Returns whether values that one end writes can be read by the other: the same names, and the same fields where
-    /// both declare them.
+    /// Returns whether each end can read the values of the other: the names are the same, and so are the fields where
+    /// both ends declare them.
     pub fn fits(&self, other: &Self) -> bool {
         self.argument.fits(&other.argument) && self.result.fits(&other.result)
     }
 }
 
 impl TypeForm {
-    /// Returns a type with its fields, written as in any other place.
+    /// Returns a type with its fields, which are brought into their standard form.
     pub fn new(name: &str, fields: &str) -> Self {
         Self { name: name.to_owned(), fields: fields.trim().trim_end_matches(',').trim_end().to_owned() }
     }
 
-    /// Returns whether it may be the same type: the same name, and the same fields where both declare them.
+    /// Returns whether both may be the same type: the names are the same, and so are the fields where both declare
+    /// them.
     pub fn fits(&self, other: &Self) -> bool {
         let bare = |fields: &str| fields.chars().filter(|c| !c.is_whitespace()).collect::<String>();
         let is_open = self.fields.is_empty() || other.fields.is_empty();
@@ -356,7 +357,7 @@ mod tests {
         assert_eq!(decode::<T>(&bytes).as_ref(), Ok(message));
     }
 
-    /// Bytes that other versions rely on: if this fails, the version has to go up.
+    /// The exact bytes of each message. If this test fails, the version has to be increased.
     #[test]
     fn golden_messages() {
         let id = || CallId { session: "a1".into(), number: 300 };

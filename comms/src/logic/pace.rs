@@ -1,56 +1,55 @@
-//! The size of the next request for a stream: large enough to keep the link full, and no larger than urgent messages
-//! may wait behind.
+//! The size of the next request for a stream. It should keep the link full, but urgent messages must not wait long behind the answer.
 //!
-//! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. A word in front
-//! of the bytes tells one from the other ([`Pace::timed`]). Without it two answers of different size do, and while only one
-//! size is known, four times as much is asked for.
+//! The time of an answer has two parts: a round trip, which is the same for every size, and the time for its bytes. A message in
+//! front of the bytes separates the two parts ([`Pace::timed`]). Without such a message, two answers of different size are compared.
+//! While only one size is known, the next request is four times as large.
 //!
-//! Nodes give each other up after 6 s of silence. Their words wait behind the bytes of an answer, so these take less than that on any
-//! link.
+//! A node counts another node as failed after 6 s of silence. Messages of nodes wait behind the bytes of an answer, so these bytes
+//! take less than 6 s on any link.
 
 use std::time::Duration;
 
-/// The most that is asked for, in bytes.
+/// The largest request, in bytes.
 pub const SIZE_MAX: usize = 4 << 20;
 
 /// How long to wait for an answer, in addition to its expected time.
 const PULL_TIME: Duration = Duration::from_secs(2);
-/// How long the bytes of an answer should be in transit; urgent messages wait behind one answer at most.
+/// How long the bytes of an answer should be in transit. Urgent messages wait behind at most one answer.
 const CHUNK_TIME: Duration = Duration::from_millis(250);
-/// The same in round trips, for long ones: the link rests for one round trip in so many.
+/// The same in round trips, for links with long ones. The link is unused for one round trip in this many.
 const CHUNK_ROUNDS: u32 = 6;
-/// The longest that the bytes of an answer should be on their way, besides half a round trip.
+/// The longest time that the bytes of an answer should be in transit, in addition to half a round trip.
 const CHUNK_TIME_MAX: Duration = Duration::from_secs(2);
-/// The same where the next answer is asked for while the bytes of one are on their way: then a round trip and a quarter keeps the
-/// link full, and up to twice as much is on its way.
+/// The same if the next answer is requested while the bytes of the previous one are in transit. Then a round trip and a quarter keeps
+/// the link full, and up to twice as many bytes are in transit.
 const TIMED_TIME_MAX: Duration = Duration::from_millis(2500);
-/// The most that an answer is expected to take which was not full.
+/// The longest time that is expected for an answer that was not full.
 const EXPECTED_MAX: Duration = Duration::from_secs(16);
-/// The bytes to request from a peer with an unknown link. On the slowest radio they arrive in time.
+/// The size of the first request to a peer, whose link is unknown. On the slowest radio the answer still arrives in time.
 const SIZE_FIRST: usize = 4 << 10;
 /// The fewest bytes to ask for.
 const SIZE_MIN: usize = 1 << 10;
-/// The most that is requested over a short round trip: an answer is processed in one turn, for which others wait.
+/// The largest request over a short round trip. An answer is processed in one turn, and other work waits for it.
 const SIZE_NEAR: usize = 256 << 10;
-/// How many times more than the last time is asked for at most.
+/// How many times larger than the last answer a request may be.
 const GROWTH_MAX: usize = 64;
 
 /// The estimate of the link to a peer.
 #[derive(Debug, Default)]
 pub struct Pace {
-    /// The size of the quickest full answer, and how long it took.
+    /// The size of the fastest full answer, and how long it took.
     base: Option<(usize, Duration)>,
     /// The rate of the link, once it is known.
     rate: Option<Rate>,
     /// The shortest round trip of the answers whose bytes were timed.
     round: Option<Duration>,
-    /// How many bytes are asked for, once the link is known.
+    /// The size of the next request in bytes, once the link is known.
     chunk: Option<usize>,
-    /// How long that many should take.
+    /// The expected time of an answer of that size.
     expected: Duration,
 }
 
-/// How long so many bytes are on their way, besides a round trip.
+/// How long `bytes` bytes are in transit, in addition to a round trip.
 #[derive(Clone, Copy, Debug)]
 struct Rate {
     bytes: usize,
@@ -58,22 +57,22 @@ struct Rate {
 }
 
 impl Pace {
-    /// Returns about how many bytes to ask for.
+    /// Returns the size of the next request, in bytes.
     pub fn chunk(&self) -> usize {
         self.chunk.unwrap_or(SIZE_FIRST)
     }
 
-    /// Returns how long the answer is waited for.
+    /// Returns how long to wait for the answer.
     pub fn wait(&self) -> Duration {
         PULL_TIME + 2 * self.expected
     }
 
-    /// Notes how long an answer took that was not `full`: its size does not count.
+    /// Notes how long an answer took that was not full. Its size is ignored.
     pub fn heard(&mut self, took: Duration) {
         self.expected = self.expected.max(took.min(EXPECTED_MAX));
     }
 
-    /// Notes that the first word of a full answer took `round`, and its bytes came `sending` later.
+    /// Notes that the first message of a full answer took `round`, and that its bytes came `sending` later.
     pub fn timed(&mut self, bytes: usize, round: Duration, sending: Duration) {
         let round = self.round.map_or(round, |before| before.min(round));
         let sending = sending.max(Duration::from_millis(1));
@@ -91,7 +90,7 @@ impl Pace {
         if more >= bytes_base && longer > Duration::ZERO {
             self.rate = Some(Rate { bytes: more, sending: longer });
         }
-        // An answer quicker than the measured rate shows that the link has changed.
+        // An answer faster than the measured rate shows that the link has changed.
         self.rate = self.rate.filter(|rate| rate.time_of(bytes) <= took);
         let (fits, time) = match self.rate {
             Some(rate) => {
@@ -112,7 +111,8 @@ impl Pace {
         self.ask_for(bytes, fits, time);
     }
 
-    /// Asks for as much from now on as fits into a time, after an answer of so many bytes.
+    /// Sets the size of the next requests to `fits`, the number of bytes that fit into `time`, within the limits. `bytes` is the size
+    /// of the last answer.
     fn ask_for(&mut self, bytes: usize, fits: usize, time: Duration) {
         let most = if time > CHUNK_TIME { SIZE_MAX } else { SIZE_NEAR };
         self.chunk = Some(fits.min(GROWTH_MAX * bytes).clamp(SIZE_MIN, most));
@@ -126,13 +126,13 @@ impl Pace {
 }
 
 impl Rate {
-    /// Returns how many bytes are on their way for `time`.
+    /// Returns how many bytes are sent in `time`.
     fn fitting(self, time: Duration) -> usize {
         let bytes = time.as_nanos() * in_wide(self.bytes) / self.sending.as_nanos().max(1);
         usize::try_from(bytes).unwrap_or(usize::MAX)
     }
 
-    /// Returns how long so many bytes are on their way.
+    /// Returns how long it takes to send this number of bytes.
     fn time_of(self, bytes: usize) -> Duration {
         let nanos = self.sending.as_nanos() * in_wide(bytes) / in_wide(self.bytes.max(1));
         Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
@@ -147,8 +147,8 @@ fn in_wide(size: usize) -> u128 {
 mod tests {
     use super::*;
 
-    /// Returns what share of the time of the bytes alone `total` bytes take on a link of this rate and round trip. No answer keeps
-    /// the words of nodes back for so long that one is given up.
+    /// Returns the time that `total` bytes take on a link of this rate and round trip, divided by the time of the bytes alone. Checks
+    /// that no answer delays messages of nodes for so long that a node counts as failed.
     fn ratio(total: usize, rate: f64, round: f64) -> f64 {
         let (mut pace, mut left, mut time) = (Pace::default(), total, round);
         while left > 0 {
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn the_link_is_full_at_any_delay() {
-        // As much as takes ten round trips and a second.
+        // The amount of data that takes ten round trips and a second.
         for (total, rate, round, most) in [
             (1_200_000, 1e6, 0.02, 1.5),
             (3_000_000, 1e6, 0.2, 1.5),
@@ -186,7 +186,7 @@ mod tests {
             let mut pace = Pace::default();
             let sending = Duration::from_millis(4096 * 1000 / rate);
             pace.timed(4096, Duration::from_millis(round), sending);
-            // An answer that was asked for while another was on its way waits for that one.
+            // An answer that was requested while another one was in transit waits for that one.
             pace.timed(4096, Duration::from_millis(5 * round), sending);
             let chunk = pace.chunk();
             assert!(chunk.abs_diff(expected) <= expected / 20, "{rate} B/s, {round} ms: {chunk}");
@@ -202,7 +202,7 @@ mod tests {
             pace.arrived(pace.chunk(), Duration::from_secs_f64(took));
         }
         assert!((1024..=1700).contains(&pace.chunk()), "{}", pace.chunk());
-        // The radio is near again.
+        // The radio is near again, and fast.
         for _ in 0..20 {
             pace.arrived(pace.chunk(), Duration::from_secs_f64(0.02 + pace.chunk() as f64 / 1e6));
         }

@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
 
-/// The policy for a value that finds the queue full.
+/// The policy for a value that arrives when the queue is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
     /// A queue of one: the newest value replaces the previous one.
     Latest,
     /// The oldest value gives way.
     DropOldest(NonZeroUsize),
-    /// The new value is refused, and the sender is informed.
+    /// The new value is rejected, and the sender is informed.
     Reject(NonZeroUsize),
 }
 
@@ -19,9 +19,9 @@ pub enum Policy {
 pub enum Pushed<T> {
     /// The value is in the queue.
     Stored,
-    /// The value is in the queue and has replaced this older one.
+    /// The value is in the queue, and has replaced this older value.
     Replaced(T),
-    /// The value is not in the queue: here it is.
+    /// The value is not in the queue, and is returned.
     Rejected(T),
 }
 
@@ -34,7 +34,7 @@ pub struct Queue<T> {
 }
 
 impl Policy {
-    /// Returns how many values the queue holds at most.
+    /// Returns the largest number of values in the queue.
     pub const fn capacity(self) -> usize {
         match self {
             Self::Latest => 1,
@@ -42,12 +42,12 @@ impl Policy {
         }
     }
 
-    /// Returns [`Policy::DropOldest`]; a capacity of zero counts as one.
+    /// Returns [`Policy::DropOldest`]; a capacity of zero becomes one.
     pub const fn drop_oldest(capacity: usize) -> Self {
         Self::DropOldest(at_least_one(capacity))
     }
 
-    /// Returns [`Policy::Reject`]; a capacity of zero counts as one.
+    /// Returns [`Policy::Reject`]; a capacity of zero becomes one.
     pub const fn reject(capacity: usize) -> Self {
         Self::Reject(at_least_one(capacity))
     }
@@ -93,12 +93,12 @@ impl<T> Queue<T> {
         self.values.len()
     }
 
-    /// Returns whether none waits.
+    /// Returns whether the queue is empty.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
-    /// Returns how many values were replaced or turned away.
+    /// Returns how many values were replaced or rejected.
     pub fn lost(&self) -> u64 {
         self.lost
     }

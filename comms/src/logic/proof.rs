@@ -1,17 +1,18 @@
-//! The proof of a message's sender in a team: a signature, so that no relay can send a message in another's name.
+//! The proof of a message's sender in a team: a signature, so that no relay can send a message in the name of another
+//! program.
 
 use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 
-/// The sender of a message: an Ed25519 key, and its signature of the message's digest.
+/// The proof of a sender: its Ed25519 key, and its signature of the message's digest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Proof {
     /// The public key. Source: RFC 8032, section 5.1.5.
     pub key: [u8; 32],
     /// The signature, 64 bytes. Source: RFC 8032, section 5.1.6.
     pub signature: Vec<u8>,
-    /// The credential that shows the owner of the key, in the form of [`crate::logic::tunnel::Introduction`]; left out
-    /// if it is known.
+    /// The credential that proves the owner of the key, in the form of [`crate::logic::tunnel::Introduction`]; left
+    /// out if the receiver knows the key.
     pub credential: Option<Vec<u8>>,
 }
 

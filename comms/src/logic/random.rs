@@ -1,4 +1,4 @@
-//! Pseudo-random numbers that depend on nothing but a seed, on every machine and in every version.
+//! Pseudo-random numbers that depend only on a seed, on every machine and in every version.
 
 /// A generator: 64 bits of state, period 2^64. A driver seeds it with real randomness, a simulation with its seed.
 ///
@@ -20,7 +20,7 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// Returns a number below `bound`; 0 if that is 0.
+    /// Returns a number below `bound`; 0 if `bound` is 0.
     pub const fn below(&mut self, bound: u64) -> u64 {
         let next = self.next();
         if bound == 0 { 0 } else { next % bound }

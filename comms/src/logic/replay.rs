@@ -1,6 +1,6 @@
-//! The steps of a process that is replayed: what `dca replay` takes out of a record for the program that stands in for the process.
+//! The steps of a replayed process. `dca replay` takes them from a record; a stand-in program plays them in place of the process.
 //!
-//! The bytes of a step say where they end, so a file of steps has them one after the other.
+//! The encoding of a step shows its end, so a file contains the steps one after the other.
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -10,7 +10,7 @@ pub const REPLAY: &str = "Replay";
 /// The most bytes of steps of one process.
 pub const STEPS_MAX: u64 = 1 << 30;
 
-/// One step. Times are since the beginning of the activation.
+/// One step. Times are measured from the beginning of the activation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Step {
     /// An activation begins.
@@ -19,18 +19,18 @@ pub enum Step {
     Value {
         /// The time of the value.
         at: Duration,
-        /// The place of the output in the list of outputs.
+        /// The index of the output in the list of outputs.
         port: u32,
         /// The encoded value.
         bytes: Vec<u8>,
-        /// The time of measurement in it, if it has one.
+        /// The time of measurement in the value, if it has one.
         stamp: Option<Stamp>,
     },
     /// The process is done.
     Done {
         /// The time of the end.
         at: Duration,
-        /// The value that it leaves.
+        /// The value for the next process.
         value: Vec<u8>,
     },
     /// The process has failed.
@@ -42,24 +42,25 @@ pub enum Step {
     },
 }
 
-/// The time of measurement in a value: a number of seconds on the clock of a host, which the stand-in writes for its own clock.
+/// The time of measurement in a value, a number of seconds on the clock of a host. The stand-in replaces it by a time on its own
+/// clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
-    /// The place of the number in the encoded value.
+    /// The index of the number in the encoded value.
     pub place: u32,
-    /// When the measurement was, in nanoseconds since the beginning of the activation.
+    /// The time of the measurement, in nanoseconds since the beginning of the activation.
     pub nanos: i64,
 }
 
 /// Appends a step to the bytes of a file.
 ///
 /// # Errors
-/// It cannot be encoded.
+/// If the step cannot be encoded.
 pub fn append(step: &Step, bytes: Vec<u8>) -> Result<Vec<u8>, postcard::Error> {
     postcard::to_extend(step, bytes)
 }
 
-/// Takes the first step off the bytes of a file; none if they do not begin with one.
+/// Reads the first step from the bytes of a file; returns it and the bytes behind it. None if the bytes do not begin with a step.
 pub fn take(bytes: &[u8]) -> Option<(Step, &[u8])> {
     postcard::take_from_bytes(bytes).ok()
 }

@@ -1,9 +1,9 @@
-//! The seals on messages between programs of a team. A seal travels beside its message; `comms::io::data` makes and
-//! opens seals.
+//! The seals on messages between programs of a team. A seal is sent as an attachment of its message. `comms::io::data`
+//! makes and opens seals.
 //!
-//! Zenoh does not report the link of a message, and a program that is linked for one wire could speak on any other. So
-//! messages over a wire are sealed with a key that only its two ends have. The consumer drops messages without a valid
-//! seal, messages sealed with another key, and repeated messages.
+//! Zenoh does not report over which link a message has come, and a program that is linked for one wire could send on
+//! any other wire. So messages over a wire are sealed with a key that only its two ends have. The consumer drops
+//! messages without a valid seal, messages sealed with another key, and repeated messages.
 
 use super::codec::{Enveloped, Kind};
 use super::time::Time;
@@ -12,21 +12,21 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Bytes of a tag. Source: RFC 8439, section 2.8.
+/// The length of a tag in bytes. Source: RFC 8439, section 2.8.
 pub const TAG_SIZE: usize = 16;
-/// How often a wire reports its refusals.
+/// The shortest time between two reports of the refusals on one wire.
 pub const TELL_EVERY: Duration = Duration::from_secs(60);
-/// How long something sealed with another key is no more than that: one end may have heard later than the other that
-/// the program there was started again.
+/// How long a message that is sealed with another key may still be explained by a restart of the other program: one
+/// end may learn of it later than the other. Only afterwards is the message reported.
 pub const OTHER_KEY_WITHIN: Duration = Duration::from_secs(10);
 /// The most wires of a program whose refusals are reported.
 const WIRES_MAX: usize = 256;
 
-/// Stands for the number of a wire if a message came over none: a call of a program that may not call.
+/// Used instead of the number of a wire for a call of a program that may not call.
 pub const NO_WIRE: u32 = u32::MAX;
-/// The same for a sample of a device.
+/// Used instead of the number of a wire for a sample of a device.
 pub const DEVICE: u32 = u32::MAX - 1;
-/// The same for a link of a program that has no wire.
+/// Used instead of the number of a wire for a link of a program that has no wire.
 pub const LINK: u32 = u32::MAX - 2;
 
 /// The kind of a sealed message.
@@ -40,9 +40,9 @@ pub enum Content {
     Answer,
     /// A call of a program's export.
     Call,
-    /// The word that its caller waits no more.
+    /// The caller of a call does not wait any longer.
     Cancel,
-    /// A sample of a device, which everybody can read.
+    /// A sample of a device, which every program can read.
     Device,
 }
 
@@ -53,16 +53,17 @@ pub struct Seal {
     pub content: Content,
     /// Names the key; no secret.
     pub key: u32,
-    /// Counts the messages that the program has sealed since its start; each number is used once.
+    /// The number of the message among all messages that the program has sealed since its start. Each number is used
+    /// once.
     pub number: u64,
-    /// Shows that nothing was changed.
+    /// The tag, which shows that nothing was changed.
     pub tag: [u8; TAG_SIZE],
 }
 
-/// The attachment of a sample for several programs: a seal for each.
+/// The attachment of a sample for several programs: one seal for each.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seals {
-    /// In any order; each names its key.
+    /// The seals, in any order. Each names its key.
     pub seals: Vec<Seal>,
 }
 
@@ -76,25 +77,25 @@ impl Enveloped for Seal {
     const SIZE_MAX: usize = 64;
 }
 
-/// Why something is dropped that has come over a wire of a team.
+/// Why a message over a wire of a team was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Error)]
 pub enum Refusal {
-    /// It has no seal.
+    /// The message has no seal.
     #[error("it is not sealed")]
     Unsealed,
-    /// It is sealed with another key than the wire's.
+    /// The message is sealed with another key than that of the wire.
     #[error("it is sealed with the key of another program")]
     OtherKey,
-    /// It has come before, or a later message has.
+    /// The message, or a later one, has already come.
     #[error("it was sent a second time")]
     Repeated,
-    /// It was changed, or belongs elsewhere.
+    /// The message was changed, or belongs to another wire.
     #[error("its seal is broken")]
     Broken,
     /// The signer is not a visitor from the team.
     #[error("no node of the team vouches for its signer")]
     Stranger,
-    /// A program that has no wire wants to link.
+    /// A program without a wire to this program tries to link.
     #[error("it has no wire with this program")]
     NoWire,
     /// A visitor with only the right to look calls a procedure.
@@ -107,11 +108,12 @@ pub enum Refusal {
 pub struct Refused {
     /// Number of the wire in the plan.
     pub wire: u32,
-    /// How much was refused since the last report.
+    /// How many messages were refused since the last report.
     pub count: u64,
-    /// Why the last of it was.
+    /// The reason of the last refusal.
     pub why: Refusal,
-    /// The session that it claims to come from, if it has one; for a link its owner, for a person.
+    /// The session that the last refused message claims to come from, if it names one. For a link, its owner, for
+    /// people.
     pub from: Option<String>,
 }
 
@@ -123,12 +125,12 @@ pub struct Refusals(BTreeMap<u32, OfWire>);
 struct OfWire {
     told: Option<Time>,
     news: Option<Refused>,
-    /// The same for another key, and since when.
+    /// Refusals of messages that were sealed with another key, and when these began.
     other: Option<(Time, Refused)>,
 }
 
 impl Refusals {
-    /// Takes note of something that was refused.
+    /// Notes that a message was refused.
     pub fn note(&mut self, now: Time, wire: u32, why: Refusal, from: Option<String>) {
         if self.0.len() >= WIRES_MAX && !self.0.contains_key(&wire) {
             return;
@@ -143,12 +145,13 @@ impl Refusals {
         (refused.count, refused.why, refused.from) = (refused.count.saturating_add(1), why, from);
     }
 
-    /// Notes that the other end of a wire has a new key: messages sealed with an unknown key came from it.
+    /// Notes that the other end of a wire has a new key. So the messages that were sealed with an unknown key came
+    /// from it.
     pub fn changed(&mut self, wire: u32) {
         self.0.entry(wire).and_modify(|of_wire| of_wire.other = None);
     }
 
-    /// Returns when the next report is due.
+    /// Returns the time of the next report.
     pub fn deadline(&self) -> Option<Time> {
         self.0.values().filter_map(OfWire::deadline).min()
     }

@@ -1,7 +1,7 @@
-//! Named scalars that a program publishes for people and recorders, never for another controller.
+//! Named numbers that a program publishes for people and recorders, never for another controller.
 //!
-//! Published on `key::signals(robot, instance)` whenever the program wants to, open wires or not. Self-describing, so
-//! that a recorder needs to know nothing of the program.
+//! A program publishes them on `key::signals(robot, instance)` whenever it wants to, whether its wires are open or
+//! not. They describe themselves, so a recorder does not have to know the program.
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ pub const VALUES_MAX: usize = 256;
 
 /// The signal that counts missed deadlines of an activation.
 pub const OVERRUNS: &str = "overruns";
-/// The signal that counts the values that were sent to inputs in an activation and have not come.
+/// The signal that counts values that were sent to inputs in an activation and did not arrive.
 pub const LOST_VALUES: &str = "lost values";
 /// The signal that counts the values that inputs have refused in an activation.
 pub const REFUSED_VALUES: &str = "refused values";
@@ -26,13 +26,13 @@ pub struct Signals {
     pub values: Vec<Signal>,
 }
 
-/// The largest values since the sample before, where a sample does not show them. Published after the sample on the
-/// same key, for summaries of how large something was, which no sampling must miss.
+/// The largest values since the previous sample, if no sample shows them. Published after the sample on the same key.
+/// They are for summaries of how large a signal was, which must not miss a value between two samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peaks {
     /// When the sample was taken, on the publishing host's clock.
     pub stamp: Time,
-    /// Of each such signal the value of largest magnitude.
+    /// For each such signal, the value of largest magnitude.
     pub values: Vec<Peak>,
 }
 
@@ -41,19 +41,19 @@ pub struct Peaks {
 pub struct Peak {
     /// The value.
     pub signal: Signal,
-    /// How long that was before the sample.
+    /// How long before the sample the value occurred.
     pub age: Duration,
 }
 
-/// One named scalar.
+/// One named number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Signal {
     /// The name for people: `door angle`.
     pub name: String,
-    /// Its unit: `deg`, `N`, `rad/s`; empty for none.
+    /// The unit: `deg`, `N`, `rad/s`; empty for none.
     pub unit: String,
-    /// Its value in that unit.
+    /// The value in that unit.
     pub value: f64,
-    /// Whether it belongs on the one-line progress display.
+    /// Whether the one-line progress display shows it.
     pub headline: bool,
 }

@@ -3,19 +3,19 @@
 use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 
-/// The first message of each end: its identity. Its credential shows that the key of the handshake may be there.
+/// The first message of each end: its identity. The credential proves who owns the key of the handshake.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Introduction {
-    /// The session that the tunnel is for.
+    /// The session that uses the tunnel.
     pub session: String,
     /// The proof of identity, in the form of [`crate::io::session::Identity`].
     pub credential: Vec<u8>,
 }
 
-/// The second message of each end: the revocations it knows. It is only sent to a trusted end.
+/// The second message of each end: the revocations that it knows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Revocations {
-    /// In the form of [`crate::io::session::Identity`].
+    /// The revocations, in the form of [`crate::io::session::Identity`].
     pub sets: Vec<u8>,
 }
 

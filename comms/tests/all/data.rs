@@ -74,7 +74,7 @@ fn samples_and_fetches_over_one_link() {
 
     let _answering = producer.answer("dca/d/t/1/w/1", || Some(b"now".to_vec())).unwrap();
     let _silent = producer.answer("dca/d/t/1/w/2", || None).unwrap();
-    // The declaration travels on the same link as this sample, ahead of it.
+    // The declaration travels on the same link as this sample, before it.
     wire.put(Vec::new()).unwrap();
     heard.recv_timeout(LONG).unwrap();
     assert_eq!(consumer.fetch("dca/d/t/1/w/1", LONG).unwrap(), Some(b"now".to_vec()));
@@ -99,7 +99,7 @@ fn nobody_there_is_said_so_in_time() {
     consumer.close();
 }
 
-/// Sends until the link is up (again): earlier values are lost, as intended.
+/// Sends until the link is ready. Earlier values are lost, as intended.
 fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
     for _ in 0..1000 {
         wire.put(vec![number]).unwrap();
@@ -110,14 +110,14 @@ fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
     panic!("{number} was never heard");
 }
 
-/// Stands between two sessions and can cut their connection.
+/// A relay between two sessions that can cut their connection.
 #[derive(Default)]
 struct Proxy {
     streams: Arc<Mutex<Vec<UnixStream>>>,
 }
 
 impl Proxy {
-    /// Lets every link through, for as long as the test lasts.
+    /// Relays every link, for as long as the test lasts.
     fn start(at: &Path, to: PathBuf) -> Self {
         let (listener, proxy) = (UnixListener::bind(at).unwrap(), Self::default());
         let streams = Arc::clone(&proxy.streams);
@@ -160,7 +160,7 @@ fn a_cut_link_is_dialled_again() {
     producer.close();
 }
 
-/// The other process of `two_processes_exchange`: echoes samples until its input ends. Does nothing as a test.
+/// The other process of `two_processes_exchange`: it echoes samples until its input ends. As a test it does nothing.
 #[test]
 fn echo_process() {
     let Some(socket) = std::env::var_os("DCA_TEST_SOCKET") else { return };
@@ -192,7 +192,7 @@ fn two_processes_exchange() {
     let locators = vec![format!("unixsock-stream/{}", dir.socket("p.sock").display())];
     consumer.dial(&Dial { session, locators }, LONG).unwrap();
     assert!(wire.wait_heard(LONG));
-    // The echo's publisher learns of us a moment later.
+    // The publisher of the echo process learns of this subscriber a moment later.
     send_until_heard(&wire, &heard, 0);
     for number in 1..=100_u8 {
         wire.put(vec![number]).unwrap();

@@ -81,7 +81,7 @@ impl Program {
         self.path.inlet(&of.place(), LONG, key, form(), replaced, on_arrival).unwrap()
     }
 
-    /// Connects with a producer that does not take it, or is not taken.
+    /// Connects with a producer that refuses the consumer, or that the consumer refuses.
     fn hear_in_vain(&self, of: &Self, key: &str) -> std::io::Error {
         self.path.inlet(&of.place(), LONG, key, form(), None, |_, _| ()).unwrap_err()
     }
@@ -92,7 +92,7 @@ impl Program {
         while all.len() < count {
             assert!(now() < until, "{} of {count} have come", all.len());
             if !self.path.inlets().wait(Some(now() + LONG / 100)) {
-                // A value that has been read, and that waited for an earlier one, wakes the reader.
+                // Waking up also reads values that had to wait for an earlier value.
                 self.path.inlets().read();
             }
             all.extend(came.try_iter());
@@ -121,7 +121,7 @@ fn send(outlet: &Outlet, bytes: &[u8], number: u32) {
     assert!(outlet.send(&mut Parcel::new(bytes), number), "the consumer is gone");
 }
 
-/// Blocks the reader of a value until it is opened.
+/// Blocks the reader of values until it is opened.
 #[derive(Clone, Default)]
 struct Gate(Arc<Mutex<()>>);
 
@@ -134,7 +134,7 @@ impl Gate {
 #[test]
 fn values_and_words_come_in_order_with_their_numbers() {
     let (producer, consumer) = (Program::new(), Program::new());
-    // The consumer may come before the wire is made.
+    // The consumer may connect before the wire is made.
     let (_inlet, came) = consumer.hear(&producer, "k", None);
     let (outlet, _) = producer.outlet("k", &Memory::default());
     wait_connected(&outlet);
@@ -168,7 +168,7 @@ fn who_is_not_wired_is_not_taken() {
     assert!(stranger.path.inlet(&gone, LONG, "k", form(), None, |_, _| ()).is_err());
 }
 
-/// Values sent while a loop is busy do not fill the socket: another thread reads them.
+/// Values sent while a loop is busy do not fill the socket: the server's thread reads them.
 #[test]
 fn a_busy_loop_loses_nothing() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -189,8 +189,8 @@ fn a_busy_loop_loses_nothing() {
     assert!(all.iter().map(|(_, sequence)| sequence.number).eq(1..=MANY));
 }
 
-/// A consumer that reads nothing delays neither the producer nor another consumer. Its values are missing, and
-/// boundaries still arrive.
+/// A consumer that reads nothing delays neither the producer nor another consumer. Its values are lost, but boundaries
+/// still arrive.
 #[test]
 fn a_consumer_that_does_not_read_delays_nobody() {
     let (producer, stuck, quick) = (Program::new(), Program::new(), Program::new());
@@ -235,8 +235,8 @@ fn a_consumer_that_does_not_read_delays_nobody() {
     assert!(last == MANY && values < MANY && values > 1, "{values} have come");
 }
 
-/// A value that has not been taken yet keeps its bytes: when more is sent, and when its producer has the memory for
-/// itself again.
+/// A value that was not taken yet keeps its bytes, even when more values are sent, and when its producer uses the
+/// memory again.
 #[test]
 fn a_value_in_shared_memory_stays_as_it_was_sent() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -260,7 +260,7 @@ fn a_value_in_shared_memory_stays_as_it_was_sent() {
         send(&outlet, &long(number), number);
         let value = std::iter::repeat_with(next).find_map(Result::ok).unwrap();
         assert!(matches!(value, Value::Loaned(_)));
-        // Some are dropped unread.
+        // Some values are dropped unread.
         kept.extend((number % 3 != 0).then_some((number, value)));
     }
     drop(outlet);
@@ -294,7 +294,8 @@ fn a_long_value_is_encoded_right_into_the_memory_of_its_output() {
     }
 }
 
-/// Values over several wires of a producer arrive in the order of sending, even when all of them wait in their sockets.
+/// Values over several wires of a producer arrive in the order of sending, even while all of them wait in their
+/// sockets.
 #[test]
 fn wires_of_one_producer_keep_their_order_among_each_other() {
     let (producer, consumer) = (Program::new(), Program::new());
@@ -311,7 +312,7 @@ fn wires_of_one_producer_keep_their_order_among_each_other() {
     outlets.iter().for_each(wait_connected);
     let mut sent = 0;
     for _ in 0..50 {
-        // First all values wait; then they are read while more are sent.
+        // First all values wait. Then they are read while more values are sent.
         let shut = gate.shut();
         for _ in 0..5 {
             for (outlet, count) in outlets.iter().zip([7, 1, 3]) {
@@ -328,7 +329,7 @@ fn wires_of_one_producer_keep_their_order_among_each_other() {
     drop(inlets);
 }
 
-/// A restarted producer: the values of its predecessor come first, and the numbers are new.
+/// A restarted producer: the values of its predecessor come first, and the numbers begin again.
 #[test]
 fn another_producer_takes_the_place_of_one_that_is_gone() {
     let (before, consumer) = (Program::new(), Program::new());
@@ -352,7 +353,7 @@ fn another_producer_takes_the_place_of_one_that_is_gone() {
     assert!(!outlet.send(&mut Parcel::new(b"nobody"), 2));
 }
 
-/// A call of another thread and a deadline end a wait, as without direct paths.
+/// A wait ends with a call of another thread or at its deadline, as without direct paths.
 #[test]
 fn a_wait_ends_with_a_call_or_at_its_deadline() {
     let program = Program::new();
@@ -367,8 +368,8 @@ fn a_wait_ends_with_a_call_or_at_its_deadline() {
     caller.join().unwrap();
 }
 
-/// Makes a guard that shows one secret and expects another one, on every wire that is open by then; and the receiver of
-/// its refusals.
+/// Makes a guard that proves one secret and expects another one, on every wire while `is_known` is true. Also returns
+/// the receiver of its refusals.
 fn guard(shown: u8, expected: u8, is_known: &Arc<AtomicBool>) -> (Guard, Receiver<String>) {
     let (refused_tx, refused) = sync_channel(16);
     let is_known = Arc::clone(is_known);
@@ -392,15 +393,15 @@ fn member(shown: u8, expected: u8) -> (Program, Receiver<String>) {
 fn in_a_team_a_wire_is_for_its_two_ends_alone() {
     let ((producer, refused), (consumer, _)) = (member(1, 2), member(2, 1));
     let (outlet, _) = producer.outlet("k", &Memory::default());
-    // A program of the same user that even has the token, but no keys; another program of the team; and one that shows
-    // the producer's secret.
+    // Three programs are refused: one of the same user that has the token but no keys, another program of the team, and
+    // one that proves the producer's secret.
     let who = format!("process {} of user {} on this machine", std::process::id(), rustix::process::getuid().as_raw());
     for stranger in [Program::new(), member(3, 1).0, member(1, 1).0] {
         stranger.hear_in_vain(&producer, "k");
         assert!(!outlet.is_connected());
     }
     assert_eq!([(); 2].map(|()| refused.recv_timeout(LONG).unwrap()), [who.as_str(), &who]);
-    // An impostor listens in the place of the producer, and accepts every consumer.
+    // An impostor listens in place of the producer, and accepts every consumer.
     let (impostor, _) = member(3, 2);
     let _impostor = impostor.outlet("k", &Memory::default());
     assert_eq!(consumer.hear_in_vain(&impostor, "k").kind(), std::io::ErrorKind::PermissionDenied);
@@ -417,14 +418,14 @@ fn in_a_team_a_wire_is_for_its_two_ends_alone() {
     assert!(refused.try_recv().is_err());
 }
 
-/// The node informs the two ends of each other, and not at the same time.
+/// The node tells the two ends of each other, but not at the same moment.
 #[test]
 fn a_consumer_waits_until_its_producer_has_heard_of_it() {
     let is_known = Arc::new(AtomicBool::new(false));
     let (of_producer, refused) = guard(1, 2, &is_known);
     let (producer, (consumer, _)) = (Program::with(Some(of_producer)), member(2, 1));
     let (outlet, _) = producer.outlet("k", &Memory::default());
-    // It looks like a consumer that comes too early, so it is not reported.
+    // It is treated like a consumer that comes too early, so it is not reported.
     consumer.hear_in_vain(&producer, "k");
     std::thread::scope(|scope| {
         let connecting = scope.spawn(|| consumer.hear(&producer, "k", None));

@@ -66,7 +66,7 @@ fn ask(session: &DataSession, call: &ObjectCall) -> Result<Vec<u8>, ObjectError>
     session.call_and_wait(&keys, &CallWay::Open, call)
 }
 
-/// Serves `echo`, keeps `wait` without an answer, and forgets `drop`. Reports the events.
+/// Serves `echo`, keeps `wait` without an answer, and drops `drop`. Reports the events.
 fn serve(session: &DataSession) -> (ObjectServer, Receiver<String>) {
     let (told_tx, told) = sync_channel(1000);
     let kept: Mutex<Vec<AnswerWay>> = Mutex::default();
@@ -97,7 +97,7 @@ fn calls_are_answered_or_say_why_not() {
     let dir = Dir::new("one");
     let (server, client) = (dir.open("s.sock"), dir.open("c.sock"));
     let (_serving, told) = serve(&server);
-    // The server has not been started yet.
+    // The server was not started yet.
     assert_eq!(ask(&client, &call(&client, 0, "echo", vec![], LONG)), Err(ObjectError::Gone));
     client.dial(&dial_of(&server), LONG).unwrap();
     for size in [0, 1, 64, 300_000, PAYLOAD_SIZE_MAX] {
@@ -118,7 +118,7 @@ fn calls_are_answered_or_say_why_not() {
     server.close();
 }
 
-/// A caller that cancels sends a message; a caller that is killed loses its link. A caller with its answer sends
+/// A caller that cancels sends a message; a caller that is killed loses its link. A caller that has its answer sends
 /// nothing.
 #[test]
 fn the_other_end_learns_that_nobody_waits() {
@@ -141,7 +141,7 @@ fn the_other_end_learns_that_nobody_waits() {
     let id = client.id();
     assert!(server.is_linked(&id) && server.is_linked(&server.id()));
     client.close();
-    // All earlier messages have arrived, and no cancellation is among them.
+    // All earlier messages have arrived, and none of them is a cancellation.
     let other = dir.open("o.sock");
     other.dial(&dial_of(&server), LONG).unwrap();
     assert_eq!(ask(&other, &call(&other, 3, "echo", vec![2], LONG)), Ok(vec![2]));
@@ -178,7 +178,7 @@ fn a_hundred_callers_have_their_own_answers() {
     server.close();
 }
 
-/// A server in a separate process: this test, started again.
+/// A server in a separate process: this test program, started again.
 struct Other {
     child: Child,
     dial: Dial,
@@ -203,7 +203,7 @@ impl Other {
     }
 }
 
-/// No test by itself: the other process of the tests below.
+/// Not a test by itself: the other process of the tests below.
 #[test]
 fn serves_in_a_process_of_its_own() {
     let Some(socket) = std::env::var_os("DCA_TEST_SOCKET") else { return };
@@ -225,7 +225,7 @@ fn a_server_that_is_killed_in_a_call_is_gone_at_once() {
     let take = move |result| done_tx.send(result).unwrap_or_default();
     let hour = Duration::from_secs(3600);
     let _pending = client.call(&keys, &CallWay::Open, &call(&client, 2, "wait", vec![], hour), take).unwrap();
-    // It has arrived once the next one is answered.
+    // The cancelled call has arrived once the next one is answered.
     assert_eq!(ask(&client, &call(&client, 3, "echo", vec![6], LONG)), Ok(vec![6]));
     other.signal(Signal::KILL);
     assert_eq!(done.recv_timeout(LONG).unwrap(), Err(ObjectError::Gone));

@@ -43,7 +43,7 @@ async fn node(dir: &Dir, name: &str, peers: &[&str]) -> Session {
     Session::open_node(NodeOptions { name, socket, reach: Reach::Host, port: 0, peers }).await.unwrap()
 }
 
-/// Serves until its session closes: echoes, counts, refuses, and leaves one call hanging.
+/// Serves until its session closes: it echoes, counts, refuses, and leaves one call without an answer.
 async fn serve(mut server: Server, host: &str) {
     let mut hanging = Vec::new();
     while let Some(mut request) = server.next().await {
@@ -117,7 +117,7 @@ async fn check_calls(session: &Session, host: &str) {
     assert!(matches!(replies.next().await, Some(Err(CallError::Unreachable { .. }))));
     assert_eq!(replies.next().await, None);
 
-    // A sign that the server is still there is not an answer; its absence ends the call.
+    // The message that the server is still there is not an answer. Without it the call ends.
     let silence_max = Duration::from_millis(300);
     let mut replies = session.call_stream(&key::rpc(host, "linger"), Vec::new(), silence_max).unwrap();
     assert_eq!(replies.next().await, Some(Ok(vec![1])));
@@ -139,10 +139,10 @@ async fn check_broken(session: &Session, host: &str) {
     }
 }
 
-/// The most bytes that wait for a caller or are on their way to it.
+/// The most bytes that wait for a caller or are in transit to it.
 const WAITING_MAX: usize = 1 << 20;
 
-/// A server waits for a caller that takes its answers slowly, or not at all, and hears when it has gone.
+/// A server waits for a caller that takes its answers slowly, or not at all. It notices when the caller has ended.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_gives_no_more_than_its_caller_takes() {
     const SIZE: usize = 10_000;
@@ -175,7 +175,7 @@ async fn a_server_gives_no_more_than_its_caller_takes() {
     a.close().await;
 }
 
-/// A session that closes has sent its pending answers.
+/// A session sends its pending answers before it closes.
 #[tokio::test(flavor = "multi_thread")]
 async fn answers_that_are_complete_are_taken_before_a_session_closes() {
     let dir = Dir::new("answered");
@@ -205,8 +205,8 @@ async fn answers_that_are_complete_are_taken_before_a_session_closes() {
     client.close().await;
 }
 
-/// Two sessions may serve one key, like two nodes of one name. A stream stays with the server that began it, and a
-/// client can choose the server that it is linked to.
+/// Two sessions may serve one key, like two nodes of the same name. A stream stays with the server that began it, and
+/// a client can choose the server that it is linked to.
 #[tokio::test(flavor = "multi_thread")]
 async fn of_two_servers_of_one_key_one_gives_all_answers_of_a_stream() {
     const PIECES: u8 = 40;
@@ -250,7 +250,7 @@ async fn of_two_servers_of_one_key_one_gives_all_answers_of_a_stream() {
 #[tokio::test(flavor = "multi_thread")]
 async fn nodes_and_a_client() {
     let dir = Dir::new("calls");
-    // `a` knows the address of `b` before `b` exists.
+    // `a` is given the address of `b` before `b` exists.
     let a = node(&dir, "a", &["b"]).await;
     let b = node(&dir, "b", &[]).await;
     // A node serves before it announces itself.
@@ -270,7 +270,7 @@ async fn nodes_and_a_client() {
     let mut inbox = b.subscribe(&key::inbox("b"), Policy::reject(100)).unwrap();
     appears(&b, "b").await;
     let mut sent = 0;
-    // `a` learns of the inbox slightly later than it exists; an earlier message is lost, and senders repeat if
+    // `a` learns of the inbox slightly after it was made. Earlier messages are lost, and senders repeat them if
     // necessary.
     let first = loop {
         a.put(&key::inbox("b"), vec![sent]).unwrap();
@@ -323,7 +323,7 @@ async fn carry(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin
     tokio::join!(reading, writing);
 }
 
-/// A satellite is 1.5 s away: the link comes up, and stays.
+/// A satellite with a delay of 1.5 s in each direction: the link is made, and stays.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_link_with_a_way_of_3_s_there_and_back_comes_up() {
     let dir = Dir::new("far");
@@ -346,7 +346,7 @@ async fn a_link_with_a_way_of_3_s_there_and_back_comes_up() {
     b.close().await;
 }
 
-/// The other process of the tests below. Does nothing as a test.
+/// The other process of the tests below. As a test it does nothing.
 #[tokio::test(flavor = "multi_thread")]
 async fn other_node() {
     let Some(socket) = std::env::var_os("DCA_TEST_SOCKET") else { return };
@@ -399,7 +399,7 @@ async fn a_killed_node_vanishes_and_its_calls_end() {
     a.close().await;
 }
 
-/// A node that is killed is started again while the programs that it started run on.
+/// A node that is killed is restarted while the programs that it has started still run.
 #[tokio::test]
 async fn a_child_does_not_keep_the_socket() {
     let dir = Dir::new("lock");

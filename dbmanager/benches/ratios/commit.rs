@@ -1,5 +1,5 @@
-//! One caller commits, and waits for the disk: beside a bare append with `fdatasync` of as many bytes, the same replica on
-//! sled, and etcd alone on this machine.
+//! One caller commits, and waits for the disk. The references are an append of the same bytes with `fdatasync`, the same
+//! replica on sled, and a single etcd on this machine.
 
 use crate::etcd::Etcd;
 use crate::robot::{self, KEY_AND_VALUE, Robot, request};
@@ -14,11 +14,11 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
-/// How often all are measured one after another.
+/// How many rounds there are; each measures all subjects in turn.
 const ROUNDS: u64 = 7;
 /// Commits of each in a round.
 const COMMITS: u64 = 60;
-/// Bytes of identity and time that a commit cannot do without.
+/// The bytes of identity and time that every commit needs.
 const IDENTITY_SIZE: usize = 29;
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {

@@ -1,5 +1,5 @@
-//! Both engines under a robot's real load: small commits one after another, and 100,000 keys. The basis for the choice
-//! of the default, and the table of the manual.
+//! Both engines under a typical load of a robot: small commits one after another, and 100,000 keys. The choice of the default
+//! engine, and the table in the manual, are based on this.
 
 use crate::robot::{KEY_AND_VALUE, Robot, request};
 use crate::table::{Reach, Samples, Table};
@@ -12,11 +12,11 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
 
-/// How often all are measured one after another.
+/// How many rounds there are; each measures both engines in turn.
 const ROUNDS: u64 = 10;
 /// Commits of each in a round.
 const COMMITS: u64 = 300;
-/// Seconds of a year: a robot that commits once a second.
+/// The seconds of a year: the number of commits of a robot that commits once a second.
 const YEAR: u64 = 31_557_600;
 
 /// The figures of one engine.
@@ -24,7 +24,7 @@ struct Subject {
     engine: Engine,
     robot: Robot<DirStore>,
     samples: Samples,
-    /// Bytes handed to the system, and bytes that it has handed to the disk.
+    /// The bytes passed to the system, and the bytes that the system has passed to the disk.
     written: [u64; 2],
 }
 
@@ -88,7 +88,8 @@ impl Subject {
     }
 }
 
-/// Returns how much this process has written so far: to the system, and through it to disks. Source: proc(5), `/proc/pid/io`.
+/// Returns how many bytes this process has written so far: to the system, and through it to disks. Source: proc(5),
+/// `/proc/pid/io`.
 fn written() -> Result<[u64; 2], Failure> {
     let io = fs::read_to_string("/proc/self/io")?;
     let of = |word: &str| {

@@ -1,4 +1,4 @@
-//! A one-node etcd on loopback, spoken to over its JSON gateway on one connection.
+//! A single etcd node on the loopback interface, reached through its JSON gateway on one connection.
 
 use crate::Failure;
 use comms::io::clock::{self, Wakeup};
@@ -8,9 +8,9 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// How long it may take to start.
+/// How long etcd may take to start.
 const START_WITHIN: Duration = Duration::from_secs(20);
-/// How soon it is tried again.
+/// The pause between two attempts to connect.
 const ASK_AGAIN_AFTER: Duration = Duration::from_millis(20);
 /// How long one answer may take.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
@@ -22,10 +22,10 @@ pub(crate) struct Etcd {
 }
 
 impl Etcd {
-    /// Starts it in a folder; `None` if it is not installed.
+    /// Starts etcd in a folder; `None` if it is not installed.
     pub(crate) fn start(folder: &Path) -> Result<Option<Self>, Failure> {
         let url = |port: u16| format!("http://127.0.0.1:{port}");
-        // Both are free now; another process may take one before etcd does, then etcd does not start.
+        // Both ports are free now. If another process takes one before etcd does, etcd does not start.
         let (client, peer) = (free_port()?, free_port()?);
         let mut command = Command::new("etcd");
         command.arg("--data-dir").arg(folder).args(["--name", "bench", "--log-level", "error"]);
@@ -53,12 +53,12 @@ impl Etcd {
         }
     }
 
-    /// Puts a value; it is on the disk when this returns.
+    /// Puts a value, which is on the disk when this returns.
     pub(crate) fn put(&mut self, key: &str, value: &[u8]) -> Result<(), Failure> {
         put(&mut self.connection, key, value)
     }
 
-    /// Ends it.
+    /// Ends etcd.
     pub(crate) fn end(mut self) -> Result<(), Failure> {
         self.child.kill()?;
         self.child.wait()?;
@@ -70,7 +70,7 @@ fn free_port() -> Result<u16, Failure> {
     Ok(TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?.local_addr()?.port())
 }
 
-/// Connects, and puts a first value: then it has a leader.
+/// Connects, and puts a first value, which succeeds only once etcd has a leader.
 fn connect(port: u16) -> Result<BufReader<TcpStream>, Failure> {
     let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port))?;
     stream.set_nodelay(true)?;
@@ -100,7 +100,7 @@ fn put(connection: &mut BufReader<TcpStream>, key: &str, value: &[u8]) -> Result
     Ok(())
 }
 
-/// Returns bytes as RFC 4648 writes them.
+/// Returns the bytes in base64. Source: RFC 4648.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::new();

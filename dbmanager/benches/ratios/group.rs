@@ -1,4 +1,5 @@
-//! Many callers commit at the same time: how many share a sync, beside how many there are; the same on sled.
+//! Many callers commit at the same time: how many commits share a sync, compared with the number of callers. The same
+//! on sled.
 
 use crate::Failure;
 use crate::robot::{Robot, request};
@@ -14,10 +15,10 @@ use std::time::Duration;
 
 /// How many callers there are.
 const CALLERS: u64 = 64;
-/// How often each commits, one after another.
+/// How many commits each caller makes, one after another.
 const COMMITS: u64 = 50;
 
-/// How it went.
+/// The result of a run.
 struct Run {
     /// Groups, hence syncs.
     groups: u64,
@@ -54,7 +55,7 @@ fn run(mut robot: Robot<impl Store>) -> Result<Run, Failure> {
     Ok(Run { groups, took: clock::now().since(began) })
 }
 
-/// Commits one thing after another, until the other side is gone.
+/// Makes commits one after another, until the receiver is dropped.
 fn call(caller: u64, calls: &SyncSender<Call>) {
     let (done, answers) = sync_channel(1);
     for number in (0..COMMITS).map(|number| caller * COMMITS + number) {
@@ -65,7 +66,7 @@ fn call(caller: u64, calls: &SyncSender<Call>) {
     }
 }
 
-/// Commits for all, group by group; returns how many groups there were.
+/// Commits for all callers, group by group; returns the number of groups.
 fn serve(robot: &mut Robot<impl Store>, groups: &mut Groups<Call>) -> Result<u64, Failure> {
     let mut count = 0;
     while let Some(group) = groups.next(None) {

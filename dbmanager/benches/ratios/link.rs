@@ -1,8 +1,8 @@
-//! The bytes on the links between robots, and the time that a backlog takes: the real replicas on simulated links, in
-//! virtual time, beside the limit of the link.
+//! The bytes on the links between robots, and the time to transfer a backlog. The replicas are real, the links are
+//! simulated in virtual time, and the limit of the link is the reference.
 //!
-//! The limit for a backlog is a round trip and its bytes at the rate of the link. An operation counts as its key, its
-//! value, and 32 bytes for writer, time and seal; sizes are those of the encoded messages.
+//! The limit for a backlog is a round trip plus the time of its bytes at the rate of the link. An operation has its
+//! key, its value, and 32 bytes for writer, time and seal. Sizes are those of the encoded messages.
 
 mod net;
 
@@ -18,17 +18,17 @@ use std::time::Duration;
 
 /// Bytes for the writer, the time and a seal.
 const ENVELOPE: u64 = 32;
-/// From the beginning to the end of a link and back.
+/// The round trip of a link.
 const ROUND_TRIP: Duration = Duration::from_millis(20);
-/// How long a team is watched.
+/// How long a team is observed.
 const WATCHED: Duration = Duration::from_secs(600);
-/// How many robots are in it.
+/// How many robots the team has.
 const ROBOTS: usize = 4;
-/// How many bytes an operation has in a backlog, with its envelope.
+/// How many bytes an operation of a backlog has, including its envelope.
 const BACKLOG_SIZE: u64 = 150;
 /// Faster than any limit.
 const FAST: u64 = 1_000_000_000;
-/// When a robot has something urgent, while another's backlog is on its way.
+/// The time at which a robot has an urgent write, while the backlog of another robot is in transit.
 const URGENT_AFTER: Duration = Duration::from_secs(5);
 
 pub(crate) fn measure(_folder: &Path, table: &mut Table) -> Result<(), Failure> {
@@ -64,7 +64,7 @@ fn idle(table: &mut Table) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Robots write now and then: one of them, or all in turn, each after it has seen the others' writes.
+/// Robots write now and then: one robot, or all of them in turn, each after it has received the others' writes.
 fn steady(table: &mut Table, (name, writers): (&str, usize)) -> Result<(), Failure> {
     let mut net = Net::team(ROBOTS, Line { rate: FAST, delay: ROUND_TRIP / 2 })?;
     let (before, operations) = (net.bytes(), 4000);
@@ -79,7 +79,7 @@ fn steady(table: &mut Table, (name, writers): (&str, usize)) -> Result<(), Failu
     Ok(())
 }
 
-/// One robot has written a lot while the other was away.
+/// One robot has written many operations while the other one was away.
 fn heal(table: &mut Table, (name, operations, rate): (&str, u64, u64), most: f64) -> Result<(), Failure> {
     let mut net = Net::team(2, Line { rate, delay: ROUND_TRIP / 2 })?;
     net.cut(0, 1);
@@ -95,8 +95,8 @@ fn heal(table: &mut Table, (name, operations, rate): (&str, u64, u64), most: f64
     Ok(())
 }
 
-/// The same slow link, and a third robot on it that does not know of the backlog. A robot that knows of it has to
-/// receive it first.
+/// The same slow link, and a third robot on it that does not know the backlog. A robot that knows the backlog has to
+/// receive it before anything later.
 fn urgent(table: &mut Table) -> Result<(), Failure> {
     let rate = 50_000 / 8;
     let mut net = Net::team(3, Line { rate, delay: ROUND_TRIP / 2 })?;

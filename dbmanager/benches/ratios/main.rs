@@ -1,8 +1,8 @@
-//! The cost of the database beside the cost of the same work without it: `cargo bench -p dbmanager`.
+//! The cost of the database, compared with the cost of the same work without it: `cargo bench -p dbmanager`.
 //!
-//! The disk and the memory are measured in alternating rounds of the same run; links are simulated under the real replicas,
-//! on virtual time, so that the limit is known exactly. One part alone: `cargo bench -p dbmanager -- commit`, or `group`,
-//! `read`, `link`, `reopen`, `engines`. Everything is made below the folder for temporary files (`TMPDIR` chooses the disk).
+//! Disk and memory are measured in alternating rounds of the same run. Links are simulated under the real replicas, in
+//! virtual time, so their limit is known exactly. To run a single part: `cargo bench -p dbmanager -- commit`, or `group`,
+//! `read`, `link`, `reopen`, `engines`. All files are made in the folder for temporary files; `TMPDIR` chooses the disk.
 
 mod commit;
 mod engines;
@@ -21,7 +21,7 @@ use table::Table;
 
 /// A part of the benchmark.
 type Part = fn(&Path, &mut Table) -> Result<(), Failure>;
-/// Why it has ended early.
+/// Why the benchmark has ended early.
 type Failure = Box<dyn std::error::Error>;
 
 const PARTS: [(&str, Part); 6] = [
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only one part.
+/// Measures all parts, or only one.
 fn bench(only: Option<&str>) -> Result<(), Failure> {
     let folder = Folder::new()?;
     let mut table = Table::default();

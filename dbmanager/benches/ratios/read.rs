@@ -1,4 +1,4 @@
-//! A read from a snapshot, beside a read from a `BTreeMap` with the same keys and values.
+//! A read from a snapshot, compared with a read from a `BTreeMap` with the same keys and values.
 
 use crate::Failure;
 use crate::robot::{self, Robot, key, value};
@@ -16,20 +16,20 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Duration;
 
-/// How many keys there are: of a large team's configuration.
+/// The number of keys, as in the configuration of a large team.
 const KEYS: u64 = 10_000;
-/// How many reads are timed together.
+/// How many reads are measured together.
 const READS: u32 = 50_000;
-/// How often both are measured one after another.
+/// How many rounds there are; each measures both in turn.
 const ROUNDS: u64 = 15;
-/// How many writes of 256 bytes, each after a snapshot that is kept.
+/// How many values of 256 bytes are written. Before each write, a snapshot is taken and kept.
 const WRITES: u64 = 2000;
 
 pub(crate) fn measure(_folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let mut robot = Robot::open(MemoryStore::default())?;
     fill(&mut robot)?;
     let snapshot = robot.replica.state().clone();
-    // The same keys and values, where they are in memory: what differs is the map.
+    // The same keys and values at the same places in memory: only the map differs.
     let entry = |(key, versions): (&Key, &[Version])| Some((key.clone(), versions.last()?.value.clone()?));
     let map: BTreeMap<Key, Value> = snapshot.scan("team/").filter_map(entry).collect();
     let (mut of_snapshot, mut of_map) = (Samples::default(), Samples::default());
@@ -57,7 +57,7 @@ pub(crate) fn measure(_folder: &Path, table: &mut Table) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Returns the first byte: who reads a value looks at it.
+/// Returns the first byte: a client that reads a value also looks at it.
 fn first(value: &Value) -> Option<u8> {
     value.bytes.first().copied()
 }

@@ -1,5 +1,5 @@
-//! A robot is switched on: how long until its database can be used, and how much memory it takes then, beside reading and
-//! hashing the same bytes, and the bytes themselves.
+//! A robot is switched on: how long it takes until the database can be used, and how much memory the database then takes.
+//! The references are the time to read and hash the same bytes, and the size of these bytes.
 
 use crate::robot::{Robot, key, value};
 use crate::table::{Reach, Table};
@@ -15,16 +15,16 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// How many keys there are, and how long their values.
+/// The number of keys, and the length of their values in bytes.
 const KEYS: (u64, usize) = (100_000, 64);
-/// How many are written by one transaction.
+/// How many keys one transaction writes.
 const TOGETHER: u64 = 100;
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     measure_on(Engine::default(), folder, table)
 }
 
-/// The same on an engine.
+/// Measures one engine.
 pub(crate) fn measure_on(engine: Engine, folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let live = fill(engine, folder)?;
     let output = Command::new(std::env::current_exe()?).args(["opens", engine.name()]).arg(folder).output()?;
@@ -52,7 +52,7 @@ pub(crate) fn measure_on(engine: Engine, folder: &Path, table: &mut Table) -> Re
     Ok(())
 }
 
-/// Writes all keys; returns how many bytes keys and values have.
+/// Writes all keys; returns the total size of keys and values in bytes.
 fn fill(engine: Engine, folder: &Path) -> Result<u64, Failure> {
     let mut robot = Robot::on(engine, folder)?;
     let mut live = 0;
@@ -69,14 +69,14 @@ fn fill(engine: Engine, folder: &Path) -> Result<u64, Failure> {
             robot.tell(Input::Tick(Wall::default()))?;
         }
     }
-    // On a fast disk that was less than a tick, and no tick means that nothing has left the log yet.
+    // On a fast disk the writes took less than a tick. Without a tick, nothing has left the log yet.
     Wakeup::default().wait(robot.replica.deadline());
     robot.tell(Input::Tick(Wall::default()))?;
     Ok(live)
 }
 
-/// In a separate process: opens the store, and prints the time for that and for hashing, its memory, and the size of
-/// the file.
+/// In a separate process: opens the store, and prints the time to open it, the time to hash the bytes, the memory of the
+/// process, and the size of the file.
 pub(crate) fn opens(engine: &str, folder: &Path) -> Result<(), Failure> {
     let (engine, path) = (engine.parse::<Engine>()?, folder.join(engine));
     let began = clock::now();
@@ -93,7 +93,7 @@ pub(crate) fn opens(engine: &str, folder: &Path) -> Result<(), Failure> {
     say(&format!("{} {} {memory} {disk}", opened.as_micros(), hashed.as_micros()))
 }
 
-/// Returns how much memory this process takes, in bytes. Source: proc(5), `/proc/pid/status`.
+/// Returns how much memory this process uses, in bytes. Source: proc(5), `/proc/pid/status`.
 fn resident() -> Result<u64, Failure> {
     let status = fs::read_to_string("/proc/self/status")?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).ok_or("no VmRSS")?;

@@ -1,4 +1,4 @@
-//! The only robot of its team, on some store.
+//! A robot that is alone in its team, on any store.
 
 use crate::Failure;
 use comms::io::clock;
@@ -9,7 +9,8 @@ use dbmanager::logic::replica::{AckLevel, CommitRequest, Config, Effect, Input, 
 use dbmanager::logic::txn::{Draft, Value};
 use std::path::Path;
 
-/// Bytes of a key and its value in all measurements of commits: together with 29 bytes of identity and time, 320.
+/// The bytes of a key and of its value in all measurements of commits. With 29 bytes of identity and time, these are
+/// 320 bytes.
 pub(crate) const KEY_AND_VALUE: (usize, usize) = (35, 256);
 
 /// A replica and its store.
@@ -23,18 +24,18 @@ pub(crate) fn config(robot: &str, seed: u64) -> Config {
     Config { robot: robot.to_owned(), seed, log_size: 1 << 20 }
 }
 
-/// Returns the key with a number; it is as long as all of them.
+/// Returns the key with a number. All keys have the same length.
 pub(crate) fn key(number: u64) -> Result<Key, Failure> {
     Ok(Key::new(format!("team/parameters/arm/joint/{number:09}"))?)
 }
 
-/// Returns a value of so many bytes, different for each number.
+/// Returns a value of `size` bytes that is different for each number.
 pub(crate) fn value(number: u64, size: usize) -> Value {
     let bytes = number.to_le_bytes().into_iter().cycle().take(size);
     Value { bytes: bytes.collect(), ..Value::from(b"") }
 }
 
-/// Returns a wish to write one value.
+/// Returns a request to write one value.
 pub(crate) fn request(number: u64) -> Result<CommitRequest, Failure> {
     let draft = Draft::new("").put(key(number % 5000)?, value(number, KEY_AND_VALUE.1));
     Ok(CommitRequest { ticket: number, draft, level: AckLevel::Local, until: clock::now() })
@@ -48,7 +49,7 @@ impl Robot<DirStore> {
 }
 
 impl<S: Store> Robot<S> {
-    /// Opens the replica in a store, and founds its team.
+    /// Opens the replica in a store, and makes it the first member of its team.
     pub(crate) fn open(store: S) -> Result<Self, Failure> {
         let replica = Replica::open(config("r", 1), store.read()?)?;
         let mut robot = Self { replica, store };
@@ -56,7 +57,7 @@ impl<S: Store> Robot<S> {
         Ok(robot)
     }
 
-    /// Takes an input; returns the remaining effects once the durable ones are on the disk.
+    /// Takes an input, and writes the durable effects to the disk; returns the other effects.
     pub(crate) fn tell(&mut self, input: Input) -> Result<Vec<Effect>, Failure> {
         let mut effects = Vec::new();
         self.replica.handle(clock::now(), input, &mut effects);

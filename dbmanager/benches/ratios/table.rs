@@ -1,4 +1,4 @@
-//! From samples to ratios, and the one table.
+//! Computes ratios from samples, and prints them as one table.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -16,14 +16,14 @@ impl Samples {
         self.rounds.push(round);
     }
 
-    /// Returns the median of the rounds' quantiles, in percent.
+    /// Returns a quantile, in percent: the median over the rounds.
     pub(crate) fn quantile(&self, percent: usize) -> Duration {
         let mut of: Vec<Duration> = self.rounds.iter().map(|round| quantile(round, percent)).collect();
         of.sort_unstable();
         of.get(of.len() / 2).copied().unwrap_or_default()
     }
 
-    /// Returns how many times as long as `base` it takes: the median of the ratios of medians, round by round.
+    /// Returns the ratio to `base`: the median, over the rounds, of the ratio of the medians.
     pub(crate) fn ratio(&self, base: &Self) -> f64 {
         let median = |round: &Vec<Duration>| quantile(round, 50).as_secs_f64().max(1e-9);
         let mut ratios: Vec<f64> =
@@ -53,9 +53,9 @@ fn micros(time: Duration) -> String {
 /// How far a ratio may go.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Reach {
-    /// No further than this.
+    /// The ratio has to be at most this.
     AtMost(f64),
-    /// At least this far.
+    /// The ratio has to be at least this.
     AtLeast(f64),
     /// There only to be compared.
     None,
@@ -81,7 +81,7 @@ impl Table {
         self.lines.push([what.to_owned(), figure.to_owned(), ratio_text, reach]);
     }
 
-    /// Adds a line that is only compared with.
+    /// Adds a line without a ratio, for comparison.
     pub(crate) fn note(&mut self, what: &str, figure: &str) {
         self.line(what, figure, (f64::NAN, ""), Reach::None);
     }
@@ -93,7 +93,7 @@ impl Table {
         let mut text = String::new();
         for [what, figure, ratio, reach] in &self.lines {
             let [a, b, c] = widths;
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             writeln!(text, "{what:a$}  {figure:b$}  {ratio:c$}  {reach}").unwrap_or_default();
         }
         text

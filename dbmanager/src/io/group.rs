@@ -1,16 +1,17 @@
 //! Group commit: commits that arrive while the disk is busy go to the disk together.
 //!
-//! A device syncs a few hundred times a second. The database commits this number times the size of a group in a second.
-//! Taking whatever waits is not enough: callers that were answered together come back one after another. The commit of the
-//! first caller would go alone, with a sync of its own, while all others wait for it. So a group waits until it is as large as
-//! the last one was, though never longer than an eighth of a sync. A single caller never waits for others.
+//! A device syncs a few hundred times a second. The number of commits per second is this number times the size of a group. If
+//! a group contained only the commits that already wait, groups would be too small: callers that were answered together return
+//! one after another. The commit of the first caller would then get its own sync, while all others wait for it. So a group
+//! waits until it is as large as the previous one, but never longer than an eighth of a sync. A single caller never waits for
+//! others.
 
 use comms::io::clock;
 use comms::logic::time::Time;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::Duration;
 
-/// The greatest share of the length of a sync that a group may wait for its last commits: one eighth.
+/// The longest time that a group may wait for further commits, as a part of a sync: one eighth.
 const PATIENCE: u32 = 8;
 /// The weight of the newest sync in the mean length of a sync: one quarter.
 const NEWEST: u32 = 4;
@@ -27,13 +28,13 @@ pub struct Groups<T> {
 }
 
 impl<T> Groups<T> {
-    /// Returns the groups of at most `size_max` that come out of `queue`.
+    /// Returns the groups of at most `size_max` elements that are taken from `queue`.
     pub fn new(queue: Receiver<T>, size_max: usize) -> Self {
         Self { queue, size_max, expected: 1, sync: Duration::ZERO }
     }
 
-    /// Waits for the next group until `deadline`; it is empty when that has come, and `None` once the last
-    /// sender is gone.
+    /// Waits for the next group, at most until `deadline`; without one, for ever. The group is empty if the deadline has come.
+    /// `None` if the last sender was dropped.
     pub fn next(&mut self, deadline: Option<Time>) -> Option<Vec<T>> {
         let first = match deadline {
             Some(deadline) => match self.queue.recv_timeout(deadline.since(clock::now())) {

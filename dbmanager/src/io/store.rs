@@ -1,8 +1,8 @@
 //! The store: records that survive a power cut once [`Store::commit`] has returned.
 //!
-//! After an error a store is poisoned: a repeated sync may succeed although the pages are gone (fsyncgate). The owner
-//! reopens it, which syncs and checks everything. A store that does not open because of its content is put aside, by
-//! renaming, and never deleted, so that it can be examined.
+//! After an error a store is poisoned: a repeated sync may succeed although the pages are lost (fsyncgate). The owner
+//! reopens the store, which syncs and checks everything. A store that cannot be opened because of its content is put
+//! aside by renaming. It is never deleted, so that it can be examined.
 
 mod dir;
 pub mod memory;
@@ -24,22 +24,22 @@ use thiserror::Error;
 
 /// Somewhere to keep records.
 pub trait Store {
-    /// Visits every record, with its name; names of one length come in their order.
+    /// Visits every record with its name. Names of the same length are visited in their order.
     ///
     /// # Errors
-    /// If that fails, or the content is not what was written.
+    /// If reading fails, or the content was changed since it was written.
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;
 
     /// Writes a batch, as a whole or not at all. It is durable when this returns.
     ///
     /// # Errors
-    /// If it may not be durable. Then the store is poisoned.
+    /// If the batch may not be durable. The store is poisoned then.
     fn commit(&mut self, batch: &Batch) -> Result<(), StoreError>;
 
     /// Reads everything, for a replica.
     ///
     /// # Errors
-    /// The errors of [`Store::each`]. The replica reports the mistakes that it finds itself.
+    /// The errors of [`Store::each`]. The replica itself reports mistakes in the content.
     fn read(&self) -> Result<StoredRecords, StoreError> {
         let mut reading = StoredRecords::default();
         self.each(&mut |name, record| reading.take(name, record))?;
@@ -49,7 +49,7 @@ pub trait Store {
     /// Returns all records unchanged.
     ///
     /// # Errors
-    /// As [`Store::each`].
+    /// The errors of [`Store::each`].
     fn load(&self) -> Result<Records, StoreError> {
         let mut records = Records::new();
         self.each(&mut |name, record| drop(records.insert(name.to_vec(), record.to_vec())))?;
@@ -68,10 +68,10 @@ pub enum StoreError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// Something other than a file has the name of a file of the store.
+    /// An entry of the store's folder is not a regular file.
     #[error("cannot use `{path}`, where the store keeps a file: {cause}; remove it, or choose another folder")]
     NoFile {
-        /// Its path.
+        /// The path of the entry.
         path: PathBuf,
         /// The kind of the entry.
         cause: io::Error,
@@ -82,13 +82,13 @@ pub enum StoreError {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// There are files, but they belong to another program, or have another layout.
+    /// The folder has files, but they belong to another program, or have another layout.
     #[error("`{path}` is not a store of this program; choose another folder")]
     Foreign {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// The store was made on the other engine, which stays as long as the folder does.
+    /// The store was made with the other engine. The engine of a folder cannot be changed.
     #[error(
         "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new one \
          is made, and what other robots have comes back from them"
@@ -96,12 +96,12 @@ pub enum StoreError {
     Engine {
         /// The directory of the store.
         path: PathBuf,
-        /// The engine that keeps it.
+        /// The engine of the store.
         found: Engine,
-        /// The engine that was asked for.
+        /// The requested engine.
         wanted: Engine,
     },
-    /// A record is not as it was written.
+    /// A record was changed since it was written.
     #[error("the store `{path}` is damaged: {what}")]
     Damaged {
         /// The directory of the store.
@@ -109,13 +109,13 @@ pub enum StoreError {
         /// The mismatch.
         what: String,
     },
-    /// A record is too long, or its name is.
+    /// A record or its name is too long.
     #[error("a record of {size} bytes is too long for the store")]
     Long {
-        /// Its size.
+        /// The size of the record or name.
         size: usize,
     },
-    /// The store has failed before.
+    /// The store is poisoned by an earlier error.
     #[error("the store `{path}` has failed before and has to be opened again")]
     Poisoned {
         /// The directory of the store.
@@ -130,7 +130,7 @@ impl StoreError {
     }
 }
 
-/// Runs work that calls the engine. A panic of the engine shows that its files are not as it left them.
+/// Runs work that calls the engine. If the engine panics, its files are damaged.
 fn shielded<T>(path: &Path, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let what = panic.downcast_ref::<String>().map(String::as_str);
@@ -147,12 +147,13 @@ fn sync(path: &Path) -> Result<(), StoreError> {
     File::open(path).and_then(|file| file.sync_all()).map_err(|cause| file_error(path, cause))
 }
 
-/// Checks that a name belongs to a regular file or to nothing, before an engine opens it, which may wait for ever.
+/// Checks that a name belongs to a regular file or to nothing, before an engine opens it. Opening something else may
+/// wait for ever.
 fn check_file(path: &Path) -> Result<(), StoreError> {
     file::check(path).map_err(|cause| StoreError::NoFile { path: path.to_owned(), cause })
 }
 
-/// Checks the same for everything in a folder, and below it.
+/// Checks every entry in a folder, and below it, in the same way.
 fn check_files(folder: &Path) -> Result<(), StoreError> {
     let file_error = |cause| file_error(folder, cause);
     for entry in std::fs::read_dir(folder).map_err(file_error)? {

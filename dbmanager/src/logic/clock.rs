@@ -1,41 +1,43 @@
-//! The hybrid clock: timestamps that extend causality, and follow the wall clock as far as that can be believed.
+//! The hybrid clock: timestamps that extend causality, and follow the wall clock as far as that can be trusted.
 //!
-//! *State.* The largest timestamp issued or seen, and the best date that a peer with a trusted clock has shown lately.
+//! *State.* The largest timestamp issued or seen, and the best date that a peer with a trusted clock has recently
+//! shown.
 //!
-//! *Rule.* A new timestamp is one tick above the largest known one, lifted to the wall clock only if that is trusted
-//! and not far ahead of better clocks. A timestamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
-//! counter of 16 bits, one number, so that a full counter carries into the milliseconds by itself.
+//! *Rule.* A new timestamp is one tick above the largest known one. It is raised to the wall clock only if that is
+//! trusted and not far ahead of better clocks. A timestamp is `(epoch, hlc, origin)`. `hlc` is one number: 48 bits of
+//! milliseconds and a counter of 16 bits. So a full counter carries into the milliseconds by itself.
 //!
 //! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, for any wall clock. A
 //! replica that sees a transaction has seen its timestamp. So `a` before `b` in causality means `stamp(a) < stamp(b)`
-//! (I11). Timestamps order writes that did not see each other, and nothing else: a wrong date can make a write lose
-//! against a concurrent one (which is then listed as a conflict), but can never hide a write from a client that saw it.
-//! Hence no date is refused: a replica that refused a transaction that others accept would differ from them for ever.
-//! In a team with keys, replicas reject timestamps that no correct replica could have issued (`replica::authors`); all
-//! replicas decide alike.
+//! (I11). Timestamps order writes that did not see each other, and nothing else. A wrong date can make a write lose
+//! against a concurrent one (which is then listed as a conflict), but it can never hide a write from a client that saw
+//! it. Therefore no date is refused: a replica that refused a transaction that others accept would differ from them for
+//! ever. In a team with keys, replicas reject timestamps that no correct replica could have issued
+//! (`replica::authors`); all replicas decide alike.
 
 use crate::logic::version_vector::ReplicaId;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// How far the wall clock may be ahead of the dates of better clocks before it is not followed.
+/// How far the wall clock may be ahead of better clocks. If it is further ahead, timestamps do not follow it.
 const LEAD_MAX_MS: u64 = 3_600_000;
-/// How long a date that a peer has shown is remembered.
+/// How long the date of a peer is remembered.
 const REFERENCE_AGE_MAX: Duration = Duration::from_secs(86_400);
-/// The last date that a wall clock is followed to, in milliseconds since 1970: the year 2200. Later timestamps count on
-/// in ticks, which cannot be used up.
+/// The last date up to which timestamps follow a wall clock, in milliseconds since 1970: the year 2200. After it,
+/// timestamps grow only by ticks, which cannot be used up.
 pub const DATE_MAX_MS: u64 = 7_258_118_400_000;
 /// Bits of the counter within a millisecond.
 const COUNTER_BITS: u32 = 16;
 
-/// How far a wall clock is to be believed.
+/// How far a wall clock can be trusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Quality {
     /// The clock was not set.
     #[default]
     Unset,
-    /// The clock shows a date that may be right, as after a start from a battery-backed clock, and nothing keeps it.
+    /// The clock shows a date that may be right, for example from a battery-backed clock, but no service keeps it
+    /// synchronised.
     Battery,
     /// Kept in step by NTP or PTP.
     Network,
@@ -48,23 +50,23 @@ pub enum Quality {
 pub struct Wall {
     /// Milliseconds since 1970.
     pub millis: u64,
-    /// Whether to believe it.
+    /// How far the clock can be trusted.
     pub quality: Quality,
 }
 
-/// The place of a transaction in the one order of all. Compared epoch first, then `hlc`, then origin.
+/// The position of a transaction in the total order of all transactions. Compared by epoch, then `hlc`, then origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Timestamp {
-    /// Goes up when an operator heals the clocks.
+    /// Increased when an operator repairs the clocks.
     pub epoch: u16,
     /// 48 bits of milliseconds, 16 bits of counter.
     pub hlc: u64,
-    /// The replica that issued it.
+    /// The replica that issued the timestamp.
     pub origin: ReplicaId,
 }
 
 impl Timestamp {
-    /// Returns the smallest timestamp of the same origin that is larger.
+    /// Returns the next larger timestamp of the same origin.
     #[must_use]
     pub fn next(self) -> Self {
         match self.hlc.checked_add(1) {
@@ -73,7 +75,7 @@ impl Timestamp {
         }
     }
 
-    /// Returns its milliseconds since 1970, as far as the clocks were right.
+    /// Returns the milliseconds since 1970; correct as far as the clocks were right.
     pub fn millis(self) -> u64 {
         self.hlc >> COUNTER_BITS
     }
@@ -100,7 +102,7 @@ impl Clock {
         Self { origin, epoch: last.epoch, last: last.hlc, reference: None }
     }
 
-    /// Issues the next timestamp; `None` when there is none left, which only a forged timestamp can bring about.
+    /// Issues the next timestamp; `None` if none is left, which only a forged timestamp can cause.
     pub fn tick(&mut self, now: Time, wall: Wall) -> Option<Timestamp> {
         let lift = if self.follows(now, wall) { wall.millis.checked_mul(1 << COUNTER_BITS).unwrap_or(0) } else { 0 };
         let next = match self.last.checked_add(1) {
@@ -114,7 +116,7 @@ impl Clock {
         Some(Timestamp { epoch: self.epoch, hlc: self.last, origin: self.origin })
     }
 
-    /// Notes a timestamp that another replica issued, and the wall clock it was issued by.
+    /// Notes a timestamp that another replica issued, and the wall clock of that replica.
     pub fn observe(&mut self, now: Time, stamp: Timestamp, wall: Wall) {
         let seen = (stamp.epoch, stamp.hlc);
         (self.epoch, self.last) = (self.epoch, self.last).max(seen);
@@ -135,16 +137,16 @@ impl Clock {
         self.origin = origin;
     }
 
-    /// Begins a new epoch: timestamps from now on are above all others, and near the wall clock again.
+    /// Begins a new epoch. Later timestamps are above all others, and near the wall clock again.
     ///
-    /// Returns whether there was an epoch left.
+    /// Returns false if no epoch was left.
     pub fn heal(&mut self) -> bool {
         let Some(epoch) = self.epoch.checked_add(1) else { return false };
         (self.epoch, self.last, self.reference) = (epoch, 0, None);
         true
     }
 
-    /// Returns by how much `stamp` is ahead of a trusted wall clock, if that is suspicious.
+    /// Returns how far `stamp` is ahead of a trusted wall clock, if this is suspicious.
     pub fn suspects(stamp: Timestamp, wall: Wall) -> Option<Duration> {
         let ahead = stamp.millis().saturating_sub(wall.millis);
         (wall.quality >= Quality::Network && ahead > LEAD_MAX_MS).then(|| Duration::from_millis(ahead))

@@ -1,11 +1,12 @@
-//! Delta push: the new transactions of a replica, encoded relative to their receivers' knowledge.
+//! Delta push: the new transactions of a replica, encoded relative to the receivers' knowledge.
 //!
-//! *Rule.* A transaction is only taken by a receiver that has the previous one of its origin, hence the same [`Head`].
-//! So in the header of a transaction, and only there, timestamp and wall clock are differences, and origins seen are
-//! places in the head's context instead of names. The hash of the previous transaction is replaced by the transaction's
-//! own. This saves 45 bytes for a transaction that has seen three others. The digest of the transactions seen is left
-//! out, because the receiver can compute it. A receiver that has another head, or has seen other transactions, decodes
-//! a different transaction, which the hash shows, and pulls. Logs, disks and answers have whole transactions.
+//! *Rule.* A receiver takes a transaction only if it has the previous one of its origin, so both have the same
+//! [`Head`]. Therefore the header of a transaction in a push is relative to the head: timestamp and wall clock are
+//! differences, and seen origins are positions in the head's context instead of names. The hash of the previous
+//! transaction is replaced by the transaction's own hash. This saves 45 bytes for a transaction that has seen three
+//! others. The digest of the transactions seen is left out, because the receiver can compute it. A receiver that has
+//! another head, or has seen other transactions, decodes a different transaction. The hash shows this, and the receiver
+//! pulls. Logs, disks and answers have complete transactions.
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::log::Head;
@@ -14,17 +15,17 @@ use crate::logic::txn::{ChainHash, EncodedTxn, FORMAT, FORMAT_SIGNED, Header};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 
-/// Transactions that follow each other.
+/// Consecutive transactions of one origin.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeltaPush {
-    /// The number of the transaction before them.
+    /// The number of the transaction before the first one.
     after: u64,
     short: Vec<EncodedTxn>,
 }
 
 impl DeltaPush {
-    /// Returns the delta of own transactions for a receiver that has the head before them; `None` if it would not be
-    /// shorter.
+    /// Returns the delta of own transactions for a receiver with `head`, the head before them. `None` if the delta
+    /// would not be shorter.
     pub fn of(mut head: Head, txns: &[EncodedTxn]) -> Option<Self> {
         let after = head.seq;
         let shorten = |encoded: &EncodedTxn| {
@@ -39,7 +40,7 @@ impl DeltaPush {
         Some(Self { after, short: txns.iter().map(shorten).collect::<Option<_>>()? })
     }
 
-    /// Returns the transactions of `origin`; `None` if `head` is not the one before them. `seen` is
+    /// Returns the transactions of `origin`; `None` if `head` is not the head before them. `seen` is
     /// [`Log::seen`](super::log::Log::seen).
     pub fn txns(
         &self,
@@ -68,14 +69,14 @@ impl DeltaPush {
         self.short.iter().map(lengthen).collect()
     }
 
-    /// Returns numbers and hashes of the transactions.
+    /// Returns the numbers and hashes of the transactions.
     pub fn hashes(&self) -> impl Iterator<Item = (u64, ChainHash)> {
         let hashes = self.short.iter().filter_map(|short| short.split().ok()).map(|(said, _)| said.prev);
         hashes.zip(1..).map(|(hash, number)| (self.after.saturating_add(number), hash))
     }
 }
 
-/// Takes the signature off the end, if there is one.
+/// Splits the signature from the end, if there is one.
 fn split_signature(format: u8, rest: &[u8]) -> Option<(&[u8], &[u8])> {
     if format == FORMAT_SIGNED {
         rest.split_at_checked(rest.len().checked_sub(SIGNATURE_SIZE)?)
@@ -90,7 +91,8 @@ fn next(head: &Head, header: &Header, hash: ChainHash) -> Head {
     Head { seq: *seq, hash, stamp: *stamp, context }
 }
 
-/// An origin that is not in the context before keeps its name, which must not look like a place.
+/// Returns the header relative to the head. An origin that is not in the head's context keeps its name, which must not
+/// look like a position.
 fn relative(header: &Header, head: &Head, hash: ChainHash) -> Option<Header> {
     let names: Vec<ReplicaId> = head.context.iter().map(|(origin, _)| origin).collect();
     let places = u64::try_from(names.len()).ok()?;
@@ -140,7 +142,7 @@ mod tests {
     use crate::logic::txn::{Txn, Write};
     use proptest::prelude::*;
 
-    /// A transaction by the others it has seen: some of eight origins, and the progress of the clocks.
+    /// A step of one origin: which transactions of eight others it has seen, and the progress of the clocks.
     type Step = (Vec<(u64, u64)>, u64, u64);
 
     fn steps() -> impl Strategy<Value = Vec<Step>> {

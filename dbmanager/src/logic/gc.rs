@@ -1,22 +1,22 @@
-//! Garbage collection: removes what every member has. Membership decides, never age.
+//! Garbage collection: removes data that every member has. Only membership decides, never age.
 //!
-//! *State.* For each member, the last version vector it has said to have durably that the own version vector dominates.
+//! *State.* For each member, the last durable version vector that it has reported and that the replica's own version vector dominates.
 //!
-//! *Rule.* The *stable version vector* is the least of these, over all members, the own one, and retired origins before
-//! their barrier. A key with only deletions is dropped when these are stable. Transactions are dropped when they are
-//! stable and the log is longer than its limit.
+//! *Rule.* The *stable version vector* is the minimum of these vectors over all members, the replica's own one included, and over
+//! retired origins before their barrier. A key that has only deletions is dropped when these are stable. Transactions are dropped when
+//! they are stable and the log is longer than its limit.
 //!
-//! *T5, nothing comes back.* Let a deletion `T` be stable here. A transaction that has not seen `T` was committed by a
-//! member before it had `T`, so within the version vector by which that member showed that it has `T`; this version
-//! vector counted only because the own one dominates it, so the transaction is applied here already and `T` has met it.
-//! Every later transaction has `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers
-//! begin with a state that has `T` (see [`member`](crate::logic::member)), and a transaction that is rebased under a
-//! new origin takes away every deletion in its context: everything that was dropped anywhere before the newcomer was
-//! known was dropped with the sponsor's consent, hence is in the state that the newcomer begins with.
+//! *T5, nothing comes back.* Let a deletion `T` be stable here. Consider a transaction that has not seen `T`. A member committed it
+//! before it had `T`, so the transaction is within the version vector by which that member reported `T`. That version vector was counted
+//! only because the own one dominates it. So the transaction is already applied here, and `T` has met it. Every later transaction has
+//! `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers begin with a state that has `T` (see
+//! [`member`](crate::logic::member)). A transaction that is rebased under a new origin removes every deletion in its context: if
+//! anything was dropped before the newcomer was known, then with the sponsor's consent, so it is in the state with which the newcomer
+//! begins.
 //!
-//! Counting what members *say* is not enough. A member may report that it has `T` while one of its concurrent writes is
-//! still in transit. Then one replica drops `T` and shows the write, and another replica orders the two. A member that is away holds the
-//! stable version vector where it is; that costs some bytes, and [`Stable::pinned_by`] says who it is.
+//! Counting the *reported* vectors alone is not enough. A member may report that it has `T` while one of its concurrent writes is still
+//! in transit. Then one replica drops `T` and shows the write, and another replica orders the two. An absent member keeps the stable
+//! version vector from growing; that costs some bytes, and [`Stable::pinned_by`] names the member.
 
 use crate::logic::member::Members;
 use crate::logic::version_vector::{ReplicaId, VersionVector};
@@ -25,9 +25,9 @@ use std::collections::BTreeMap;
 /// The stable version vector, and the members that keep it from growing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stable {
-    /// The version vector that every member has and that all later writes include.
+    /// The version vector that every member has. All later writes include it.
     pub vector: VersionVector,
-    /// The members whose version vector is missing, or has less than the replica's own.
+    /// The members whose version vector is missing, or less than the replica's own.
     pub pinned_by: Vec<ReplicaId>,
 }
 
@@ -46,7 +46,7 @@ impl Acks {
         self.acked.entry(origin).or_default().join(vector);
     }
 
-    /// Counts the reported version vectors that the own version vector dominates by now.
+    /// Counts the reported version vectors that the own version vector now dominates.
     pub fn settle(&mut self, own: &VersionVector) {
         for (origin, vector) in &self.acked {
             if own.dominates(vector) {
@@ -55,7 +55,7 @@ impl Acks {
         }
     }
 
-    /// Notes the stable version vector; returns whether it has changed, so that deletions can be dropped.
+    /// Notes the stable version vector. Returns whether it has changed, so that deletions can be dropped.
     pub fn drops(&mut self, stable: &VersionVector) -> bool {
         let changed = self.dropped != *stable;
         if changed {
@@ -64,7 +64,7 @@ impl Acks {
         changed
     }
 
-    /// The state was replaced: nothing was dropped from it.
+    /// Notes that the state was replaced, so nothing was dropped from it.
     pub fn begin_anew(&mut self) {
         self.dropped = VersionVector::default();
     }
@@ -74,7 +74,7 @@ impl Acks {
         self.acked.get(&origin)
     }
 
-    /// Returns the stable version vector in the view of `me`, whose own vector is `own`.
+    /// Returns the stable version vector as `me` knows it; `own` is its own version vector.
     pub fn stable(&self, me: ReplicaId, own: &VersionVector, members: &Members) -> Stable {
         let has = |origin: ReplicaId| if origin == me { Some(own) } else { self.counted.get(&origin) };
         let active = members.active().map(|(origin, _)| origin);
@@ -103,7 +103,7 @@ mod tests {
         entries.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect()
     }
 
-    /// Returns the team of these origins, in which origin 1 has retired the last by its transaction 9 if asked for.
+    /// Returns the team of these origins. If `retire`, origin 1 has retired the last of them by its transaction 9.
     fn team(origins: &[u64], retire: bool) -> Members {
         let mut state = State::default();
         let me = ReplicaId::new(1);

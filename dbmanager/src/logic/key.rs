@@ -1,4 +1,4 @@
-//! Keys are paths such as `robot/r2/camera/gain`. The namespace of a key says who may write it.
+//! Keys are paths such as `robot/r2/camera/gain`. The namespace of a key decides which robots may write it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -8,7 +8,7 @@ use thiserror::Error;
 /// The longest key, in bytes.
 pub const KEY_SIZE_MAX: usize = 512;
 
-/// Segments joined by `/`: none is empty, none has a character that key expressions give a meaning.
+/// Segments joined by `/`. No segment is empty, or has a character with a meaning in key expressions.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Key(Arc<str>);
@@ -19,7 +19,7 @@ pub enum KeyError {
     /// Longer than [`KEY_SIZE_MAX`].
     #[error("a key of {size} bytes is longer than {KEY_SIZE_MAX}")]
     Long {
-        /// Its size.
+        /// The size of the text, in bytes.
         size: usize,
     },
     /// A segment without a character.
@@ -28,7 +28,7 @@ pub enum KeyError {
         /// The text.
         key: String,
     },
-    /// A segment that means another place in a path of files.
+    /// A segment that means another place in a file path: `.` or `..`.
     #[error("the key `{key}` has a segment `{segment}`: a key is a name, not a path of files")]
     Path {
         /// The text.
@@ -36,7 +36,7 @@ pub enum KeyError {
         /// The first such segment.
         segment: String,
     },
-    /// A segment whose letters look like those of another one.
+    /// A segment in which letters of another script look like Latin letters.
     #[error(
         "the key `{key}` has {letter:?} (U+{:04X}) beside Latin letters, which it looks like: another key would look the same",
         u32::from(*letter)
@@ -47,7 +47,7 @@ pub enum KeyError {
         /// The first such letter.
         letter: char,
     },
-    /// A character with a meaning of its own, or one that cannot be seen.
+    /// A character with a meaning in key expressions, or an invisible one.
     #[error("the key `{key}` has a forbidden character: {character:?}")]
     Character {
         /// The text.
@@ -57,14 +57,14 @@ pub enum KeyError {
     },
 }
 
-/// The namespace of a key, by its first segment: who may write it, and how far it travels.
+/// The namespace of a key, given by its first segment. It decides which robots may write the key, and how far it is replicated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Namespace<'a> {
-    /// `team/…`: every robot may write. Everything that is in no other namespace also belongs here.
+    /// `team/…`: every robot may write. Keys outside the other namespaces also belong here.
     Team,
-    /// `robot/<name>/…`: only that robot writes, everybody reads.
+    /// `robot/<name>/…`: only that robot writes, every robot reads.
     Robot(&'a str),
-    /// `sys/…`: members, retirements; written by the database itself.
+    /// `sys/…`: members, retirements; only the database itself writes.
     System,
     /// `local/…`: never leaves the robot.
     Local,
@@ -89,7 +89,7 @@ impl Key {
         }
     }
 
-    /// Returns a text from the store as a key. Earlier versions also accepted `.`, `..` and letters that look alike.
+    /// Returns a text from the store as a key. Earlier versions also accepted `.`, `..` and look-alike letters.
     fn stored(key: String) -> Result<Self, KeyError> {
         if key.len() > KEY_SIZE_MAX {
             return Err(KeyError::Long { size: key.len() });
@@ -109,7 +109,7 @@ impl Key {
         &self.0
     }
 
-    /// Returns its namespace.
+    /// Returns the namespace of the key.
     pub fn namespace(&self) -> Namespace<'_> {
         let (first, rest) = self.0.split_once('/').unwrap_or((&self.0, ""));
         match first {
@@ -121,7 +121,7 @@ impl Key {
     }
 }
 
-/// Returns whether a character cannot be seen, or looks like a blank: blanks of other widths, marks of direction, joiners, fillers.
+/// Returns whether a character is invisible or looks like a blank: blanks of other widths, direction marks, joiners, fillers.
 /// Source: Unicode 16, general categories `Cf` and `Zs`, and `Default_Ignorable_Code_Point`.
 fn is_unseen(character: char) -> bool {
     let is_other_blank = character != ' ' && character.is_whitespace();
@@ -132,8 +132,9 @@ fn is_unseen(character: char) -> bool {
     is_other_blank || is_ignorable
 }
 
-/// Returns the first letter of a segment that looks like a Latin one and stands beside Latin ones. A name that is all Greek or all
-/// Cyrillic is a name. Source: UTS 39, section 5.2, for the scripts whose letters look like Latin ones, and full-width forms.
+/// Returns the first letter of a segment that looks like a Latin letter, if the segment also has Latin letters. A name entirely in
+/// Greek or Cyrillic letters is valid. Source: UTS 39, section 5.2, for the scripts whose letters look like Latin ones, and
+/// full-width forms.
 fn look_alike(segment: &str) -> Option<char> {
     let looks_latin = |letter: &char| {
         letter.is_alphanumeric()
@@ -186,7 +187,7 @@ mod tests {
             Err(KeyError::LookAlike { letter, .. }) => Some(letter),
             _ => None,
         };
-        // Cyrillic and Greek beside Latin, full width, mathematical.
+        // Cyrillic and Greek letters mixed with Latin ones, full-width letters, mathematical letters.
         for (text, letter) in [
             ("team/\u{430}b", '\u{430}'),
             ("te\u{430}m/b", '\u{430}'),

@@ -1,21 +1,20 @@
-//! The transactions of each origin, gap-free, chained by hashes.
+//! The transactions of each origin, without gaps, chained by hashes.
 //!
-//! *State.* For each origin: its *head* (number, hash, timestamp and full context of its last transaction), and the
-//! transactions above the version vector `low`, in the order in which they were applied here.
+//! *State.* For each origin: its *head* (number, hash, timestamp and full context of its last transaction), and the transactions
+//! above the version vector `low`, in the order in which they were applied here.
 //!
-//! *Rule.* A transaction is taken if it is the next of its origin, names the hash of the one before it, carries a
-//! larger timestamp, and all transactions it has seen are here. Others are served in the order of application, which is
-//! causal.
+//! *Rule.* A transaction is taken if it is the next of its origin, names the hash of the previous one, and carries a larger
+//! timestamp, and all transactions that it has seen are here. Other replicas are served in the order of application, which is causal.
 //!
-//! *T6, a dot names one transaction.* Two transactions with one dot either have different hashes, or they are the same
-//! bytes. The hash is in the next transaction, so from a common head on, chains that differ once differ for ever, and
-//! the first exchange that could notice ends in [`Verdict::Fork`]. A transaction also has a digest of the hashes of the
-//! other transactions it has seen. If it has seen a different transaction under a number that is known here, it is not
-//! taken ([`Verdict::Apart`]), so it cannot remove a version that its writer never saw.
+//! *T6, a dot names one transaction.* Two transactions with the same dot either have different hashes, or are the same bytes. The
+//! hash is in the next transaction. So from a common head on, chains that differ once differ for ever, and the first exchange that
+//! could notice it ends in [`Verdict::Fork`]. A transaction also has a digest of the hashes of the other transactions that it has
+//! seen. It may have seen a different transaction under a number that is known here. Then it is not taken ([`Verdict::Apart`]), so it
+//! cannot remove a version that its writer never saw.
 //!
-//! *T7, liveness.* Among transactions that are missing here and present there, the first by causality can be applied,
-//! and it is served first: one complete pull makes the own version vector dominate the version vector that the other
-//! had when it began.
+//! *T7, liveness.* Among transactions that are missing here and present at another replica, the first by causality can be applied,
+//! and it is served first. So after one complete pull, the own version vector dominates the one that the other replica had at the
+//! beginning of the pull.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::txn::{ChainHash, EncodedTxn, Txn};
@@ -26,18 +25,18 @@ use std::collections::BTreeMap;
 /// The last transaction of an origin.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Head {
-    /// Its number.
+    /// The number of the transaction.
     pub seq: u64,
     /// The hash that the next transaction names as its predecessor.
     pub hash: ChainHash,
-    /// Its timestamp.
+    /// The timestamp of the transaction.
     pub stamp: Timestamp,
-    /// Its full context.
+    /// The full context of the transaction.
     pub context: VersionVector,
 }
 
 impl Head {
-    /// Returns the full context of a transaction that is next, and says that it has seen `more`.
+    /// Returns the full context of the next transaction `next`, which reports `more` as seen.
     pub fn seen_after(&self, next: Dot, more: &VersionVector) -> VersionVector {
         let mut context = self.context.clone();
         context.go_on(next, more);
@@ -48,22 +47,22 @@ impl Head {
 /// The verdict of the log on an arriving transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Apply it.
+    /// The transaction is the next one: apply it.
     Next,
-    /// The transaction is here already.
+    /// The transaction is already here.
     Known,
-    /// Something before it is missing.
+    /// A transaction before it is missing.
     Early,
-    /// Its origin has used a number twice, or its timestamps are in an impossible order.
+    /// The origin has used a number twice, or its timestamps are in an impossible order.
     Fork,
-    /// The transaction has seen another one by a number that has a different transaction here.
+    /// The transaction has seen another one under a number that belongs to a different transaction here.
     Apart,
 }
 
-/// An encoded transaction, and when it was applied here.
+/// An encoded transaction, and its position in the order of application.
 #[derive(Clone, Debug)]
 pub struct Logged {
-    /// Its place in the order of application.
+    /// The position in the order of application.
     pub index: u64,
     /// The transaction.
     pub encoded: EncodedTxn,
@@ -86,7 +85,7 @@ impl Log {
         Self { heads, vector, ..Self::default() }
     }
 
-    /// Returns the version vector of the transactions that are here.
+    /// Returns the version vector of the transactions in this log.
     pub fn vector(&self) -> &VersionVector {
         &self.vector
     }
@@ -96,7 +95,7 @@ impl Log {
         self.heads.get(&origin)
     }
 
-    /// Returns number and hash of the last transaction of `origin`; zeros if there is none.
+    /// Returns the number and hash of the last transaction of `origin`; zeros if there is none.
     pub fn tip(&self, origin: ReplicaId) -> (u64, ChainHash) {
         self.head(origin).map(|head| (head.seq, head.hash)).unwrap_or_default()
     }
@@ -106,7 +105,7 @@ impl Log {
         &self.heads
     }
 
-    /// Returns eight bytes that two logs share only if they have the same transactions, and not only the same numbers.
+    /// Returns a digest of 64 bits. Two logs have the same digest only if they have the same transactions, not only the same numbers.
     pub fn chains(&self) -> u64 {
         let mut hasher = blake3::Hasher::new();
         for (origin, head) in &self.heads {
@@ -125,12 +124,12 @@ impl Log {
         self.txns.len()
     }
 
-    /// Returns whether none is kept.
+    /// Returns whether no transaction is kept.
     pub fn is_empty(&self) -> bool {
         self.txns.is_empty()
     }
 
-    /// Returns about how many bytes the transactions take.
+    /// Returns the approximate size of the transactions in bytes.
     pub fn size(&self) -> usize {
         self.size
     }
@@ -140,7 +139,7 @@ impl Log {
         self.heads.values().map(|head| head.stamp).max().unwrap_or_default()
     }
 
-    /// Returns the version vector below which transactions are gone.
+    /// Returns the version vector of the transactions that were dropped.
     pub fn low(&self) -> VersionVector {
         let kept = |origin: ReplicaId| {
             self.txns.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next().map(|(dot, _)| dot.seq - 1)
@@ -148,7 +147,7 @@ impl Log {
         self.vector.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
     }
 
-    /// Returns the transactions after `vector`, each chain without a gap, in the order of application.
+    /// Returns the transactions after `vector`, in the order of application. Each chain has no gap.
     pub(crate) fn after(&self, vector: &VersionVector) -> impl Iterator<Item = (Dot, &EncodedTxn)> {
         let next = |origin, after: u64| {
             let dot = Dot { origin, seq: after.saturating_add(1) };
@@ -163,13 +162,13 @@ impl Log {
         })
     }
 
-    /// Returns the full context of a transaction that is next at its origin.
+    /// Returns the full context of a transaction that is the next of its origin.
     pub fn context(&self, txn: &Txn) -> VersionVector {
         let none = Head::default();
         self.head(txn.stamp.origin).unwrap_or(&none).seen_after(txn.dot(), &txn.context)
     }
 
-    /// Returns what to do with a transaction, given encoded and decoded.
+    /// Returns the verdict on a transaction, which is given both decoded and encoded.
     pub fn judge(&self, txn: &Txn, encoded: &EncodedTxn) -> Verdict {
         let dot = txn.dot();
         let none = Head::default();
@@ -192,12 +191,13 @@ impl Log {
         if encoded.seen().is_some_and(differs) { Verdict::Apart } else { Verdict::Next }
     }
 
-    /// Returns whether the transaction with this timestamp may be here. It is not if its origin has committed nothing so late; nor if
-    /// those before and after it are kept and are neighbours, as when the origin was set back and has used a number again.
+    /// Returns whether a transaction with this timestamp may be here. It cannot if the timestamp is later than the head of its
+    /// origin. It also cannot if the transactions before and after it are kept and are neighbours. This happens when the origin was
+    /// set back and has used a number again.
     pub fn may_have(&self, stamp: Timestamp) -> bool {
         let Some(head) = self.head(stamp.origin).filter(|head| stamp <= head.stamp) else { return false };
         let kept = |seq| Some(self.encoded(Dot { origin: stamp.origin, seq })?.open().ok()?.stamp);
-        // Timestamps of an origin grow with its numbers, and the removed transactions precede the kept ones.
+        // The timestamps of an origin grow with its numbers, and the dropped transactions precede the kept ones.
         let (mut before, mut after) = (0, head.seq);
         while after - before > 1 {
             let middle = before + (after - before) / 2;
@@ -209,15 +209,15 @@ impl Log {
         }
     }
 
-    /// Returns the hash by which a transaction is known; `None` if it is unknown, or too little is kept to tell.
+    /// Returns the hash by which a transaction is known; `None` if it is unknown, or too few transactions are kept.
     pub fn hash(&self, dot: Dot) -> Option<ChainHash> {
         let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.hash);
-        // If the transaction is gone, the next one still has its hash.
+        // If the transaction was dropped, the next one still has its hash.
         let next = || Some(self.encoded(Dot { seq: dot.seq.checked_add(1)?, ..dot })?.open().ok()?.prev);
         head.or_else(|| self.encoded(dot).map(EncodedTxn::hash)).or_else(next)
     }
 
-    /// Returns a digest of the hashes of the last transactions in a version vector; `None` if some of them are not known.
+    /// Returns a digest of the hashes of the last transactions in a version vector; `None` if some of these hashes are not known.
     pub fn seen(&self, vector: &VersionVector) -> Option<ChainHash> {
         let mut hasher = blake3::Hasher::new();
         for (origin, seq) in vector.iter() {
@@ -226,7 +226,7 @@ impl Log {
         Some(ChainHash::of(&hasher))
     }
 
-    /// Adds a transaction that is [`Verdict::Next`]; returns its place in the order of application.
+    /// Adds a transaction whose verdict is [`Verdict::Next`]; returns its position in the order of application.
     pub fn append(&mut self, txn: &Txn, encoded: EncodedTxn) -> u64 {
         let (dot, context) = (txn.dot(), self.context(txn));
         let head = Head { seq: dot.seq, hash: encoded.hash(), stamp: txn.stamp, context };
@@ -236,7 +236,7 @@ impl Log {
         index
     }
 
-    /// Puts back a transaction as it was stored; its head must be known.
+    /// Restores a stored transaction; its head must be known.
     pub fn restore(&mut self, dot: Dot, logged: Logged) {
         self.vector.include(dot);
         self.next = self.next.max(logged.index.saturating_add(1));
@@ -244,8 +244,8 @@ impl Log {
         self.txns.insert(dot, logged);
     }
 
-    /// Returns the transactions beyond `vector` in the order of application, at least one and about `size_max` bytes of them, and
-    /// whether there are more; `None` if some that would be needed are gone.
+    /// Returns the transactions beyond `vector` in the order of application, and whether there are more. These are at least one and
+    /// about `size_max` bytes. `None` if some of the needed ones were dropped.
     pub fn beyond(&self, vector: &VersionVector, size_max: usize) -> Option<(Vec<EncodedTxn>, bool)> {
         if !vector.dominates(&self.low()) {
             return None;
@@ -266,11 +266,11 @@ impl Log {
         self.after(&self.low()).collect()
     }
 
-    /// Drops the oldest transactions within `stable` until no more than `size_max` bytes are left. Returns their names.
+    /// Drops the oldest transactions within `stable` until at most `size_max` bytes are left. Returns their dots.
     pub(crate) fn truncate(&mut self, stable: &VersionVector, size_max: usize) -> Vec<Dot> {
         let (mut dropped, mut size) = (Vec::new(), self.size);
         for (dot, encoded) in self.after(&self.low()) {
-            // A transaction applied later may be stable earlier, but a chain is only ever cut from below.
+            // A transaction that was applied later may be stable earlier, but chains are only cut from the beginning.
             if size <= size_max || !stable.contains(dot) {
                 break;
             }

@@ -1,21 +1,22 @@
-//! The members of the team. The replicated state itself says who they are.
+//! The members of the team, which are part of the replicated state.
 //!
-//! *State.* `sys/members/<origin>`: the origin is a member; `sys/retired/<origin>`: it is not any more. Both only appear:
-//! nothing deletes them, so a replica with more transactions knows more, and a retirement beats a membership in any order.
+//! *State.* `sys/members/<origin>`: the origin is a member. `sys/retired/<origin>`: it is not a member any more. Such
+//! records only appear and are never deleted. So a replica with more transactions knows more, and a retirement beats a
+//! membership in any order.
 //!
-//! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to any other replica,
-//! and begins with the sponsor's state. So a replica that counts a transaction of the sponsor after the admission knows
-//! of the newcomer, and a replica that counts only earlier ones counts nothing that the newcomer has not begun with. A
-//! replica that has retired the sponsor no longer counts it; so a newcomer of that sponsor that it does not know is
-//! retired as well. For an unknown sponsor, its own sponsor decides.
+//! *Joining.* A member (the sponsor) admits an origin before that has shown a transaction to any other replica, and the
+//! origin begins with the sponsor's state. So a replica that counts a transaction of the sponsor after the admission knows
+//! the newcomer. A replica that counts only earlier ones counts nothing that the newcomer does not have from the
+//! beginning. A replica that has retired the sponsor no longer counts the sponsor's transactions. So it also treats as
+//! retired a newcomer of that sponsor which it does not know. For an unknown sponsor, the sponsor's own sponsor decides.
 //!
-//! *Retiring.* A replica that has applied a retirement exchanges nothing with the retired origin any more, but takes
-//! its transactions from others. The origin still counts for garbage collection until each remaining member has the
-//! retirement (the *barrier*). After that no member takes anything new from it, and everything that any member took is
-//! here.
+//! *Retiring.* A replica that has applied a retirement no longer exchanges messages with the retired origin, but takes its
+//! transactions from others. For garbage collection the origin still counts until each remaining member has the retirement
+//! (the *barrier*). After the barrier no member takes anything new from the origin, and everything that any member took
+//! before is here.
 //!
-//! *Coming back.* `sys/brought/<origin>/<n>` lists the transactions that came with that origin when it was admitted:
-//! the origins that are not members, each up to a number. See [`merge`](crate::logic::merge).
+//! *Coming back.* `sys/brought/<origin>/<n>` lists the transactions that came with that origin when it was admitted: the
+//! origins that are not members, each with its last number. See [`merge`](crate::logic::merge).
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
@@ -30,10 +31,10 @@ const RETIRED: &str = "sys/retired/";
 const REBASED: &str = "sys/brought/";
 /// How many entries one record of rebased transactions has.
 const BROUGHT_MAX: usize = 1024;
-/// How many sponsors of sponsors are told to others.
+/// How many generations of sponsors a replica reports to others.
 pub const SPONSORS_MAX: usize = 32;
 
-/// The team, at one version vector.
+/// The members of the team at one version vector.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Members {
     active: BTreeMap<ReplicaId, String>,
@@ -42,23 +43,24 @@ pub struct Members {
     rebased: BTreeMap<ReplicaId, Rebased>,
 }
 
-/// Up to which transaction an origin that is not a member was rebased.
+/// The part of a non-member origin's transactions that was rebased.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Rebased {
-    /// The last one.
+    /// The last rebased transaction.
     pub last: Dot,
-    /// Its timestamp.
+    /// The timestamp of that transaction.
     pub stamp: Timestamp,
-    /// The transaction that contains everything that is left of them.
+    /// The transaction that contains everything that remains of the rebased transactions.
     pub by: Dot,
 }
 
-/// Returns whether a key is one of these records. They are facts of one team and do not move to another.
+/// Returns whether a key is a record of this module. Such records are facts of one team and are not moved to another team.
 pub fn is_record(key: &Key) -> bool {
     [MEMBERS, RETIRED, REBASED].iter().any(|prefix| key.as_str().starts_with(prefix)) || notary::is_record(key)
 }
 
-/// Returns the writes that say what came with `origin`: the last transactions of others, with their timestamps.
+/// Returns the writes that record which transactions came with `origin`: the last one of each other origin, with its
+/// timestamp.
 pub fn arrival(origin: ReplicaId, rebased: &[(Dot, Timestamp)]) -> Vec<Write> {
     let records = rebased.chunks(BROUGHT_MAX).enumerate().filter_map(|(index, entries)| {
         let bytes = postcard::to_stdvec(entries).ok()?;
@@ -80,25 +82,25 @@ pub fn retirement(origin: ReplicaId) -> Option<Write> {
     Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
 }
 
-/// Returns the origin that a write to this key admits, if it does that.
+/// Returns the origin that a write to this key admits; none if it admits none.
 pub fn admitted_by(key: &Key) -> Option<ReplicaId> {
     ReplicaId::parse(key.as_str().strip_prefix(MEMBERS)?)
 }
 
-/// Returns the robots that `origin` was admitted for: one, unless a member has lied.
+/// Returns the robots for which `origin` was admitted: one, unless a member has lied.
 pub fn robots(state: &State, origin: ReplicaId) -> Vec<String> {
     let Ok(key) = Key::new(format!("{MEMBERS}{origin}")) else { return Vec::new() };
     let values = state.versions(&key).iter().filter_map(|version| version.value.as_ref());
     values.map(|value| String::from_utf8_lossy(&value.bytes).into_owned()).collect()
 }
 
-/// Returns the origin that a write to this key retires, if it does that.
+/// Returns the origin that a write to this key retires; none if it retires none.
 pub fn retired_by(key: &Key) -> Option<ReplicaId> {
     ReplicaId::parse(key.as_str().strip_prefix(RETIRED)?)
 }
 
 impl Members {
-    /// Reads them from a state.
+    /// Reads the members from a state.
     pub fn of(state: &State) -> Self {
         let origin = |key: &Key| ReplicaId::parse(key.as_str().strip_prefix(MEMBERS)?);
         let by = |versions: &[Version]| versions.iter().map(|version| (version.dot, version.stamp)).collect();
@@ -147,12 +149,13 @@ impl Members {
         self.rebased.get(&origin)
     }
 
-    /// Returns what was rebased of all such origins.
+    /// Returns the rebased parts of all origins that are not members.
     pub fn all_rebased(&self) -> impl Iterator<Item = &Rebased> {
         self.rebased.values()
     }
 
-    /// Returns the retired origins for which not every member is known to have a retirement, given what members have.
+    /// Returns the retired origins before their barrier: not every member is known to have a retirement of them, according
+    /// to `has`.
     pub fn before_barrier<'a>(
         &'a self,
         has: impl Fn(ReplicaId) -> Option<&'a VersionVector>,

@@ -1,41 +1,41 @@
 //! Merges two states when a replica comes back under a new id.
 //!
-//! The replica comes with an *old* side (its earlier state) and takes over a *new* side (its sponsor's state). Its log may be
-//! cut, so its transactions may be there only as versions. The changes to be rebased follow from the two states and
-//! from the transactions that each side has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
+//! The replica has an *old* side (its earlier state) and takes over a *new* side (its sponsor's state). Its log may be cut, so
+//! some of its transactions may exist only as versions. The changes to be rebased follow from the two states and from the
+//! transactions that each side has seen. This is the merge of optimised or-sets (Bieniusa et al., 2012):
 //!
-//! > left = (in both) + (in the old one, not seen by the new one) + (in the new one, not seen by the old one)
+//! > result = (in both) + (in the old one, not seen by the new one) + (in the new one, not seen by the old one)
 //!
-//! *A write has one name in all its lives: its timestamp.* A rebased transaction gets a new dot, since numbers have to
-//! be gap-free, but keeps the timestamp of its writes. Timestamps of one origin grow with its numbers, so a side has
-//! seen a write if it has its dot, or a transaction of the timestamp's origin with that timestamp or a later one
-//! (unless the log shows that the one with it is not there: the origin was set back, see [`Log::may_have`]), or if a
-//! replica has rebased that origin's transactions up to that timestamp (`sys/brought/`, see [`crate::logic::member`]).
-//! Because of the last case, several replicas of one retired side can return one after the other: the next one already
-//! has the transactions that the first has rebased.
+//! *A write has the same name in all its lives: its timestamp.* A rebased transaction gets a new dot, since numbers have no gaps,
+//! but its writes keep their timestamps. The timestamps of one origin grow with its numbers. So a side has seen a write in one of
+//! these cases. It has the write's dot. Or it has a transaction of the timestamp's origin with that timestamp or a later one
+//! (unless the log shows that the one with this timestamp is missing because the origin was set back, see [`Log::may_have`]). Or a
+//! replica has rebased that origin's transactions up to that timestamp (`sys/brought/`, see [`crate::logic::member`]). Because of
+//! the last case, several replicas of one retired side can return one after the other: the next one already has the transactions
+//! that the first has rebased.
 //!
-//! *The rebased changes.* One [`Piece`] for each old transaction, with its remaining part: its writes stay together.
-//! (For transactions without a remaining part, the log may have the writer, the time and the reason.) A piece *takes*
-//! versions away by name, not by a version vector: pieces of one chain may be concurrent, so that a version vector
-//! could not say "the third, but not the second". It takes a version of the new side that the old one has seen and no
-//! longer holds. Versions of *active* origins are left to these origins, which rebase them themselves.
+//! *The rebased changes.* There is one [`Piece`] for each old transaction, with its remaining part, so its writes stay together.
+//! (For transactions without a remaining part, the log may have the writer, the time and the reason.) A piece *takes* versions
+//! away by name, not by a version vector: pieces of one chain may be concurrent, and a version vector cannot express "the third,
+//! but not the second". A piece takes a version of the new side that the old side has seen and no longer holds. Versions of
+//! *active* origins are left to these origins, which rebase them themselves.
 //!
-//! *Nothing is hidden, nothing comes back.* Let `d` be in the new state at a key, seen by the old side and not held by it.
-//! Something took it away there, and followed upwards (what takes away that, and so on) this ends at a version `q` that the
-//! old side holds, or at a deletion that it has dropped.
-//! - `q` is not in the new side: it would have taken `d` away there. So `q` is rebased. It has seen `d`, hence nothing that
-//!   is left at a key of `q` is `d`'s transaction, and its timestamp is larger. A piece takes `d` if just this holds for it: `q`'s
-//!   does, and where another one does too, `d` was to go anyway. No timestamp has to be lifted, so each key shows the same
-//!   winner as if the logs had been there.
-//! - A deletion is dropped from a key that has nothing else, and every later writer of the key has seen it (T5). So the
-//!   key is not in the old state, and a deletion is committed for it, timestamped just above what it takes.
+//! *Nothing is hidden, nothing comes back.* Let `d` be a version in the new state at a key, which the old side has seen but does
+//! not hold. Then a write took `d` away there. The chain of writes that took each other away ends at a version `q` that the old side
+//! holds, or at a deletion that the old side has dropped.
+//! - `q` is not in the new side: it would have taken `d` away there. So `q` is rebased. It has seen `d`, hence nothing that is
+//!   left at a key of `q` is from `d`'s transaction, and its timestamp is larger. A piece takes `d` exactly under these two
+//!   conditions. So the piece of `q` takes it; if another piece takes it as well, `d` had to go anyway. No timestamp has to be
+//!   raised, so each key shows the same winner as with complete logs.
+//! - A deletion is dropped only from a key that has nothing else, and every later writer of the key has seen it (T5). So the key
+//!   is not in the old state. A deletion is committed for it, with a timestamp just above the versions that it takes.
 //!
-//! A version left on either side was either seen by the other side and is held there, or was not seen by it: no piece
-//! takes it. Deletions differ, because some replicas have dropped them already: a piece takes every deletion in its
-//! context at its keys (see [`state`](crate::logic::state)), so this makes no difference.
+//! A version that remains on either side was either seen by the other side, which also holds it, or was not seen by the other
+//! side. So no piece takes it. Deletions differ, because some replicas have already dropped them. This makes no difference: a
+//! piece takes every deletion in its context at its keys (see [`state`](crate::logic::state)).
 //!
-//! *Numbers used twice.* Of an origin in `forked`, transactions are common up to a number only; what is beyond is foreign to
-//! the other side, whatever its name. Then there may be too many versions, never too few.
+//! *Numbers used twice.* The transactions of an origin in `forked` are common to both sides only up to a number. All later ones
+//! are unknown to the other side, whatever their names. The result may have too many versions then, never too few.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
@@ -49,7 +49,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// One side of a merge.
 #[derive(Clone, Copy, Debug)]
 pub struct Side<'a> {
-    /// The versions that are left.
+    /// The versions that remain.
     pub state: &'a State,
     /// The transactions seen.
     pub log: &'a Log,
@@ -57,17 +57,17 @@ pub struct Side<'a> {
     pub members: &'a Members,
 }
 
-/// Origins that have used a number twice, with the last number before.
+/// Origins that have used a number twice, each with the last number before that.
 pub type Forked = BTreeMap<ReplicaId, u64>;
 
-/// The remaining part of a transaction: its writes that were not overwritten, with the versions that each takes away.
+/// The remaining part of a transaction: its writes that were not overwritten, each with the versions that it takes away.
 pub type Piece = Vec<(Write, BTreeSet<Dot>)>;
 
-/// Where a piece comes from: its timestamp, and the dot it had; none for a deletion that had been dropped.
+/// The origin of a piece: its timestamp, and its former dot; none for a deletion that was dropped.
 pub type Source = (Timestamp, Option<Dot>);
 
 impl Side<'_> {
-    /// Returns whether a transaction that wrote with this timestamp was seen.
+    /// Returns whether this side has seen the transaction that wrote with this timestamp.
     pub fn has(&self, dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
         if let Some(common) = forked.get(&dot.origin) {
             return dot.seq <= self.log.vector().get(dot.origin).min(*common);
@@ -78,18 +78,17 @@ impl Side<'_> {
     }
 }
 
-/// Returns whether `new` has not seen a transaction, and no member will rebase it: its origin is active in neither of
-/// the teams.
+/// Returns whether `new` has not seen a transaction, and no member will rebase it because its origin is active in neither team.
 fn lacks(old: Side<'_>, new: Side<'_>, dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
     is_given_up(old, new, dot.origin) && !new.has(dot, stamp, forked)
 }
 
-/// An origin that was retired on the old side may have been given up there, which the new side cannot know.
+/// Returns whether an origin was retired on the old side. It may have been given up there, which the new side cannot know.
 fn is_given_up(old: Side<'_>, new: Side<'_>, origin: ReplicaId) -> bool {
     !new.members.is_active(origin) || old.members.retired(origin).is_some()
 }
 
-/// Returns the last transactions that arrive with it of each origin that is not a member, with timestamps.
+/// Returns the last transaction of each non-member origin that comes with the old side, with its timestamp.
 pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Timestamp)> {
     let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
     let heads = heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && lacks(old, new, *dot, *stamp, forked));
@@ -97,7 +96,8 @@ pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Times
     heads.chain(rebased.map(|rebased| (rebased.last, rebased.stamp))).collect()
 }
 
-/// Returns what has to be rebased onto `new`, as `origin`, so that it has all of `old` that no active origin rebases.
+/// Returns the pieces to rebase onto `new`, as `origin`. Then `new` has all of `old`, except the transactions that active origins
+/// rebase themselves.
 pub fn rebase(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: ReplicaId) -> BTreeMap<Source, Piece> {
     let mut pieces: BTreeMap<Source, Piece> = BTreeMap::new();
     for (dot, encoded) in old.log.in_order() {

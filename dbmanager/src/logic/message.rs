@@ -1,8 +1,7 @@
 //! The messages between replicas, as data.
 //!
-//! Pushing is only a shortcut: pulls alone converge. The version vector in a [`Pull`] is the token to resume from, and
-//! the only digest that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late
-//! or out of order.
+//! Pushes are only a shortcut: pulls alone converge. The version vector in a [`Pull`] is the token from which a transfer resumes, and
+//! the only digest that is needed; a cut connection costs one chunk. Each message may be lost, repeated, late or out of order.
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::delta::DeltaPush;
@@ -23,7 +22,7 @@ pub const CHUNK_SIZE_MAX: usize = comms::logic::pace::SIZE_MAX;
 pub enum Message {
     /// To all: new transactions, unchanged.
     Push(Vec<EncodedTxn>),
-    /// To all, from time to time: the presence and the state of the sender.
+    /// To all replicas, from time to time: the presence and the state of the sender.
     Hello(Hello),
     /// To one peer: a request for the transactions that the sender lacks.
     Pull(Pull),
@@ -31,19 +30,19 @@ pub enum Message {
     Chunk(Chunk),
     /// To one peer: a request for one chunk of a snapshot.
     ChunkRequest(ChunkHash),
-    /// The answer; without bytes if there is no such chunk any more.
+    /// The answer to a `ChunkRequest`.
     SnapshotChunk {
         /// The hash of the chunk.
         name: ChunkHash,
-        /// Its bytes; nothing if the sender does not have them.
+        /// The bytes of the chunk; none if the sender does not have it any more.
         bytes: Option<Vec<u8>>,
     },
-    /// To a peer that waits for it: the transactions that the sender has durably.
+    /// To a peer that waits for it: the durable transactions of the sender.
     Ack(VersionVector),
-    /// To all: new transactions of mine, for receivers that have the previous ones.
+    /// To all replicas: new transactions of the sender, for receivers that have the previous ones.
     DeltaPush(DeltaPush),
-    /// Right before a [`Chunk::Txns`] with more to come: the last transaction of each origin in it. Until its bytes have come, the next
-    /// pull can be on its way, so that a link with a long delay is not idle in between.
+    /// Right before a [`Chunk::Txns`] with more to come: the last transaction of each origin in it. While the bytes are in transit, the
+    /// receiver can already send the next pull, so that a link with a long delay is not idle in between.
     Coming {
         /// The number of the pull.
         number: u32,
@@ -52,12 +51,12 @@ pub enum Message {
     },
 }
 
-/// The part of a message in an exchange with one peer.
+/// The role of a message in an exchange with one peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pattern {
-    /// The peer answers it with a response.
+    /// The peer answers the message with a response.
     Request {
-        /// How long the response may be in transit. The replica has given it up by then, but still takes it.
+        /// How long the response may be in transit. After that time the replica has given the request up, but still takes the response.
         within: Duration,
     },
     /// The message answers a request of the peer.
@@ -67,7 +66,7 @@ pub enum Pattern {
 }
 
 impl Message {
-    /// Returns the message's part in an exchange, so that the code that carries messages need not know the variants.
+    /// Returns the role of the message, so that the code that carries messages does not need to know the variants.
     pub fn pattern(&self) -> Pattern {
         match self {
             Self::Pull(_) => Pattern::Request { within: PULL_WITHIN },
@@ -83,53 +82,54 @@ impl Message {
 pub struct Hello {
     /// Name of the robot.
     pub robot: String,
-    /// A random number for each boot: two boots of one origin at a time are a clone.
+    /// A random number for each boot. Two boots of one origin at the same time show that it was cloned.
     pub boot: u64,
-    /// The newest format it reads.
+    /// The newest format that the sender can read.
     pub format: u8,
-    /// Whether it may be asked for transactions.
+    /// Whether the sender is a member and may be asked for transactions.
     pub member: bool,
-    /// The chain of sponsors: its sponsor, the sponsor's sponsor, and so on.
+    /// The chain of sponsors: the sender's sponsor, that one's sponsor, and so on.
     pub sponsors: Vec<ReplicaId>,
-    /// [`VersionVector::digest`] of its version vector.
+    /// [`VersionVector::digest`] of the sender's version vector.
     pub vector: u64,
-    /// The same of the chains: of two replicas with equal version vectors it differs if a number was used twice.
+    /// The digest of the sender's chains. It differs between two replicas with equal version vectors if a number was used twice.
     pub chains: u64,
-    /// The same of the further transactions that it has and cannot read.
+    /// The digest of the further transactions that the sender has but cannot read.
     pub pending: u64,
-    /// Digest of the state that this gives.
+    /// The digest of the state that these transactions give.
     pub state: u128,
-    /// Number and hash of its own last transaction.
+    /// Number and hash of the sender's own last transaction.
     pub head: (u64, ChainHash),
-    /// Its wall clock.
+    /// The sender's wall clock.
     pub wall: Wall,
 }
 
 /// A question for transactions.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pull {
-    /// Its number, which the answer repeats.
+    /// The number of the question, which the answer repeats.
     pub number: u32,
     /// The durable transactions of the sender.
     pub vector: VersionVector,
-    /// The transactions that the sender has buffered because it cannot read them, or that are on their way to it.
+    /// Transactions that the sender does not need: it has buffered them because it cannot read them yet, or they are on their way to
+    /// it.
     pub pending: VersionVector,
     /// About how many bytes to answer with.
     pub size_max: u32,
-    /// Set by a replica that is not a member: a request to be admitted.
+    /// The request to be admitted, from a replica that is not a member.
     pub join: Option<Join>,
 }
 
 /// A request to become a member.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Join {
-    /// The origin to admit; it has written nothing.
+    /// The origin to admit; it has not written anything.
     pub origin: ReplicaId,
     /// Name of the robot.
     pub robot: String,
-    /// Origins that it has given up.
+    /// Origins that the replica has given up.
     pub replaces: Vec<ReplicaId>,
-    /// In a team with keys, the [`Claim`](crate::logic::notary::Claim) of both.
+    /// In a team with keys: the [`Claim`](crate::logic::notary::Claim) of the new origin and of the ones given up.
     pub claim: Option<Vec<u8>>,
 }
 
@@ -142,24 +142,24 @@ pub enum Chunk {
         number: u32,
         /// The transactions of the sender.
         vector: VersionVector,
-        /// Some of the transactions that you lack.
+        /// Some of the transactions that the receiver lacks.
         txns: Vec<EncodedTxn>,
-        /// Whether there is more.
+        /// Whether the receiver lacks further transactions.
         more: bool,
     },
-    /// The transactions are gone: take the state.
+    /// The transactions were dropped, so the receiver has to take the state.
     Snapshot(Manifest),
-    /// You were retired, by a transaction with this timestamp.
+    /// The receiver was retired, by a transaction with this timestamp.
     Retired(Timestamp),
-    /// I know your last transaction as this one, and yours is older or another.
+    /// The sender knows this transaction as the receiver's last one, but the receiver has an older or a different one.
     Fork {
-        /// Its number.
+        /// The number of the transaction.
         seq: u64,
-        /// Its hash.
+        /// The hash of the transaction.
         hash: ChainHash,
     },
-    /// You have said to have this, and now you say that you have less.
+    /// The receiver has reported this version vector before, and now reports less.
     Behind(VersionVector),
-    /// You have seen another transaction by one of these numbers: I know them by these hashes.
+    /// The receiver has seen different transactions under these numbers; the sender knows them by these hashes.
     Known(Vec<(Dot, ChainHash)>),
 }

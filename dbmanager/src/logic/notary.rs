@@ -1,15 +1,16 @@
 //! The authors of transactions, in a team whose robots have keys.
 //!
-//! *Records.* `sys/keys/<origin>` beside `sys/members/<origin>`: a [`Claim`], by which a robot says with its key that this origin is
-//! its own, and which others it has given up. It comes with the admission, so whoever has a transaction of an origin has its key.
+//! *Records.* Beside `sys/members/<origin>` there is `sys/keys/<origin>`: a [`Claim`], in which a robot signs that this origin is
+//! its own, and which other origins it has given up. The claim is written with the admission. So a replica that has a transaction of
+//! an origin also has the origin's key.
 //!
-//! *Rule.* A transaction is signed with the key of its origin, and not accepted otherwise. It admits an origin only if
-//! it has that origin's claim. It retires an origin only if that belongs to the same robot, is given up in a claim, or
-//! its key is revoked. No date is after the year 2200 unless earlier ones were, in any epoch, and epochs rise by a few
-//! at a time, so dates cannot be used up. A transaction that breaks the rule is refused by every replica alike, except
-//! for revocations that some have not heard of; these ask again.
+//! *Rule.* A transaction is accepted only if it is signed with the key of its origin. It may admit an origin only if it has that
+//! origin's claim. It may retire an origin only if that belongs to the same robot, is given up in a claim, or its key is revoked. No
+//! date is after the year 2200 unless earlier ones were, in any epoch. Epochs rise by a few at a time, so dates cannot be used up. A
+//! transaction that breaks the rule is refused by all replicas alike. The exception are revocations that some replicas do not know
+//! yet; these replicas ask again.
 //!
-//! *Not covered.* A replica that takes over a whole state, as a newcomer does, believes its sponsor.
+//! *Not covered.* A replica that takes over a whole state, as a newcomer does, trusts its sponsor.
 
 use crate::logic::key::Key;
 use crate::logic::member;
@@ -22,21 +23,21 @@ use std::fmt;
 const KEYS: &str = "sys/keys/";
 /// The most bytes of a claim.
 const CLAIM_MAX: usize = 32 << 10;
-/// How many bytes a signature has.
+/// The length of a signature in bytes.
 pub const SIGNATURE_SIZE: usize = 64;
 
-/// Signs as this robot, and checks what others have signed. It does nothing but compute.
+/// Signs as this robot, and checks signatures of others. It only computes: no I/O, no waiting.
 pub trait Notary: fmt::Debug + Send + Sync {
     /// Signs a digest.
     fn sign(&self, digest: &[u8; 32]) -> Vec<u8>;
 
-    /// Returns the credential that shows the owner of this key.
+    /// Returns the credential that proves the owner of this key.
     fn credential(&self) -> Vec<u8>;
 
     /// Returns the owner of the key in a credential, even if the credential is old or the key was revoked since.
     ///
     /// # Errors
-    /// The credential is not from the team; the reason for a person.
+    /// The credential is not from the team; the reason is for people.
     fn holder(&self, credential: &[u8]) -> Result<Holder, String>;
 
     /// Returns whether a key has signed a digest.
@@ -49,27 +50,27 @@ pub trait Notary: fmt::Debug + Send + Sync {
 /// The owner of a key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// The name of the robot, in its certificate.
+    /// The name of the robot, from its certificate.
     pub robot: String,
-    /// Both its public keys.
+    /// The two public keys of the robot.
     pub keys: [u8; 64],
 }
 
-/// A robot says that an origin is its own.
+/// A robot's signed statement that an origin is its own.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
     credential: Vec<u8>,
-    /// Origins that it has given up.
+    /// Origins that the robot has given up.
     replaces: Vec<ReplicaId>,
     signature: Vec<u8>,
 }
 
-/// Why a transaction of another is not taken over.
+/// Why a transaction of another robot is not accepted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Doubt {
-    /// The owner of its origin is not known.
+    /// The owner of the transaction's origin is not known.
     Unknown,
-    /// It breaks a rule; for a person.
+    /// The transaction breaks a rule; the text is for people.
     Forged(String),
 }
 
@@ -80,7 +81,7 @@ impl Claim {
         Self { credential: notary.credential(), replaces: replaces.to_vec(), signature }
     }
 
-    /// Returns the owner of an origin by this claim.
+    /// Returns the owner of an origin according to this claim.
     ///
     /// # Errors
     /// The claim is forged, or for another origin.
@@ -93,12 +94,12 @@ impl Claim {
         }
     }
 
-    /// Returns its bytes, in the form for messages and the database.
+    /// Returns the bytes of the claim, in the form for messages and the database.
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_stdvec(self).unwrap_or_default()
     }
 
-    /// Reads them.
+    /// Reads a claim from its bytes; none if they are not a claim.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         if bytes.len() > CLAIM_MAX { None } else { postcard::from_bytes(bytes).ok() }
     }
@@ -115,7 +116,7 @@ fn claimed(origin: ReplicaId, replaces: &[ReplicaId]) -> [u8; 32] {
     blake3::derive_key("dca claim 1", &bytes)
 }
 
-/// Returns whether a key is the record of a claim. They are facts of one team and do not move to another.
+/// Returns whether a key is the record of a claim. Such records are facts of one team and are not moved to another team.
 pub fn is_record(key: &Key) -> bool {
     key.as_str().starts_with(KEYS)
 }
@@ -124,13 +125,13 @@ fn origin_of(key: &Key) -> Option<ReplicaId> {
     ReplicaId::parse(key.as_str().strip_prefix(KEYS)?)
 }
 
-/// Returns the write that keeps a claim.
+/// Returns the write that stores a claim.
 pub fn record(origin: ReplicaId, claim: &[u8]) -> Option<Write> {
     let value = Value { encoding: Encoding::BYTES, bytes: claim.into() };
     Some(Write { key: Key::new(format!("{KEYS}{origin}")).ok()?, value: Some(value) })
 }
 
-/// Returns the owner of an origin by the state: the robot of the membership has claimed the origin.
+/// Returns the owner of an origin according to the state: the robot of the membership, if it has claimed the origin.
 pub fn holder(notary: &dyn Notary, origin: ReplicaId, state: &State) -> Option<Holder> {
     let key = Key::new(format!("{KEYS}{origin}")).ok()?;
     let robots = member::robots(state, origin);
@@ -138,16 +139,16 @@ pub fn holder(notary: &dyn Notary, origin: ReplicaId, state: &State) -> Option<H
     claims.filter_map(|claim| claim.check(notary, origin).ok()).find(|holder| robots.contains(&holder.robot))
 }
 
-/// Returns whether a robot may retire an origin, by the origin's owner. An origin from before the team had keys writes
-/// nothing any more.
+/// Returns whether the robot `by` may retire an origin with the owner `whose`. An origin from before the team had keys cannot write
+/// any more.
 pub fn may_retire(notary: &dyn Notary, by: &Holder, whose: Option<&Holder>) -> bool {
     whose.is_none_or(|whose| whose.robot == by.robot || notary.is_revoked(whose))
 }
 
-/// Checks the records of members that a transaction of `author` writes, given whose origins were before it.
+/// Checks the membership records that a transaction of `author` writes, given the earlier owners of origins.
 ///
 /// # Errors
-/// If it admits or retires an origin without the right to; for a person.
+/// If the transaction admits or retires an origin without the right to do so; the reason is for people.
 pub fn check_records(
     notary: &dyn Notary,
     txn: &Txn,

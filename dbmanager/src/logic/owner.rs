@@ -1,22 +1,23 @@
-//! The owners of prefixes. Only the owner of a prefix writes below it, so a condition that holds there holds for the team.
+//! The owners of prefixes. Only the owner of a prefix writes below it, so a condition that holds at the owner holds for the
+//! team.
 //!
-//! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or none if the prefix was released. `robot/<name>/…`
-//! belongs to that robot without a record, with term 0, until a record says otherwise. The longest prefix counts.
+//! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or no name if the prefix was released. Without such
+//! a record, `robot/<name>/…` belongs to that robot with term 0. The longest matching prefix counts.
 //!
-//! *Rule.* Other robots refuse to write there, and name the owner, so that the request can be sent on. The owner of a
-//! prefix, or a robot that finds it without an owner, may give it to any robot; an operator may *take it over*, by
-//! force. Each grant has the next term after the one it knows. Among grants that did not see each other the larger term
-//! counts, then the later timestamp.
+//! *Rule.* Other robots refuse to write below the prefix, and name the owner, so that the request can be sent to it. The
+//! owner may give the prefix to any robot; any robot may do so if the prefix has no owner; an operator may *take it over*
+//! by force. Each grant has the next term after the one that its writer knows. Among grants that did not see each other,
+//! the larger term counts, then the later timestamp.
 //!
-//! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or before the first
-//! owner. Each write that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, for
-//! any clocks ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition that its
-//! grant is still valid, so its writer's grant is known even if that robot returned and lost its context.
+//! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or before the first owner.
+//! Consider a write and a grant to another robot, neither of which has seen the other. Such a write is kept, and listed as
+//! a race, for any clocks ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition
+//! that its grant is still valid. So its writer's grant is known even if that robot returned and lost its context.
 //!
-//! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and checks its
-//! conditions on a state with all earlier transactions under the same term: its own. A later term begins at a replica
-//! that has seen the release of the earlier one, hence all its transactions, unless an operator took the prefix over by
-//! force: then the races list the old owner's writes in the meantime.
+//! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and checks its conditions
+//! on a state with all earlier transactions under the same term: its own. A later term begins at a replica that has seen
+//! the release of the earlier one, and so all transactions under it. If an operator took the prefix over by force instead,
+//! the races list the old owner's writes in the meantime.
 
 use crate::logic::key::{Key, KeyError, Namespace};
 use crate::logic::state::{State, Version};
@@ -31,9 +32,9 @@ const OWN: &str = "sys/own/";
 pub struct Owner {
     /// Goes up with each grant.
     pub term: u64,
-    /// The robot that owns it, if any.
+    /// The robot that owns the prefix, if any.
     pub robot: Option<String>,
-    /// The transaction that granted it; none for a prefix that belongs to a robot by its name.
+    /// The transaction that granted the prefix; none if it belongs to a robot by its name.
     pub grant: Option<Dot>,
 }
 
@@ -44,18 +45,18 @@ pub struct Owners(BTreeMap<String, Owner>);
 /// Returns the key with the record of a prefix, such as `team/arm`.
 ///
 /// # Errors
-/// If that is not a key.
+/// If the result is not a key.
 pub fn record(prefix: &Key) -> Result<Key, KeyError> {
     Key::new(format!("{OWN}{prefix}"))
 }
 
-/// Returns a record: a term, and the owner of the prefix from now on.
+/// Returns a record: a term, and the new owner of the prefix; none to release it.
 pub fn grant(term: u64, robot: Option<&str>) -> Value {
     let text = format!("{term} {}", robot.unwrap_or_default());
     Value { encoding: Encoding::TEXT, bytes: text.trim_end().as_bytes().into() }
 }
 
-/// Returns the prefix of which a key is the record, if it is one.
+/// Returns the prefix whose record has this key; none if the key is not such a record.
 pub fn prefix(record: &Key) -> Option<&str> {
     record.as_str().strip_prefix(OWN)
 }
@@ -80,7 +81,7 @@ impl FromIterator<(String, Owner)> for Owners {
 }
 
 impl Owners {
-    /// Reads them from a state.
+    /// Reads the owners from a state.
     pub fn of(state: &State) -> Self {
         let standing = |versions: &[Version]| {
             let known = versions.iter().filter_map(|version| Some((version, read(version.value.as_ref()?)?)));
@@ -90,7 +91,7 @@ impl Owners {
         state.scan(OWN).filter_map(|(key, versions)| Some((prefix(key)?.to_owned(), standing(versions)?))).collect()
     }
 
-    /// Returns who owns the longest prefix of `key` that has an owner or a record, and the prefix.
+    /// Returns the longest prefix of `key` that has an owner or a record, and the owner.
     pub fn find<'a>(&self, key: &'a Key) -> Option<(&'a str, Owner)> {
         let known = prefixes(key).filter_map(|prefix| Some((prefix, self.0.get(prefix)?.clone()))).last();
         known.or_else(|| {

@@ -1,12 +1,12 @@
-//! The records of a replica on its disk, written in batches that are there as a whole or not at all. Each ends with a
-//! sum of its name and its bytes. The records that every transaction changes have names that follow each other, as far
-//! as possible, so that they lie in one page of the store.
+//! The records of a replica on its disk, written in batches. A batch is written as a whole or not at all. Each record ends
+//! with a checksum of its name and its bytes. The records that every transaction changes have neighbouring names where
+//! possible, so that they lie in one page of the store.
 //!
 //! | record | holds |
 //! |---|---|
-//! | `i` | identity: origin, robot, what was given up |
-//! | `s` | digests of version vector and state, how many transactions and keys there are: to notice a damaged disk |
-//! | `l` origin number | a transaction, and its place in the order of application |
+//! | `i` | identity: origin, robot, and the origins that were given up |
+//! | `s` | digests of version vector and state, numbers of transactions and keys: to notice a damaged disk |
+//! | `l` origin number | a transaction, and its position in the order of application |
 //! | `k` key | the versions of a key |
 //! | `p` key | the version of a key that never leaves the robot |
 //! | `o` index | a transaction that cannot be read yet |
@@ -31,17 +31,17 @@ pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
 /// The identity of a store.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct IdentityRecord {
-    /// The origin under which its transactions are numbered now.
+    /// The present origin, under which the replica numbers its transactions.
     pub(crate) origin: ReplicaId,
     /// Name of the robot.
     pub(crate) robot: String,
-    /// The replica id under which it wants to be admitted, if it is not a member.
+    /// The replica id under which the replica wants to be admitted, if it is not a member.
     pub(crate) joining: Option<ReplicaId>,
-    /// The peer that was asked for the chunk; no other peer is asked for it.
+    /// The sponsor that was asked to admit `joining`; no other sponsor is asked to admit the same id.
     pub(crate) asked: Option<ReplicaId>,
-    /// Origins it has given up.
+    /// Origins that the replica has given up.
     pub(crate) past: Vec<Past>,
-    /// The number up to which others surely have its own transactions.
+    /// The number up to which others are known to have its own transactions.
     pub(crate) known_by_peers: u64,
 }
 
@@ -49,33 +49,35 @@ pub(crate) struct IdentityRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Past {
     pub(crate) origin: ReplicaId,
-    /// The number up to which others surely have its transactions.
+    /// The number up to which others are known to have its transactions.
     pub(crate) known_by_peers: u64,
-    /// Whether it is known to have used numbers twice.
+    /// Whether the origin is known to have used numbers twice.
     pub(crate) twice: bool,
-    /// Set for an origin under which it wanted to be admitted: the replica that was asked, and is asked for the same again.
+    /// Set for an origin under which the replica wanted to be admitted: the sponsor that was asked, and would be asked for
+    /// the same origin again.
     pub(crate) asked: Option<ReplicaId>,
 }
 
-/// Why a store is not opened. If it is damaged, the remedy is to put it aside and to join again from the others.
+/// Why a store cannot be opened. If it is damaged, the remedy is to put it aside, and to join again with the data of the
+/// others.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum OpenError {
     /// A record cannot be read.
     #[error("a record of kind `{kind}` is malformed")]
     Record {
-        /// Its kind.
+        /// The kind of the record.
         kind: char,
     },
-    /// The records do not belong together.
+    /// The records do not match each other.
     #[error("the store is damaged: {what}")]
     Damaged {
         /// The mismatch, for a person.
         what: &'static str,
     },
-    /// There is something in it that this program does not know, and it is as it was written.
+    /// The store is undamaged, but has a record that this program does not know.
     #[error("the store was written by a newer version of this program, which has to be started instead")]
     Newer,
-    /// The records are another robot's.
+    /// The records belong to another robot.
     #[error("the store belongs to the robot `{found}`, not to `{expected}`")]
     Robot {
         /// In the store.
@@ -85,13 +87,13 @@ pub enum OpenError {
     },
 }
 
-/// The first byte of the record of a key: `SHARED` for keys that every replica has, the other for keys that never leave
-/// the robot.
+/// The first byte of the name of a key's record: `SHARED` for keys that every replica has, `LOCAL` for keys that never
+/// leave the robot.
 pub(crate) const SHARED: u8 = b'k';
 pub(crate) const LOCAL: u8 = b'p';
 
 impl Batch {
-    /// Returns whether nothing is to be written.
+    /// Returns whether the batch has no changes.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -134,7 +136,7 @@ impl Batch {
     /// Writes a record, or removes it.
     fn put(&mut self, name: Vec<u8>, record: Option<&(impl Serialize + ?Sized)>) {
         let bytes = record.map(|record| {
-            // Encoding to memory fails for lengths that are not known beforehand only, and records have none.
+            // Encoding to memory fails only for lengths that are not known in advance, and records have none.
             let mut bytes = postcard::to_stdvec(record).unwrap_or_default();
             bytes.extend(sum(&name, &bytes));
             bytes
@@ -143,8 +145,8 @@ impl Batch {
     }
 }
 
-/// Returns the summary by which a store shows that nothing is missing: digests of version vector and state, and the
-/// numbers of transactions and keys.
+/// Returns the summary that shows whether a store is complete: digests of version vector and state, and the numbers of
+/// transactions and keys.
 fn summary(log: &Log, state: &State) -> (u64, u128, usize, usize) {
     (log.vector().digest(), state.digest(), log.len(), state.len())
 }
@@ -166,7 +168,7 @@ fn whole<'a>(name: &[u8], bytes: &'a [u8]) -> Result<&'a [u8], OpenError> {
     whole.ok_or_else(|| OpenError::Record { kind: char::from(name.first().copied().unwrap_or_default()) })
 }
 
-/// Returns four bytes by which a record shows that it is whole and in its place.
+/// Returns a checksum of four bytes, which shows that a record is complete and has its own name.
 fn sum(name: &[u8], record: &[u8]) -> [u8; 4] {
     let hash = blake3::Hasher::new().update(name).update(&[0]).update(record).finalize();
     let [a, b, c, d, ..] = *hash.as_bytes();
@@ -177,8 +179,8 @@ fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
     bytes.try_into().map(u64::from_be_bytes).map_err(|_cause| OpenError::Record { kind: char::from(kind) })
 }
 
-/// A store that is being read. It takes record after record, and each is a part of the state at once: no second copy of the
-/// whole is ever in memory.
+/// A store that is being read. Each record becomes a part of the state at once, so the memory never holds a second copy of
+/// the whole.
 #[derive(Debug, Default)]
 pub struct StoredRecords {
     pub(crate) identity: Option<IdentityRecord>,
@@ -195,7 +197,7 @@ pub struct StoredRecords {
 }
 
 impl StoredRecords {
-    /// Takes the next record; records come in the order of their names. Mistakes are reported at the end.
+    /// Takes the next record. Records come in the order of their names. Errors are reported at the end.
     pub fn take(&mut self, name: &[u8], record: &[u8]) {
         self.count += 1;
         if self.wrong.is_none() {
@@ -227,10 +229,10 @@ impl StoredRecords {
         Ok(())
     }
 
-    /// Returns what the store says, and its log.
+    /// Returns the content of the store, and its log.
     ///
     /// # Errors
-    /// If anything in it does not fit: a record, a chain of transactions, or the digests.
+    /// If anything does not match: a record, a chain of transactions, or the digests.
     pub(crate) fn finish(mut self) -> Result<(Self, Log), OpenError> {
         self.wrong.take().map_or(Ok(()), Err)?;
         check_chains(&self.heads, &self.txns)?;
@@ -254,8 +256,8 @@ impl From<&Records> for StoredRecords {
     }
 }
 
-/// Checks that the transactions of each origin follow each other up to its head. They are in order of their names, and
-/// the successor of each, the next transaction or the head, has its number and its hash.
+/// Checks that the transactions of each origin are consecutive up to its head. They come in the order of their names. The
+/// successor of each, which is the next transaction or the head, has the next number and names its hash.
 fn check_chains(heads: &BTreeMap<ReplicaId, Head>, txns: &[(Dot, u64, EncodedTxn)]) -> Result<(), OpenError> {
     for (index, (dot, _, encoded)) in txns.iter().enumerate() {
         let found = encoded.open().map(|txn| txn.dot());

@@ -1,25 +1,23 @@
-//! One replica as a machine: its inputs, and its effects for each.
+//! One replica as a state machine: its inputs, and the effects of each input.
 //!
-//! [`Replica::handle`] takes an [`Input`] and returns its effects, in order. The driver carries out
-//! [`Effect::Persist`], durably, before any later effect (T4: everything acknowledged or sent is on the disk, and
-//! transactions that others have from here cannot be forgotten here). If it fails, the driver drops the later effects
-//! and the replica, and reopens the store: a repeated sync may succeed without having written anything.
+//! [`Replica::handle`] takes an [`Input`] and returns its effects, in order. The driver makes each [`Effect::Persist`] durable
+//! before it executes any later effect (T4: everything acknowledged or sent is on the disk, and a replica cannot forget
+//! transactions that others have received from it). If a write fails, the driver drops the later effects and the replica, and
+//! reopens the store: a repeated sync may succeed without having written anything.
 //!
-//! The driver also asks for [`Replica::address`] after each input: it changes when a replica starts again, and while it
+//! After each input the driver also reads [`Replica::address`]. The address changes when a replica starts again, and while it
 //! looks for a sponsor. The driver may pass on messages that still arrive at an old address, or drop them.
 //!
-//! A replica is a *member*, or it wants to become one. Until then it may be written to, but shows its transactions to
-//! no other replica; once admitted it begins with its sponsor's state and rebases its transactions under the admitted
-//! origin, with the transactions they had seen. The same applies to a replica that was retired while away, to one that
-//! finds that others know more of its own transactions than itself (a lost tail, a restored backup), and to both of two
-//! clones.
+//! A replica is a *member*, or it wants to become one. Until then it can be written to, but shows its transactions to no other
+//! replica. Once admitted, it begins with its sponsor's state. It rebases its transactions under the admitted origin, with the
+//! transactions that they had seen. The same applies in three other cases: a replica that was retired while away; a replica of
+//! whose own transactions others know more than itself (a lost tail, a restored backup); and both of two clones.
 //!
-//! *Parts.* Each owns its state and has its own transitions. `ledger` is the data and identity of the replica
-//! (`contents`: log and state; `identity`; `commit`: how a draft becomes a transaction; `pending`: transactions that
-//! cannot be read yet), `peers` chooses the peers to ask and when, `download` is a state in transit, `tickets` are the
-//! callers that wait for a transaction. `hello`, `serve` and `branch` are the rules for messages of peers: they read
-//! the ledger and return actions. `rebase` finds the transactions to bring along when it starts again. Only this file
-//! brings them together.
+//! *Parts.* Each part owns its state and has its own transitions. `ledger` has the data and identity of the replica (`contents`:
+//! log and state; `identity`; `commit`: how a draft becomes a transaction; `pending`: transactions that cannot be read yet).
+//! `peers` chooses the peers to ask, and the time. `download` is a state in transit. `tickets` are the callers that wait for a
+//! transaction. `hello`, `serve` and `branch` are the rules for messages of peers: they read the ledger and return actions.
+//! `rebase` finds the transactions to bring along when the replica starts again. Only this file connects the parts.
 
 mod action;
 mod authors;
@@ -56,9 +54,9 @@ use ledger::Ledger;
 use peers::{Asking, PeerTable};
 use tickets::{Tickets, Waiting};
 
-/// How many pulls may wait for an answer.
+/// How many pulls may be unanswered at a time.
 const PULLS_MAX: usize = 2;
-/// How many states of one peer in a row may turn out to be unusable.
+/// How many unusable states of one peer are accepted in a row.
 const DROPPED_MAX: u32 = 2;
 
 /// The machine.
@@ -73,10 +71,10 @@ pub struct Replica {
 }
 
 impl Replica {
-    /// Opens a replica on what its store says: a [`StoredRecords`] of it, or all its records.
+    /// Opens a replica with the content of its store: a [`StoredRecords`], or all its records.
     ///
     /// # Errors
-    /// If the store is damaged, or another robot's.
+    /// If the store is damaged, or belongs to another robot.
     pub fn open(config: Config, stored: impl Into<StoredRecords>) -> Result<Self, OpenError> {
         let mut random = Random::new(config.seed);
         Ok(Self {
@@ -89,19 +87,19 @@ impl Replica {
         })
     }
 
-    /// Opens a replica on a store that may be a copy of one that goes on elsewhere, or older than the transactions
-    /// others have from it: it gives up its origin before it writes anything.
+    /// Opens a replica with a store that may be a copy of a store in use elsewhere, or older than the transactions that others
+    /// have from it. The replica gives up its origin before it writes anything.
     ///
     /// # Errors
-    /// As [`Replica::open`].
+    /// The errors of [`Replica::open`].
     pub fn open_copied(config: Config, stored: impl Into<StoredRecords>) -> Result<Self, OpenError> {
         let mut replica = Self::open(config, stored)?;
-        // The caller requested this, so no alarm.
+        // The caller requested this, so no alarm is raised.
         replica.rejoin(Time::ZERO, true, &mut Vec::new());
         Ok(replica)
     }
 
-    /// Takes one input.
+    /// Processes one input, and appends its effects.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         use Input::{Appeared, Commit, Found, HealClock, Join, Received, Retire, Tick};
         let mut after = Vec::new();
@@ -138,7 +136,7 @@ impl Replica {
         self.ledger.persist(after, effects);
     }
 
-    /// Returns when the replica has to be called next, even without a message.
+    /// Returns the time at which the replica has to be called with an [`Input::Tick`]; it may be called earlier with any input.
     pub fn deadline(&self) -> Option<Time> {
         let peers = Some(self.peers.deadline(self.pulls_max()));
         [peers, self.tickets.deadline(), self.downloads.deadline()].into_iter().flatten().min()
@@ -149,12 +147,13 @@ impl Replica {
         self.ledger.contents().state()
     }
 
-    /// Returns what is at `local/…`, which no other robot sees: neither log, watchers nor history have it.
+    /// Returns the keys at `local/…`, which no other robot sees. They are not in the log, the history or the notifications of
+    /// watchers.
     pub fn local(&self) -> &State {
         self.ledger.pipeline.local()
     }
 
-    /// Returns the transactions that are still here.
+    /// Returns the transactions that are still kept.
     pub fn log(&self) -> &Log {
         self.ledger.log()
     }
@@ -169,18 +168,18 @@ impl Replica {
         self.ledger.contents().owners()
     }
 
-    /// Returns under which origin it writes.
+    /// Returns the origin under which the replica writes.
     pub fn origin(&self) -> ReplicaId {
         self.ledger.identity.origin()
     }
 
-    /// Returns the name under which others know it: its origin, or the one it wants to be admitted as. Any input may change
-    /// it, so it is never to be kept.
+    /// Returns the id under which others reach the replica: its origin, or the origin that it wants to be admitted as. Any input
+    /// may change it, so callers must not store it.
     pub fn address(&self) -> ReplicaId {
         self.ledger.identity.joining().unwrap_or(self.origin())
     }
 
-    /// Returns whether it belongs to the team, as far as it knows.
+    /// Returns whether the replica belongs to the team, as far as it knows.
     pub fn is_member(&self) -> bool {
         self.ledger.is_member()
     }
@@ -190,19 +189,19 @@ impl Replica {
         self.ledger.acks.acked(origin)
     }
 
-    /// Returns the version vector that every member has, as far as it knows, and the members that have less.
+    /// Returns the version vector that every member has, as far as this replica knows, and the members that have less.
     pub fn stable(&self) -> Stable {
         self.ledger.stable()
     }
 
-    /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
-    /// for in this way after a restart too.
+    /// Returns whether a transaction has reached this level, as far as this replica knows. After a restart, a pending ticket can
+    /// also be checked in this way.
     pub fn has_reached(&self, dot: Dot, level: &AckLevel) -> bool {
         tickets::has_reached(&self.ledger, dot, level)
     }
 
-    /// Returns under which name a transaction has to be asked for. If its origin was given up, that is the transaction with
-    /// which everything that is left of it has arrived.
+    /// Returns the present name of a transaction. If its origin was given up, this is the name of the transaction in which the
+    /// last remaining part of it has arrived.
     pub fn name_of(&self, dot: Dot) -> Dot {
         self.ledger.contents().name_of(dot)
     }
@@ -233,8 +232,8 @@ impl Replica {
         self.go_on(now, effects);
     }
 
-    /// Answers the callers whose transactions have got far enough, and asks peers that may have more, as many as may be asked at a
-    /// time.
+    /// Answers the callers whose transactions have reached their level, and pulls from peers that may have more, up to the limit
+    /// of open pulls.
     fn go_on(&mut self, now: Time, effects: &mut Vec<Effect>) {
         self.tickets.settle(now, |dot, level| tickets::has_reached(&self.ledger, dot, level), effects);
         loop {
@@ -246,14 +245,14 @@ impl Replica {
         }
     }
 
-    /// Returns the pull, with its number and size, of transactions that are neither here nor `pending`.
+    /// Returns the pull, with its number and size, for transactions that are neither here nor in `pending`.
     fn pull(&self, peer: ReplicaId, asked: Asking, pending: VersionVector) -> Effect {
         let (number, size_max) = (asked.number, u32::try_from(asked.size).unwrap_or(u32::MAX));
         let vector = self.log().vector().clone();
         Effect::Send(peer, Message::Pull(Pull { number, vector, pending, size_max, join: self.ledger.join() }))
     }
 
-    /// Asks a peer for the transactions after an answer that is on its way and that the peer has announced.
+    /// Asks a peer for the transactions after an answer that the peer has announced and that is in transit.
     fn ask_ahead(&mut self, now: Time, from: ReplicaId, number: u32, last: &VersionVector, effects: &mut Vec<Effect>) {
         if let Some(asked) = self.peers.announced(now, from, number) {
             let mut pending = self.ledger.pending().vector();
@@ -262,7 +261,7 @@ impl Replica {
         }
     }
 
-    /// Returns how many pulls may wait for an answer at a time.
+    /// Returns how many pulls may be unanswered at a time.
     fn pulls_max(&self) -> usize {
         match (self.downloads.is_on(), self.is_member()) {
             (true, _) => 0,
@@ -314,7 +313,7 @@ impl Replica {
         self.go_on(now, effects);
     }
 
-    /// Carries out the actions that the rules return for a message of a peer.
+    /// Executes the actions that the rules return for a message of a peer.
     fn act(&mut self, now: Time, from: ReplicaId, actions: Vec<Action>, effects: &mut Vec<Effect>) {
         for action in actions {
             match action {
@@ -353,7 +352,7 @@ impl Replica {
                 if self.members().is_active(from) {
                     self.ledger.acks.note(from, &vector);
                 }
-                // If two answers were in transit, the first may be lost.
+                // If two answers were in transit, the first one may be lost.
                 if (more || !self.ledger.have().dominates(&vector)) && (answered.follows || !missing) {
                     self.peers.ahead(from, now);
                 }
@@ -381,7 +380,7 @@ impl Replica {
         self.act(now, from, rules, effects);
     }
 
-    /// Gives up the origin. It may be known to have used numbers `twice`.
+    /// Gives up the origin. `twice`: the origin may have used numbers twice.
     fn rejoin(&mut self, now: Time, twice: bool, effects: &mut Vec<Effect>) {
         self.ledger.begin_anew(twice, &mut self.random, effects);
         self.peers.reset(now);
@@ -393,7 +392,7 @@ impl Replica {
         let Some(whole) = self.downloads.whole(effects) else { return };
         match self.ledger.identity.joining() {
             Some(joining) if !Members::of(&whole.state).is_active(joining) => return,
-            // It was admitted with keys that it has no more.
+            // The replica was admitted with keys that it does not have any more.
             Some(joining) if !self.ledger.authors.is_own(joining, &whole.state) => {
                 return self.rejoin(now, false, effects);
             }
@@ -405,11 +404,11 @@ impl Replica {
         self.peers.reset(now);
     }
 
-    /// Returns whether a member can continue from a state. If not, it may have to start again.
+    /// Returns whether a member can continue with a state. If it cannot, it may have to start again.
     fn is_of_use(&mut self, now: Time, whole: &Downloaded, effects: &mut Vec<Effect>) -> bool {
         let from = whole.from;
         if !whole.manifest.vector().dominates(&self.log().low()) {
-            // The transactions that would have to be applied to it again are not all here any more.
+            // Some transactions that would have to be applied again to this state are not kept here any more.
             let dropped = self.peers.dropped(from);
             if dropped >= DROPPED_MAX && from < self.origin() {
                 self.rejoin(now, false, effects);

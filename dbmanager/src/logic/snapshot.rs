@@ -1,8 +1,9 @@
 //! Snapshots: the whole state in chunks, for a replica that the log cannot serve.
 //!
-//! A snapshot is the versions of all keys at a version vector, the deleted ones included, and the head of each origin.
-//! It is cut into chunks at keys whose hash says so, and chunks are named by their hashes: two replicas with nearly the
-//! same state have most chunks in common, so that a download that was broken off goes on with another peer.
+//! A snapshot consists of the versions of all keys at a version vector, including deleted ones, and the head of each
+//! origin. It is cut into chunks at keys that their hash selects, and chunks are named by their hashes. So two replicas
+//! with nearly the same state have most chunks in common, and a download that was broken off can continue with another
+//! peer.
 
 use crate::logic::key::Key;
 use crate::logic::log::Head;
@@ -12,9 +13,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// The size at which a chunk ends at the latest; the last key may exceed it.
+/// The size in bytes at which a chunk ends at the latest; its last key may exceed it.
 const CHUNK_SIZE_MAX: usize = 48 << 10;
-/// One in so many keys ends a chunk.
+/// On average, one key in this many ends a chunk.
 const CHUNK_KEYS: u8 = 64;
 /// The most chunks.
 pub const CHUNKS_MAX: usize = 65_536;
@@ -24,24 +25,24 @@ pub const CHUNKS_MAX: usize = 65_536;
 pub struct ChunkHash(pub [u8; 32]);
 
 impl ChunkHash {
-    /// Returns the name of these bytes.
+    /// Returns the name of a chunk with these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
     }
 }
 
-/// The chunks of a snapshot, and the digest of the result.
+/// The chunks of a snapshot, and the digest of the resulting state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// The last transaction of each origin in it.
+    /// The last transaction of each origin in the snapshot.
     pub heads: Vec<(ReplicaId, Head)>,
     /// Digest of the state.
     pub state: u128,
-    /// Its chunks, by key.
+    /// The chunks, in the order of their keys.
     pub chunks: Vec<ChunkHash>,
 }
 
-/// Why chunks are not a snapshot.
+/// Why chunks do not form a snapshot.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum SnapshotError {
     /// A chunk is missing.
@@ -50,7 +51,7 @@ pub enum SnapshotError {
     /// The bytes of a chunk do not match its name, or are not entries.
     #[error("a chunk of the snapshot is malformed")]
     Chunk,
-    /// The chunks together are not the state that the manifest names.
+    /// The chunks together differ from the state that the manifest names.
     #[error("the chunks are another state than the manifest says")]
     Digest,
 }
@@ -61,10 +62,10 @@ impl Manifest {
         self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
     }
 
-    /// Puts the chunks together.
+    /// Assembles the chunks.
     ///
     /// # Errors
-    /// If they are not this snapshot.
+    /// If they do not form this snapshot.
     pub fn assemble(&self, chunks: &BTreeMap<ChunkHash, Vec<u8>>) -> Result<State, SnapshotError> {
         let mut state = State::default();
         for name in &self.chunks {
@@ -86,7 +87,7 @@ pub fn take(state: &State, heads: &BTreeMap<ReplicaId, Head>) -> (Manifest, BTre
     let mut entries: Vec<(&Key, &[Version])> = Vec::new();
     let mut size = 0;
     let mut close = |entries: &mut Vec<(&Key, &[Version])>| {
-        // Encoding to memory fails only for lengths that are not known beforehand, and these are slices.
+        // Encoding to memory fails only for lengths that are not known in advance, and slices have known lengths.
         let bytes = postcard::to_stdvec(entries).unwrap_or_default();
         let name = ChunkHash::of(&bytes);
         chunks.insert(name, bytes);

@@ -1,28 +1,27 @@
-//! The versions of each key, and the whole merge rule.
+//! The versions of each key, and the complete merge rule.
 //!
-//! *State.* `key -> {version}`, a version being `(dot, stamp, value | deleted)`: the writes that no other write has seen.
+//! *State.* `key -> {version}`. A version is `(dot, stamp, value | deleted)`: a write that no other write has seen.
 //!
-//! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it
-//! writes, it takes away the versions whose dot is in `ctx` and adds its own. A transaction that was rebased from
-//! another life of its replica (see [`merge`](crate::logic::merge)) takes away less: within `ctx`, only the versions it
-//! names, and deletions. A read shows the version with the largest timestamp; versions with different values are a
-//! conflict. With one value there is nothing to decide: several replicas that resolve in the same way, or rebase the
-//! same write, make no new conflict.
+//! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key that it writes, it
+//! takes away the versions whose dot is in `ctx`, and adds its own. A transaction that was rebased from another life of its replica
+//! (see [`merge`](crate::logic::merge)) takes away less: within `ctx`, only the versions that it names, and deletions. A read shows
+//! the version with the largest timestamp. Versions with different values are a conflict. Versions with the same value are not:
+//! several replicas that resolve a conflict in the same way, or rebase the same write, make no new conflict.
 //!
-//! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
-//! `w ▷ v` needs `v` in `w`'s context, which must be here before `w` is applied, each pair is met in this order, `v` first.
-//! So after any order of application that the guard allows, the versions of a key are `{v | no w ▷ v}`, which depends on
-//! the set of transactions alone. Equal version vectors are equal sets (T6), hence equal states; sets grow by union, which is a
-//! semilattice.
+//! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`. This relation between writes is fixed when `w` is committed. `w ▷ v`
+//! requires `v` in `w`'s context, which must be here before `w` is applied. So in each pair, `v` is applied first. So after any
+//! order of application that the log permits, the versions of a key are `{v | no w ▷ v}`, which depends only on the set of
+//! transactions. Equal version vectors mean equal sets (T6), and so equal states. Sets grow by union, which is a semilattice.
 //!
-//! *T2, one serial order.* Timestamps extend causality, so the largest timestamp among the versions is the largest of all writes to
-//! the key: what it was taken away by has a larger timestamp. The visible state is that of running all transactions one after
-//! another by timestamp, the same order for every key, so that none ends up half overwritten in different ways.
+//! *T2, one serial order.* Timestamps extend causality. So the largest timestamp among the versions is the largest of all writes to
+//! the key: a write that was taken away has a smaller timestamp than the one that took it away. The visible state is the result of
+//! running all transactions one after another by timestamp, in the same order for every key. So concurrent transactions never
+//! overwrite each other partly in one way and partly in the other.
 //!
-//! *T3, whole transactions.* All writes of a transaction go in in one call, and readers see the state before or after it.
+//! *T3, whole transactions.* One call applies all writes of a transaction, and readers see the state before or after it.
 //!
-//! *Deletions* are versions without a value, until every later write must have seen them: see `collect`. The digest
-//! leaves out keys that are only deleted, so dropping them changes nothing.
+//! *Deletions* are versions without a value. They are kept until every later write must have seen them: see
+//! `State::drop_deleted`. The digest leaves out keys that have only deletions, so dropping them does not change it.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
@@ -38,18 +37,18 @@ use std::sync::Arc;
 pub struct Version {
     /// The transaction that wrote it.
     pub dot: Dot,
-    /// When, in the one order of all.
+    /// The timestamp of the write, in the total order.
     pub stamp: Timestamp,
     /// The value; `None` for a deletion.
     pub value: Option<Value>,
 }
 
-/// The causal context of a transaction: all that its writer had seen.
+/// The causal context of a transaction: everything that its writer had seen.
 #[derive(Clone, Copy, Debug)]
 pub struct CausalContext<'a> {
-    /// Its context.
+    /// The context of the transaction.
     pub context: &'a VersionVector,
-    /// Set if it was rebased: within the context, it takes away only these (in order) and deletions.
+    /// Set if the transaction was rebased: within the context, it takes away only these versions (sorted) and deletions.
     pub only: Option<&'a [Dot]>,
 }
 
@@ -61,7 +60,7 @@ impl CausalContext<'_> {
     }
 }
 
-/// The versions of every key. A clone is a snapshot: it shares everything that is not written afterwards, and costs nothing.
+/// The versions of every key. A clone is a snapshot and is cheap: it shares everything that is not written afterwards.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     entries: OrdMap<Key, Arc<[Version]>>,
@@ -78,7 +77,7 @@ impl PartialEq for State {
 }
 
 impl State {
-    /// Applies one transaction. All transactions it has seen must be applied already, and itself not yet.
+    /// Applies one transaction. All transactions that it has seen must be applied already, and it must not be applied yet.
     pub fn apply(&mut self, dot: Dot, stamp: Timestamp, seen: CausalContext<'_>, writes: &[Write]) {
         for Write { key, value } in writes {
             let mut versions = self.take(key);
@@ -89,17 +88,17 @@ impl State {
         }
     }
 
-    /// Returns how many keys there are, deleted ones included.
+    /// Returns the number of keys, including deleted ones.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Returns whether it has no keys.
+    /// Returns whether the state is empty.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Returns the versions of a key, by timestamp: a read shows the last.
+    /// Returns the versions of a key, sorted by timestamp: a read shows the last one.
     pub fn versions(&self, key: &Key) -> &[Version] {
         self.entries.get(key).map_or(&[], AsRef::as_ref)
     }
@@ -109,14 +108,14 @@ impl State {
         self.versions(key).last().filter(|version| version.value.is_some())
     }
 
-    /// Returns whether there are writes to the key that did not see each other.
+    /// Returns whether the key has different values by writes that did not see each other.
     pub fn is_conflict(&self, key: &Key) -> bool {
         differ(self.versions(key))
     }
 
-    /// Returns the keys below `prefix`, deleted ones included, with their versions.
+    /// Returns the keys below `prefix`, including deleted ones, with their versions.
     pub fn scan<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
-        // A prefix that is not itself a key gives no key to begin at.
+        // A prefix that is not itself a valid key gives no key to begin at.
         let start = Key::new(prefix.trim_end_matches('/')).map_or(Bound::Unbounded, Bound::Included);
         let below = move |key: &Key| key.as_str().starts_with(prefix);
         let behind = move |key: &Key| key.as_str() > prefix && !key.as_str().starts_with(prefix);
@@ -124,12 +123,12 @@ impl State {
         keys.filter(move |(key, _)| below(key)).map(|(key, versions)| (key, versions.as_ref()))
     }
 
-    /// Returns the keys below `prefix` with versions that differ.
+    /// Returns the keys below `prefix` whose versions have different values.
     pub fn conflicts<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
         self.scan(prefix).filter(|(_, versions)| differ(versions))
     }
 
-    /// Returns a number that equal states share, and that different states practically never share.
+    /// Returns a digest of the state: equal for equal states, and almost certainly different for different states.
     pub fn digest(&self) -> u128 {
         self.digest
     }
@@ -137,7 +136,7 @@ impl State {
     /// Checks a condition.
     ///
     /// # Errors
-    /// If it does not hold, with the present version.
+    /// If the condition does not hold; the error has the present version.
     pub fn check(&self, require: &Require) -> Result<(), TxnError> {
         let Require { key, condition } = require;
         let holds = match condition {
@@ -153,7 +152,7 @@ impl State {
         Err(TxnError::Precondition { key: key.clone(), condition: *condition, actual })
     }
 
-    /// Drops keys that are only deleted, and by nothing but transactions in `stable`. Returns them.
+    /// Drops keys that have only deletions by transactions in `stable`. Returns these keys.
     pub(crate) fn drop_deleted(&mut self, stable: &VersionVector) -> Vec<Key> {
         let gone = |versions: &[Version]| is_deleted(versions) && versions.iter().all(|v| stable.contains(v.dot));
         let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();
@@ -163,7 +162,7 @@ impl State {
         keys
     }
 
-    /// Puts back a key as it was stored.
+    /// Restores a stored key.
     pub(crate) fn restore(&mut self, key: Key, versions: Vec<Version>) {
         drop(self.take(&key));
         self.put(key, versions);
@@ -183,12 +182,12 @@ impl State {
     }
 }
 
-/// Returns whether nothing but deletions is there.
+/// Returns whether all versions are deletions.
 fn is_deleted(versions: &[Version]) -> bool {
     versions.iter().all(|version| version.value.is_none())
 }
 
-/// Returns whether the versions of a key have different values, so that a client has to choose; a deletion is one too.
+/// Returns whether the versions of a key have different values, so that a client has to choose. A deletion counts as a value.
 pub fn differ(versions: &[Version]) -> bool {
     versions.iter().any(|version| version.value != versions[0].value)
 }

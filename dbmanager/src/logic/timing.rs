@@ -2,39 +2,39 @@
 
 use std::time::Duration;
 
-/// The shortest time between two hellos: that long after something has changed.
+/// The shortest time between two hellos, used after a change.
 pub(crate) const HELLO_PERIOD_MIN: Duration = Duration::from_secs(1);
 /// The longest time between two hellos, while nothing changes.
 pub(crate) const HELLO_PERIOD_MAX: Duration = Duration::from_secs(10);
 
 /// How long to wait after a push that did not fit before its sender is asked: the previous push may be in transit.
 pub(crate) const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
-/// How late an answer to a pull may be that still counts as a measurement of the link's delay.
+/// How late an answer to a pull may be and still count as a measurement of the link's delay.
 pub(crate) const PULL_ANSWER_LATE_MAX: Duration = Duration::from_secs(10);
 /// How long a peer is not asked after its first silence; each further silence makes this four times as long.
 pub(crate) const PULL_PAUSE_MIN: Duration = Duration::from_millis(200);
 /// The longest time for which a silent peer is not asked.
 pub(crate) const PULL_PAUSE_MAX: Duration = Duration::from_millis(12_800);
-/// After how many silences in a row a peer is not asked for the longest time.
+/// After this many silences in a row, the longest pause applies.
 pub(crate) const SILENCES_MAX: u32 = 4;
 
-/// How long a chunk of a state is waited for at least before it is asked for once more, each time twice as long.
+/// The shortest wait for a chunk of a state before it is requested again. Each repetition waits twice as long.
 pub(crate) const CHUNK_WAIT_MIN: Duration = Duration::from_secs(2);
-/// How long to wait for a chunk at most: twice its time on the slowest radio. A lost chunk looks like a slow one.
+/// The longest wait for a chunk: twice its time on the slowest radio. A lost chunk looks like a slow one.
 pub(crate) const CHUNK_WAIT_MAX: Duration = Duration::from_secs(20);
-/// If chunks come faster than this after each other, more of them are asked for at a time.
+/// If the time between chunks is shorter than this, more of them are requested at a time.
 pub(crate) const CHUNK_TIME_FAST: Duration = Duration::from_millis(250);
 /// If a single chunk takes no longer than this, two at a time are tried: the link may have a long delay and still be fast.
 pub(crate) const CHUNK_TIME_TRY: Duration = Duration::from_secs(4);
-/// How often a chunk is asked for once more before the download is broken off.
+/// How often a chunk is requested again before the download is broken off.
 pub(crate) const CHUNK_TRIES_MAX: u32 = 3;
 
-/// How long the response to a pull may be on its way: the longest transaction over a radio of 50 kbit/s.
+/// How long the response to a pull may be in transit: the longest transaction over a radio of 50 kbit/s.
 pub(crate) const PULL_WITHIN: Duration = Duration::from_secs(60);
-/// How long a chunk of a state may be on its way: longer than any download waits for it.
+/// How long a chunk of a state may be in transit: longer than any download waits for it.
 pub(crate) const CHUNK_WITHIN: Duration = Duration::from_secs(30);
 
-/// Returns how long a peer that has not answered so often in a row, at least once, is not asked.
+/// Returns how long a peer is not asked after `silences` unanswered pulls in a row, at least one.
 pub(crate) fn pull_pause(silences: u32) -> Duration {
     PULL_PAUSE_MIN * (1 << (2 * (silences.clamp(1, SILENCES_MAX) - 1)))
 }

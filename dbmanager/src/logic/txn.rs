@@ -1,9 +1,9 @@
 //! Transactions: the unit that is committed, replicated, shown and remembered as a whole.
 //!
-//! A [`Draft`] is a caller's wish; a [`Txn`] is a draft with its place in history: its dot, its timestamp, and its
-//! *context*, the version vector it was committed on. An [`EncodedTxn`] is a transaction as bytes, in the log and on
-//! the wire. Each names the hash of the previous one of its origin, and the other transactions it has seen, so a number
-//! that was used twice shows (T6).
+//! A [`Draft`] is a caller's request. A [`Txn`] is a draft with its position in history: its dot, its timestamp, and its
+//! *context*, the version vector on which it was committed. An [`EncodedTxn`] is a transaction as bytes, in the log and
+//! on the wire. Each transaction names the hash of the previous one of its origin, and of the other transactions that it
+//! has seen. So a number that was used twice is noticed (T6).
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::key::Key;
@@ -16,28 +16,28 @@ use thiserror::Error;
 
 /// The longest value, in bytes.
 pub const VALUE_SIZE_MAX: usize = 64 << 10;
-/// The longest transaction, in bytes, encoded.
+/// The longest encoded transaction, in bytes.
 pub const TXN_SIZE_MAX: usize = 256 << 10;
-/// How many bytes more it may have if it was rebased from another life of its replica.
+/// How many further bytes a transaction may have that was rebased from another life of its replica.
 pub const REBASE_SIZE_MAX: usize = 64 << 10;
 /// The most writes, and the most conditions, of one transaction.
 pub const CHANGES_MAX: usize = 4096;
 /// The longest reason, in bytes.
 pub const REASON_SIZE_MAX: usize = 1024;
-/// The format that this version writes. Formats are only ever added, and all begin with a [`Header`].
+/// The format that this version writes. Formats are only ever added, and all of them begin with a [`Header`].
 pub const FORMAT: u8 = 2;
-/// The format of signed transactions: the bytes of [`FORMAT`], and the signature of the writer behind them.
+/// The format of signed transactions: the bytes of [`FORMAT`], followed by the signature of the writer.
 pub const FORMAT_SIGNED: u8 = 3;
 /// The format that every version reads.
 pub const FORMAT_FIRST: u8 = 1;
 
-/// How the bytes of a value are meant: a number, since programs of other versions know others. The meanings are in
-/// [`view::value`](crate::logic::view::value).
+/// The meaning of a value's bytes. This is a number, since programs of other versions may know other meanings.
+/// [`view::value`](crate::logic::view::value) lists them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Encoding(pub u8);
 
 impl Encoding {
-    /// As the writer and its readers have agreed.
+    /// The meaning is agreed between the writer and its readers.
     pub const BYTES: Self = Self(0);
     /// UTF-8.
     pub const TEXT: Self = Self(1);
@@ -47,7 +47,7 @@ impl Encoding {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "StoredValue", into = "StoredValue")]
 pub struct Value {
-    /// How the bytes are meant.
+    /// The meaning of the bytes.
     pub encoding: Encoding,
     /// The bytes, shared between snapshots.
     pub bytes: Arc<[u8]>,
@@ -85,15 +85,15 @@ pub enum Condition {
     Absent,
     /// The key has a value.
     Exists,
-    /// Its value was written by this transaction, and no other write was concurrent.
+    /// The key's value was written by this transaction, and no other write was concurrent.
     Is(Dot),
 }
 
-/// A condition that held where the transaction was committed. It is kept: others can see that two transactions relied on
-/// the same version without knowing of each other.
+/// A condition that held where the transaction was committed. It is kept, so that others can see that two transactions
+/// relied on the same version without knowing of each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Require {
-    /// The key that it is about.
+    /// The key of the condition.
     pub key: Key,
     /// The condition that held.
     pub condition: Condition,
@@ -108,7 +108,7 @@ pub struct Write {
     pub value: Option<Value>,
 }
 
-/// The eight bytes that chain the transactions of an origin.
+/// The eight bytes that link a transaction of an origin to the next one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChainHash(pub [u8; 8]);
 
@@ -121,49 +121,49 @@ impl ChainHash {
     }
 }
 
-/// Where a transaction was before its origin had to be given up.
+/// The identity of a transaction before its origin was given up.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rebase {
-    /// Its name there; none if only its effect was left, which is a deletion.
+    /// The former name; none if only its effect was left, which is a deletion.
     pub from: Option<Dot>,
-    /// Its timestamp there, which still orders its writes and is their name in all lives.
+    /// The former timestamp. It still orders the writes, and identifies them in all lives.
     pub stamp: Timestamp,
-    /// The versions in its context that it takes away, in order, besides deletions.
+    /// The versions in the context that the transaction takes away, sorted, in addition to deletions.
     pub takes: Vec<Dot>,
 }
 
 /// A committed transaction.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Txn {
-    /// Its place in the one order of all; the origin in it is the replica that committed it.
+    /// The position in the total order. Its origin is the replica that committed the transaction.
     pub stamp: Timestamp,
-    /// Its number at that origin.
+    /// The number of the transaction at that origin.
     pub seq: u64,
     /// The hash of the previous transaction of its origin.
     pub prev: ChainHash,
-    /// The wall clock where it was committed.
+    /// The wall clock of the robot that committed it.
     pub wall: Wall,
-    /// The part of its context that is beyond the context of the transaction before it.
+    /// The part of the context that the previous transaction's context does not include.
     pub context: VersionVector,
-    /// The reason that its writer gave.
+    /// The writer's reason.
     pub reason: String,
     /// The conditions that held when it was committed.
     pub requires: Vec<Require>,
-    /// Its writes, in the order of their keys, each key once.
+    /// The writes, in the order of their keys, each key once.
     pub writes: Vec<Write>,
-    /// Whether a caller waits until others have it.
+    /// Whether a caller waits until others have the transaction.
     pub wants_ack: bool,
-    /// Set if it was committed before under another name.
+    /// Set if the transaction was committed before under another name.
     pub rebase: Option<Rebase>,
 }
 
 impl Txn {
-    /// Returns its name.
+    /// Returns the name of the transaction.
     pub fn dot(&self) -> Dot {
         Dot { origin: self.stamp.origin, seq: self.seq }
     }
 
-    /// Returns the timestamp that orders its writes: that of its first life.
+    /// Returns the timestamp that orders the writes: the one of their first life.
     pub fn written(&self) -> Timestamp {
         self.rebase.as_ref().map_or(self.stamp, |rebase| rebase.stamp)
     }
@@ -188,25 +188,25 @@ pub struct Header {
 /// A transaction as bytes. The bytes of a newer version stay unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncodedTxn {
-    /// How `body` is to be read.
+    /// The format of `body`.
     pub format: u8,
     /// The transaction.
     pub body: Vec<u8>,
 }
 
-/// Why a transaction was not written or read.
+/// Why a transaction could not be written or read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CodecError {
     /// Written by a newer version.
     #[error("a transaction of format {format}, this program reads up to {FORMAT_SIGNED}")]
     Format {
-        /// Its format.
+        /// The format of the transaction.
         format: u8,
     },
     /// More bytes than allowed.
     #[error("a transaction of {size} bytes is longer than {TXN_SIZE_MAX}")]
     Long {
-        /// Its size.
+        /// The size of the transaction in bytes.
         size: usize,
     },
     /// The bytes are not a transaction.
@@ -217,15 +217,15 @@ pub enum CodecError {
     },
 }
 
-/// How many bytes [`EncodedTxn::seen`] takes at the end of a body.
+/// The length of [`EncodedTxn::seen`] at the end of a body, in bytes.
 const SEEN_SIZE: usize = 8;
 
 impl EncodedTxn {
-    /// Returns the transaction as bytes, with the digest of the other transactions it has seen:
+    /// Returns the transaction as bytes, with the digest of the other transactions that it has seen:
     /// [`Log::seen`](super::log::Log::seen).
     ///
     /// # Errors
-    /// If it is too long.
+    /// If the transaction is too long.
     pub fn seal_on(txn: &Txn, seen: ChainHash) -> Result<Self, CodecError> {
         let Self { mut body, .. } = Self::seal(txn)?;
         body.extend(seen.0);
@@ -235,7 +235,7 @@ impl EncodedTxn {
     /// Returns the transaction as signed bytes.
     ///
     /// # Errors
-    /// If it is too long.
+    /// If the transaction is too long.
     pub fn seal_signed(txn: &Txn, seen: ChainHash, notary: &dyn Notary) -> Result<Self, CodecError> {
         let Self { mut body, .. } = Self::seal_on(txn, seen)?;
         let signature = notary.sign(&notary::written(&body));
@@ -243,20 +243,20 @@ impl EncodedTxn {
         Ok(Self { format: FORMAT_SIGNED, body })
     }
 
-    /// Returns the digest that is signed, and the signature; nothing if it is not signed.
+    /// Returns the signed digest and the signature; none for an unsigned transaction.
     pub fn signature(&self) -> Option<([u8; 32], &[u8])> {
         let (body, signature) = self.body.split_last_chunk::<SIGNATURE_SIZE>()?;
         (self.format == FORMAT_SIGNED).then(|| (notary::written(body), signature.as_slice()))
     }
 
-    /// Returns the digest of the other transactions that it has seen. The first format has none, which is also written
-    /// if it has seen none.
+    /// Returns the digest of the other transactions that this one has seen. None in the first format, which is also used
+    /// for a transaction that has seen no others.
     pub fn seen(&self) -> Option<ChainHash> {
         let (_, end) = self.body.split_at_checked(self.body.len().checked_sub(self.behind())?)?;
         end.first_chunk::<SEEN_SIZE>().copied().map(ChainHash)
     }
 
-    /// Returns how many bytes follow the transaction itself.
+    /// Returns how many bytes follow the transaction itself: the digest and the signature.
     const fn behind(&self) -> usize {
         match self.format {
             FORMAT => SEEN_SIZE,
@@ -268,7 +268,7 @@ impl EncodedTxn {
     /// Returns the transaction as bytes, in the first format.
     ///
     /// # Errors
-    /// If it is too long.
+    /// If the transaction is too long.
     pub fn seal(txn: &Txn) -> Result<Self, CodecError> {
         let body = postcard::to_stdvec(txn).map_err(|cause| CodecError::Body { cause })?;
         let spare = if txn.rebase.is_some() { REBASE_SIZE_MAX } else { 0 };
@@ -297,10 +297,10 @@ impl EncodedTxn {
         }
     }
 
-    /// Reads its place in history, of any format, and returns the bytes behind it.
+    /// Reads the position in history, in any format; returns it and the bytes behind it.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the bytes do not begin with a position in history.
     pub fn split(&self) -> Result<(Header, &[u8]), CodecError> {
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
             return Err(CodecError::Long { size: self.body.len() });
@@ -308,20 +308,20 @@ impl EncodedTxn {
         postcard::take_from_bytes(&self.body).map_err(|cause| CodecError::Body { cause })
     }
 
-    /// Returns a transaction of these two parts.
+    /// Returns a transaction made of these two parts.
     pub(crate) fn join(format: u8, header: &Header, rest: &[u8]) -> Self {
-        // Encoding to memory fails only for lengths that are not known beforehand, and a header has none.
+        // Encoding to memory fails only for lengths that are not known in advance, and a header has none.
         let mut body = postcard::to_stdvec(header).unwrap_or_default();
         body.extend(rest);
         Self { format, body }
     }
 
-    /// Returns the hash by which the next transaction of the origin names it.
+    /// Returns the hash by which the next transaction of the origin names this one.
     pub fn hash(&self) -> ChainHash {
         ChainHash::of(blake3::Hasher::new().update(&[self.format]).update(&self.body))
     }
 
-    /// Returns about how many bytes it takes.
+    /// Returns the approximate size of the transaction in bytes.
     pub fn size(&self) -> usize {
         self.body.len() + 4
     }
@@ -358,7 +358,7 @@ mod tests {
         }
     }
 
-    /// Bytes that other versions rely on: if this fails, there has to be a new format beside this one.
+    /// The exact bytes of a transaction. If this test fails, a new format has to be added beside this one.
     #[test]
     fn golden_frame() {
         let encoded = EncodedTxn::seal(&txn()).unwrap();

@@ -1,14 +1,15 @@
-//! Replica ids, dots and version vectors: the writer, one of its transactions, and how many of each writer are included.
+//! Replica ids, dots and version vectors: a writer, one transaction of a writer, and a set of transactions given by one
+//! number for each writer.
 //!
-//! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a version
-//! vector (one number for each origin) gives exactly the transactions that a replica has, and the difference of two
-//! version vectors is exactly the set that one side lacks: no search tree and no set reconciliation is needed.
+//! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a version vector
+//! (one number for each origin) gives exactly the transactions that a replica has. The difference of two version vectors
+//! is exactly the set that one side lacks. No search tree and no set reconciliation is needed.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// One life of one store: random, minted when the store is made, never derived from a robot's name.
+/// One life of one store: a random number that is drawn when the store is made. It is never derived from a robot's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ReplicaId(#[serde(with = "comms::logic::human::hex")] u64);
 
@@ -18,12 +19,12 @@ impl ReplicaId {
         Self(number)
     }
 
-    /// Returns its number.
+    /// Returns the number of the origin.
     pub const fn number(self) -> u64 {
         self.0
     }
 
-    /// Reads what [`Display`](fmt::Display) wrote.
+    /// Reads the text that [`Display`](fmt::Display) writes.
     pub fn parse(text: &str) -> Option<Self> {
         let plain = text.len() == 16 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
         plain.then(|| u64::from_str_radix(text, 16).ok().map(Self))?
@@ -39,9 +40,9 @@ impl fmt::Display for ReplicaId {
 /// The name of one transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Dot {
-    /// The replica that committed it.
+    /// The replica that committed the transaction.
     pub origin: ReplicaId,
-    /// Its number there, from 1.
+    /// The number of the transaction at that replica, from 1.
     pub seq: u64,
 }
 
@@ -51,7 +52,7 @@ impl fmt::Display for Dot {
     }
 }
 
-/// All transactions of each origin up to a number. Origins without transactions are not in it.
+/// A set of transactions: all of each origin up to a number. Origins without transactions are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "Vec<(ReplicaId, u64)>", into = "Vec<(ReplicaId, u64)>")]
 pub struct VersionVector(BTreeMap<ReplicaId, u64>);
@@ -79,42 +80,42 @@ impl From<VersionVector> for Vec<(ReplicaId, u64)> {
 }
 
 impl VersionVector {
-    /// Returns up to which number `origin`'s transactions are in it; 0 for none.
+    /// Returns the number up to which `origin`'s transactions are included; 0 for none.
     pub fn get(&self, origin: ReplicaId) -> u64 {
         self.0.get(&origin).copied().unwrap_or(0)
     }
 
-    /// Returns whether the transaction is in it.
+    /// Returns whether the transaction is included.
     pub fn contains(&self, dot: Dot) -> bool {
         dot.seq <= self.get(dot.origin)
     }
 
-    /// Returns whether everything in `other` is in it.
+    /// Returns whether everything in `other` is included.
     pub fn dominates(&self, other: &Self) -> bool {
         other.0.iter().all(|(origin, seq)| self.get(*origin) >= *seq)
     }
 
-    /// Grows so that the transaction, and all earlier ones of its origin, are in it.
+    /// Grows to include the transaction, and all earlier ones of its origin.
     pub fn include(&mut self, dot: Dot) {
         if dot.seq > self.get(dot.origin) {
             self.0.insert(dot.origin, dot.seq);
         }
     }
 
-    /// Grows so that `other` is in it.
+    /// Grows to include `other`.
     pub fn join(&mut self, other: &Self) {
         for (origin, seq) in other.iter() {
             self.include(Dot { origin, seq });
         }
     }
 
-    /// Extends the context of an origin to its next transaction `to`, which only names the additions `more`.
+    /// Extends the context of an origin to its next transaction `to`, which names only the additions `more`.
     pub fn go_on(&mut self, to: Dot, more: &Self) {
         self.join(more);
         self.include(Dot { seq: to.seq.saturating_sub(1), ..to });
     }
 
-    /// Shrinks to the common part with `other`.
+    /// Shrinks to the part that is common with `other`.
     pub fn meet(&mut self, other: &Self) {
         self.0.retain(|origin, seq| {
             *seq = (*seq).min(other.get(*origin));
@@ -139,17 +140,17 @@ impl VersionVector {
         self.0.iter().map(|(origin, seq)| (*origin, *seq))
     }
 
-    /// Returns how many origins are in it.
+    /// Returns the number of origins.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Returns whether nothing is in it.
+    /// Returns whether no transaction is included.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Returns eight bytes that two equal version vectors share and two others practically never do.
+    /// Returns a digest of 64 bits: the same for equal version vectors, and almost certainly different for others.
     pub fn digest(&self) -> u64 {
         let mut hasher = blake3::Hasher::new();
         for (origin, seq) in self.iter() {

@@ -3,16 +3,16 @@
 //! | module | answers |
 //! |---|---|
 //! | [`value`] | what does a key hold, as a typed value and as text? |
-//! | [`schema`] | what is it meant to hold? |
-//! | [`past`] | who has changed it, when and why? |
-//! | [`as_of`] | what did it hold at another time, and what has changed since? |
-//! | [`conflict`] | what has nobody settled? |
-//! | [`watch`] | what is happening to it? |
+//! | [`schema`] | what values may a key hold? |
+//! | [`past`] | which transactions have changed a key, by whom, when and why? |
+//! | [`as_of`] | which value had a key at another time, and which keys have changed since? |
+//! | [`conflict`] | which conflicts and races are not resolved? |
+//! | [`watch`] | which changes happen now? |
 //! | [`status`] | how far are others behind? |
-//! | [`transfer`] | how is it written to a file, and read from one? |
-//! | [`draft`] | what is to be changed, and only if what? |
-//! | [`token`], [`date`] | how are version vectors and dates written down? |
-//! | [`table`] | how does all of it look on a terminal? |
+//! | [`transfer`] | how is the database written to a file, and read from one? |
+//! | [`draft`] | which changes are requested, and under which conditions? |
+//! | [`token`], [`date`] | how are version vectors and dates written as text? |
+//! | [`table`] | how do these results look on a terminal? |
 
 pub mod as_of;
 pub mod conflict;

@@ -1,5 +1,5 @@
-//! Each injected fault fits the present sources, and the manual names the test that finds it.
-//! `cargo run -p dbmanager --example faults` shows that they are found.
+//! Each injected fault fits the present sources, and the manual names the test that finds it. `cargo run -p dbmanager
+//! --example faults` shows that the tests find them.
 
 #[path = "../../faults/patch.rs"]
 #[expect(dead_code, reason = "the copy is made by the example")]

@@ -17,17 +17,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
-/// The hash of nothing, for a transaction that has seen no other. Source: BLAKE3, the empty input.
+/// The hash of no bytes, for a transaction that has seen no others. Source: BLAKE3, the empty input.
 const NOTHING_SEEN: ChainHash = ChainHash([0xaf, 0x13, 0x49, 0xb9, 0xf5, 0xf9, 0xa1, 0xa6]);
 
-/// Robots `r0`, `r1` and so on, which hear each other at once.
+/// Robots `r0`, `r1` and so on, which receive each other's messages at once.
 struct Team {
     replicas: Vec<Replica>,
     disks: Vec<Records>,
     mail: VecDeque<(usize, ReplicaId, Message)>,
     answers: Vec<Answer>,
     alarms: Vec<(usize, Alarm)>,
-    /// A robot that hears no other.
+    /// A robot that receives no messages.
     away: Option<usize>,
     revoked: Revoked,
     now: Time,
@@ -133,7 +133,7 @@ impl Team {
         self.replicas[node].origin()
     }
 
-    /// Writes by hand as the next transaction of `of`, signed by robot `by`, and has r0 get it from r2.
+    /// Writes the next transaction of `of` by hand, signed by robot `by`, and makes r0 get it from r2.
     fn forge(&mut self, (of, by): (usize, usize), stamp: impl FnOnce(Timestamp) -> Timestamp, writes: Vec<Write>) {
         let origin = self.origin(of);
         let log = self.replicas[0].log();
@@ -158,7 +158,7 @@ impl Team {
         self.input(0, Input::Received(from, Message::Push(vec![encoded]), WALL));
     }
 
-    /// Returns why r0 has refused something since it was asked last.
+    /// Returns why r0 has refused something since the last call.
     fn refusal(&mut self) -> String {
         let alarms = std::mem::take(&mut self.alarms);
         let why = |(node, alarm)| if let (0, Alarm::Forged { why, .. }) = (node, alarm) { Some(why) } else { None };
@@ -216,13 +216,14 @@ fn what_a_member_may_not_write_is_taken_over_by_nobody() {
         assert!(refused.contains(why), "{refused:?} instead of {why:?}");
         assert_eq!(team.replicas[0].state().digest(), before, "{why}");
     }
-    // Forged in the same way, but within its rights.
+    // Made by hand in the same way, but within the robot's rights.
     team.forge((2, 2), |stamp| stamp, stolen());
     assert_eq!(team.refusal(), "");
     assert!(team.has(0, "team/stolen"));
 }
 
-/// A wrong date alone is not a reason to refuse: every robot could continue after it, and all must have the same.
+/// A wrong date alone is not a reason to refuse: every robot can continue after it, and all robots must have the same
+/// transactions.
 #[test]
 fn a_date_in_the_year_2099_is_taken_over_and_epochs_rise() {
     let mut team = Team::of(3);
@@ -239,7 +240,7 @@ fn a_date_in_the_year_2099_is_taken_over_and_epochs_rise() {
     assert_eq!(team.refusal(), "");
 }
 
-/// The transactions of a robot arrive by way of another one while the robot itself is away.
+/// The transactions of a robot arrive through another robot while the robot itself is away.
 #[test]
 fn who_passes_on_need_not_be_who_has_signed() {
     let mut team = Team::of(3);
@@ -275,7 +276,8 @@ fn whose_key_is_revoked_is_retired_by_itself() {
     assert_eq!(team.refusal(), "");
 }
 
-/// A robot gets new keys: it goes on under another origin, with its transactions, and its previous origin is retired.
+/// A robot gets new keys: it continues under another origin, with its transactions, and its previous origin is
+/// retired.
 #[test]
 fn other_keys_are_another_origin_and_lose_nothing() {
     let mut team = Team::of(3);
@@ -291,7 +293,8 @@ fn other_keys_are_another_origin_and_lose_nothing() {
     assert_eq!(team.refusal(), "");
 }
 
-/// A database from before its robots had keys: the first robot founds the team again, the others join with their data.
+/// A database from before its robots had keys: the first robot founds the team again, and the others join with their
+/// data.
 #[test]
 fn a_database_without_keys_goes_along_into_a_team_with_keys() {
     let mut team = Team::without_keys(3);
@@ -316,7 +319,7 @@ fn a_database_without_keys_goes_along_into_a_team_with_keys() {
     assert_eq!(team.refusal(), "");
 }
 
-/// Bytes of format 3, that other versions have to read.
+/// The exact bytes of format 3, which other versions have to read.
 #[test]
 fn golden_bytes_of_signed_transactions() {
     let keys = Keys::new("r1", 0, &Revoked::default());

@@ -1,5 +1,6 @@
-//! Whole teams of replicas on virtual time, over networks, disks and clocks that fail: many seeds, named cases, and the
-//! checker of histories on histories that are wrong. How much this shows is in `docs/src/database/proof.md`.
+//! Whole teams of replicas in virtual time, over networks, disks and clocks that fail: many seeds, and named cases.
+//! Also tests of the checker of histories with wrong histories. `docs/src/database/proof.md` explains how much this
+//! shows.
 //!
 //! `cargo run --release -p dbmanager --example seeds -- <first> <count>` runs more seeds.
 
@@ -10,15 +11,15 @@ pub(crate) mod world;
 
 use std::ops::RangeInclusive;
 
-/// Runs these seeds. The first 400 and the named cases find each injected fault: the table in
-/// `docs/src/database/proof.md` says which one.
+/// Runs these seeds. The first 400 seeds and the named cases find each injected fault; the table in
+/// `docs/src/database/proof.md` names the finder of each.
 fn run(seeds: RangeInclusive<u64>) {
     for seed in seeds {
         world::run(seed).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
     }
 }
 
-/// The same with robots that have keys.
+/// Runs these seeds with robots that have keys.
 fn run_with_keys(seeds: RangeInclusive<u64>) {
     for seed in seeds {
         world::run_with_keys(seed).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
@@ -63,15 +64,15 @@ fn a_seed_replays() {
     assert_eq!(world::run(7), world::run(7));
 }
 
-/// A writer had seen a transaction whose number another one has in the log that is checked; that one has a later
+/// A writer had seen a transaction, under whose number the checked log has a different transaction with a later
 /// timestamp.
 #[test]
 fn causality_is_about_what_was_seen_and_not_about_its_number() {
     world::run(9226).unwrap();
 }
 
-/// A disk is set back without a witness in each, or the last member loses its disk; `docs/src/database/proof.md` lists
-/// their findings.
+/// In each seed a disk is set back without a witness, or the last member loses its disk. `docs/src/database/proof.md`
+/// lists what each of them has found.
 #[test]
 fn seeds_of_disks_that_were_set_back_or_copied_pass() {
     for seed in [36929, 39042, 42909, 48334, 72512, 78957, 93976] {

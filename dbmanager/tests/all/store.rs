@@ -1,5 +1,5 @@
-//! The store on a real disk, the replica on top of it, and faults of both: power cuts, kills, full and dying disks,
-//! flipped bits, copies.
+//! The store on a real disk, with a replica, and their faults: power cuts, kills, full and failing disks, flipped
+//! bits, copies.
 
 #![expect(
     clippy::unwrap_used,
@@ -31,11 +31,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 thread_local! {
-    /// On which engine stores are made.
+    /// The engine with which stores are made.
     static ENGINE: Cell<Engine> = const { Cell::new(Engine::Redb) };
 }
 
-/// Checks something on one engine after the other.
+/// Runs a check on one engine after the other.
 fn on_each_engine(check: impl Fn()) {
     for engine in Engine::ALL {
         println!("on {engine}:");
@@ -44,12 +44,12 @@ fn on_each_engine(check: impl Fn()) {
     }
 }
 
-/// Opens a store, or makes one on the engine of the moment.
+/// Opens a store, or makes one with the engine of this check.
 fn open(path: &Path) -> Result<DirStore, StoreError> {
     DirStore::open_on(Some(ENGINE.get()), path)
 }
 
-/// A folder that is gone after the test.
+/// A folder that is removed after the test.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -58,7 +58,7 @@ impl Folder {
         Self::below(&std::env::temp_dir())
     }
 
-    /// Returns a folder in memory, if possible: for tests of the order of writes, not of the disk.
+    /// Returns a folder in memory, if possible: for tests of the order of writes, which do not need a disk.
     fn quick() -> Self {
         let memory = Path::new("/dev/shm");
         if memory.is_dir() { Self::below(memory) } else { Self::new() }
@@ -101,7 +101,7 @@ fn config() -> Config {
     Config { robot: "r".into(), seed: 1, log_size: 64 << 10 }
 }
 
-/// The only robot of its team, on some store.
+/// A robot that is alone in its team, on any store.
 struct Robot<S> {
     replica: Replica,
     store: S,
@@ -109,7 +109,7 @@ struct Robot<S> {
 }
 
 impl<S: Store> Robot<S> {
-    /// Opens the replica in a store, and founds its team.
+    /// Opens the replica in a store, and makes it the first member of its team.
     fn open(store: S) -> Result<Self, String> {
         let stored = store.read().map_err(|error| error.to_string())?;
         let replica = Replica::open(config(), stored).map_err(|error| error.to_string())?;
@@ -123,7 +123,7 @@ impl<S: Store> Robot<S> {
         self.replica.log().vector().get(self.replica.origin())
     }
 
-    /// Commits, all together; returns when all are durable.
+    /// Commits all drafts together; returns when all are durable.
     fn commit(&mut self, drafts: impl IntoIterator<Item = Draft>) -> Result<(), String> {
         let request = |draft| CommitRequest { ticket: 1, draft, level: AckLevel::Local, until: Time::ZERO };
         let requests: Vec<CommitRequest> = drafts.into_iter().map(request).collect();
@@ -133,7 +133,7 @@ impl<S: Store> Robot<S> {
         Ok(())
     }
 
-    /// Takes an input, and lets time pass; returns the committed transactions.
+    /// Processes an input, and lets time pass; returns the committed transactions.
     fn tell(&mut self, input: Input) -> Result<Vec<Dot>, String> {
         self.now = self.now + Duration::from_millis(10);
         let mut effects = Vec::new();

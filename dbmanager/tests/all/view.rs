@@ -1,5 +1,5 @@
-//! The views of real replicas: two robots that write while they cannot hear each other, meet, and one that was retired
-//! while it was away.
+//! The views of real replicas: two robots that write while they are cut off from each other, and then meet. In some
+//! tests, one of them was retired while it was away.
 
 #![expect(clippy::unwrap_used, reason = "it is a test")]
 
@@ -40,7 +40,7 @@ struct Team {
 }
 
 impl Team {
-    /// Returns a team of which both are members.
+    /// Returns a team of which both robots are members.
     fn new() -> Self {
         let mut team = Self::strangers();
         team.meet();
@@ -48,7 +48,7 @@ impl Team {
         team
     }
 
-    /// Returns a team of which `r1` is a member, and `r2` is about to be.
+    /// Returns a team of which `r1` is a member, and `r2` is about to become one.
     fn strangers() -> Self {
         let robot = |number: u64| {
             let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20 };
@@ -66,7 +66,7 @@ impl Team {
         Wall { millis: 1_795_255_200_000 + since, quality: Quality::Network }
     }
 
-    /// Hands an input to a robot, and passes its messages to the other if they hear each other.
+    /// Gives an input to a robot, and passes its messages to the other one if they can reach each other.
     fn handle(&mut self, at: usize, input: Input, hears: bool) -> Vec<Answer> {
         let (mut answers, mut messages) = (Vec::new(), vec![(at, input)]);
         while let Some((at, input)) = messages.pop() {
@@ -96,7 +96,7 @@ impl Team {
         answers
     }
 
-    /// Lets them hear each other for a minute.
+    /// Connects the two robots for a minute.
     fn meet(&mut self) {
         for _ in 0..120 {
             self.now = self.now + Duration::from_millis(500);
@@ -124,7 +124,7 @@ impl Team {
         self.handle(1 - at, Input::Retire(origin, self.wall()), false);
     }
 
-    /// Returns the races below a prefix that r2 knows. The log of r1 does not reach back that far once it was retired.
+    /// Returns the races below a prefix that r2 knows. The log of r1 does not reach back so far if it was retired.
     fn races(&self, prefix: &str) -> Vec<Race> {
         past(&self.robots[1].replica).races(prefix)
     }
@@ -140,7 +140,7 @@ impl Team {
     }
 }
 
-/// Returns the reasons a watcher was told since it last had to start again.
+/// Returns the reasons that were reported to a watcher since it last had to start again.
 fn reasons(notifications: &[Notification]) -> Vec<&str> {
     let events = notifications.iter().rev().map_while(|one| match one {
         Notification::Event(event) => Some(event.entry.reason.as_str()),
@@ -221,8 +221,8 @@ fn what_was_written_before_joining_has_an_author() {
     }
 }
 
-/// A conflict is shown in the order of the timestamps, so dates refer to this order; a robot that joins later changes
-/// neither.
+/// A conflict is shown in the order of the timestamps, so dates refer to this order. A robot that joins later changes
+/// neither order nor dates.
 #[test]
 fn what_was_written_before_joining_has_its_own_date() {
     let mut team = Team::strangers();
@@ -240,7 +240,7 @@ fn what_was_written_before_joining_has_its_own_date() {
         assert!(!conflict.versions[0].when.trusted, "it is the date of its timestamp, not of a clock");
         let history = team.history(at, "team/gain");
         let told: Vec<_> = history.iter().map(|entry| (entry.reason.as_str(), entry.when.millis)).collect();
-        // A robot that has joined begins with a state, and its log with its rebased transactions.
+        // A robot that has joined begins with a state, and its log begins with its rebased transactions.
         let kept = if at == 0 { &[("two", written), ("one", after)][..] } else { &[("two", written)] };
         assert_eq!(told, kept, "{at}");
         let early = Filter { until: Some(after), ..Filter::new(Keys::Only(key("team/gain")), 100) };
@@ -259,7 +259,7 @@ fn take_over(prefix: &str, robot: &str) -> Draft {
 
 #[test]
 fn what_is_written_unaware_of_an_owner_is_listed() {
-    // (the prefix, whether it was granted to r1 before, whether r1 has no clock, whether it is retired)
+    // (the prefix, whether it was granted to r1 before, whether r1 has no clock, whether r1 is retired)
     let cases = [
         ("team/arm", true, false, false),
         ("team/arm", true, true, false),

@@ -1,4 +1,4 @@
-//! The actions of a launch file, the same for XML and YAML.
+//! The actions of a launch file, in the same form for XML and YAML.
 
 use crate::xml::{self, Node};
 

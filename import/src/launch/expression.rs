@@ -1,4 +1,4 @@
-//! Expressions of Python in `$(eval …)`: comparisons of texts, numbers and lists. Other expressions are not evaluated.
+//! Python expressions in `$(eval …)`: comparisons of texts, numbers and lists. Other expressions are not evaluated.
 
 /// The longest expression, in bytes.
 const TEXT_MAX: usize = 4_096;

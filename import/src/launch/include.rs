@@ -1,4 +1,4 @@
-//! Included launch files: XML and YAML are read, and those in Python are started with `ros2 launch`.
+//! Included launch files. XML and YAML files are read; Python files are started with `ros2 launch`.
 
 use super::entity::Entity;
 use super::node;

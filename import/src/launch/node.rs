@@ -1,4 +1,4 @@
-//! Programs of nodes, of launch files in Python, and of other commands.
+//! The programs for nodes, for launch files in Python, and for other commands.
 
 use super::entity::Entity;
 use super::parameter::{Literal, Type, is_name};

@@ -1,4 +1,4 @@
-//! Values of parameters as a spec writes them.
+//! Values of parameters in the form of a spec.
 
 use crate::name::{is_hidden, quoted};
 

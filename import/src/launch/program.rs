@@ -1,4 +1,4 @@
-//! A program that a launch file starts, as a module and an instance of it.
+//! A program that a launch file starts: in the spec it is a module and an instance of this module.
 
 use super::parameter::Literal;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! The settings that hold for an action: variables, environment, namespace, and the settings of later nodes.
+//! The settings that apply to an action: variables, environment, namespace, and settings for later nodes.
 
 use super::value::Value;
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! The settings of a node: parameters, files of parameters, and other names.
+//! The settings of a node: parameters, parameter files, and remapped names.
 
 use super::entity::Entity;
 use super::parameter::{Literal, Type, is_name};

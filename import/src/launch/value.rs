@@ -1,4 +1,4 @@
-//! Texts of a launch file after their substitutions.
+//! Texts of a launch file after replacement of their substitutions.
 
 use std::collections::BTreeSet;
 

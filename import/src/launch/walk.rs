@@ -1,4 +1,4 @@
-//! Carries out the actions of a launch file in their order.
+//! Executes the actions of a launch file in their order.
 
 use super::entity::{Entity, Place};
 use super::parameter::Literal;

@@ -1,4 +1,4 @@
-//! Launch files in YAML, within limits: one document without aliases, a bounded size and depth.
+//! Reads launch files in YAML, within limits: one document without aliases, of limited size and depth.
 
 use super::entity::{Attribute, Entity, Place, kind};
 use crate::xml::{DEPTH_MAX, ImportError, NODES_MAX, TEXT_MAX};

@@ -1,4 +1,4 @@
-//! Executable content: the actions of transitions and of states.
+//! Executable content of SCXML: the actions of transitions and of states.
 
 use super::event::sent_to_self;
 use super::expression::{self, Sort};

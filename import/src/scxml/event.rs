@@ -1,4 +1,4 @@
-//! The events of a chart: messages from outside, signals from inside.
+//! The events of a chart: messages from outside, and signals from inside.
 
 use super::model::Model;
 use super::timer::{self, Timer};

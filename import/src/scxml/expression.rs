@@ -1,4 +1,4 @@
-//! Expressions of ECMAScript that are conditions or numbers of an activity.
+//! ECMAScript expressions, as conditions or numbers of an activity.
 
 use super::model::{Kind, Model};
 use crate::xml::tag;

@@ -1,4 +1,4 @@
-//! States, with everything inside them, in the order of the chart.
+//! Writes the states with everything inside them, in the order of the chart.
 
 use super::model::{inner_states, is_state};
 use super::{Run, Writer, action, transition};

@@ -1,4 +1,4 @@
-//! Delayed events that a chart sends to itself: most of them are a timer of one state.
+//! Delayed events that a chart sends to itself. Most of them become a timer of one state.
 
 use super::event::{Awaited, sent_to_self, stems_of};
 use super::model::{inner_states, is_state};

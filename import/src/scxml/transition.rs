@@ -1,4 +1,4 @@
-//! Transitions: what each waits for, and where it leads.
+//! Transitions: the event that each one waits for, and its target.
 
 use super::event::{is_completion, is_of_platform, matches, stems};
 use super::expression;

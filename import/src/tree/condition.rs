@@ -1,4 +1,4 @@
-//! Conditions and scripts of nodes: `_skipIf`, `_while`, `_onSuccess` and the like.
+//! Conditions and scripts of nodes: `_skipIf`, `_while`, `_onSuccess` and similar ones.
 
 use super::context::{Around, Context, content};
 use super::leaf::{PortUse, id_of, program};

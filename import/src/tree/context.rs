@@ -1,4 +1,4 @@
-//! The state of the translation of trees.
+//! The state of the translation of behavior trees.
 
 use super::control;
 use super::library::{Library, Tree};

@@ -1,4 +1,4 @@
-//! The trees of some files, and the ports of their actions.
+//! The trees in all files, and the ports of their actions.
 
 use crate::xml::{File, ImportError, Node, elements, tag};
 use std::collections::{BTreeMap, BTreeSet};

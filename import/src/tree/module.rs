@@ -1,4 +1,4 @@
-//! The modules of a spec: one for each sort of action, with its ports and parameters.
+//! The modules of the spec: one for each kind of action, with its ports and parameters.
 
 use super::library::Direction;
 use crate::name::{self, Names, identifier, pascal, quoted};

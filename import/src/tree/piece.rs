@@ -1,4 +1,4 @@
-//! Pieces of event actions, with parentheses where they are needed.
+//! Pieces of event actions; parentheses are added where they are needed.
 
 /// How tightly a piece is bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,4 +1,5 @@
-//! Nodes that a tree ticks again while a later one runs. In a spec a process watches instead, beside the running one.
+//! Nodes that a tree ticks again while a later node runs. In a spec, a watching process runs beside the later one
+//! instead.
 
 use super::condition::check;
 use super::context::{Around, Context, node as child_node, part};

@@ -1,4 +1,4 @@
-"""Classes for the standard messages of ROS 2. They are made from the definitions that the native half has, one when it is first named."""
+"""Classes for the standard messages of ROS 2. Each is made from the native half's definition when it is first used."""
 
 import dataclasses
 import sys
@@ -19,7 +19,7 @@ M = TypeVar("M", bound="Message")
 
 
 class Message:
-    """The base of the messages of ROS 2."""
+    """The base class of the messages of ROS 2."""
 
     __slots__ = ()
 
@@ -30,17 +30,17 @@ class Message:
         return all(_is_same(getattr(self, name), getattr(other, name)) for name in names)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles a message as its bytes: lists of numbers may be views, which cannot be copied by themselves."""
+        """Copies and pickles a message as its bytes, because its lists of numbers may be views, which cannot be copied themselves."""
         return from_cdr, (type(self), to_cdr(self))
 
 
 def to_cdr(message: Message) -> bytes:
-    """Returns the bytes of a message as ROS 2 sends them."""
+    """Returns the CDR of a message: the bytes that ROS 2 sends."""
     return message_type(type(message)).encode_cdr(message)
 
 
 def from_cdr(cls: type[M], data: bytes) -> M:
-    """Returns the message in bytes that ROS 2 has sent; raises `ValueError` if they are not of this type."""
+    """Returns the message in CDR bytes from ROS 2; raises `ValueError` if they do not have this type."""
     return message_type(cls).decode_cdr(data)
 
 
@@ -58,12 +58,12 @@ def _plain(values: Any) -> list[Any]:
 if TYPE_CHECKING:
 
     class Array(Protocol):
-        """An array of numpy, which is a buffer."""
+        """A numpy array, as far as this package uses it: a buffer of numbers."""
 
         def __array__(self) -> Any: ...
 
     class Numbers(Generic[T]):
-        """A field of numbers. Any sequence or buffer of numbers can be set, and a value that has arrived has a read-only `memoryview`."""
+        """A field of numbers. Any sequence or buffer of numbers can be set. In a received message it is a read-only `memoryview`."""
 
         @overload
         def __get__(self, message: None, cls: type) -> Self: ...
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
         def __set__(self, message: object, value: Sequence[T] | Buffer | Array) -> None: ...
 
     class Octets:
-        """A field of bytes. Any buffer or sequence of numbers can be set, and a value that has arrived has a read-only `memoryview`."""
+        """A field of bytes. Any buffer or sequence of numbers can be set. In a received message it is a read-only `memoryview`."""
 
         @overload
         def __get__(self, message: None, cls: type) -> Self: ...
@@ -88,7 +88,7 @@ _BYTES = ("byte", "uint8")
 
 
 def lazily(module: str) -> tuple[Callable[[str], type[Message]], Callable[[], Iterable[str]]]:
-    """Returns the functions `__getattr__` and `__dir__` of the module of a package."""
+    """Returns the functions `__getattr__` and `__dir__` for the module of a ROS 2 package."""
     package = module.rpartition(".")[2]
 
     def get(name: str) -> type[Message]:

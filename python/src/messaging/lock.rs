@@ -1,4 +1,4 @@
-//! The lock of a resource of a class, and the user of one.
+//! The lock for a resource of a class, and the user of a lock of another process.
 
 use super::{Station, no_number};
 use comms::logic::object::ObjectError;
@@ -10,10 +10,10 @@ use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How many users wait for a lock at most.
+/// The most users that wait for a lock.
 const WAITING_MAX: usize = 64;
 
-/// Returns the exports of a lock: the procedure that takes requests, and its state for users.
+/// Returns the exports of a lock: the procedure that takes requests, and its state for people.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Lock> {
     let mut exports = Exports::default();
     exports.procedure_later(name, doc, |lock: &mut Lock, request: LockRequest, reply| lock.ask(request, reply));
@@ -64,21 +64,22 @@ impl Station for LockStation {
     }
 }
 
-/// A lock as the class that has the resource sees it.
+/// A lock, as seen by the class with the resource.
 #[pyclass(frozen, module = "dca", name = "Lock")]
 #[derive(Debug)]
 pub(crate) struct LockOf(pub(crate) Arc<LockStation>);
 
 #[pymethods]
 impl LockOf {
-    /// The fencing number of the user that holds it; `None` if it is free. A resource of a free lock is to be still.
+    /// The fencing number of the present holder; `None` if the lock is free. The resource of a free lock has to be at
+    /// rest.
     #[getter]
     fn held(&self) -> Option<u64> {
         let now = *self.0.now();
         self.0.held().0.held(now)
     }
 
-    /// The name of the user that holds it; empty if it is free.
+    /// The name of the present holder; empty if the lock is free.
     #[getter]
     fn holder(&self) -> String {
         self.0.held().0.status().holder.unwrap_or_default()
@@ -91,7 +92,7 @@ impl LockOf {
     }
 }
 
-/// The user of a lock of another process.
+/// The user of another process's lock.
 #[derive(Debug)]
 pub(crate) struct LockUserStation {
     name: String,
@@ -123,7 +124,7 @@ impl Station for LockUserStation {
         if is_connected {
             held.calls.connect();
         }
-        // Answers to calls of the previous activation do not come.
+        // Answers to calls of the previous activation never arrive.
         if let Ok(user) = LockUser::new(&self.name) {
             held.user = user;
         }
@@ -144,7 +145,7 @@ impl Station for LockUserStation {
     }
 }
 
-/// The lock of another process as its user sees it.
+/// Another process's lock, as seen by its user.
 #[pyclass(frozen, module = "dca", name = "LockUser")]
 #[derive(Debug)]
 pub(crate) struct LockUserOf(pub(crate) Arc<LockUserStation>);
@@ -157,37 +158,37 @@ impl LockUserOf {
         self.0.held().user.want(priority);
     }
 
-    /// Lets go of it, or waits no more.
+    /// Releases the lock, or stops waiting for it.
     fn let_go(&self) {
         self.0.held().user.let_go();
     }
 
-    /// The fencing number that goes with each command, as long as the lock may be believed to be held; else `None`.
+    /// The fencing number to send with each command, as long as the lock counts as held; otherwise `None`.
     #[getter]
     fn held(&self) -> Option<u64> {
         let held = self.0.held();
         held.user.held(held.now)
     }
 
-    /// Whether a user with a greater priority waits for this one to let go.
+    /// Whether a user of greater priority waits for the lock that this user holds.
     #[getter]
     fn is_wanted(&self) -> bool {
         self.0.held().user.is_wanted()
     }
 
-    /// Whether nothing is wanted or held.
+    /// Whether the lock is neither wanted nor held.
     #[getter]
     fn is_idle(&self) -> bool {
         self.0.held().user.is_idle()
     }
 
-    /// The name of the user that held it when this one was last told to wait.
+    /// The name of the holder when this user was last told to wait.
     #[getter]
     fn holder(&self) -> String {
         self.0.held().user.holder().to_owned()
     }
 
-    /// Why the lock was lost, or was not to be had, since it was wanted last.
+    /// Why the lock was lost, or could not be granted, since it was last wanted; otherwise `None`.
     #[getter]
     fn lost(&self) -> Option<String> {
         self.0.held().user.lost().map(|why| why.to_string())

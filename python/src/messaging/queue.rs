@@ -1,4 +1,4 @@
-//! A queue of a class: takes messages in, and gives them out by priority.
+//! A queue of a class: receives messages, and gives them out by priority.
 
 use super::Station;
 use super::lock::LockStation;
@@ -14,7 +14,7 @@ use pyo3::types::PyList;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Returns the exports of a queue: the procedure that takes messages, and its state for users.
+/// Returns the exports of a queue: the procedure that takes messages, and its state for people.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Held> {
     let mut exports = Exports::default();
     exports.procedure(name, doc, |held: &mut Held, message: QueueMessage| Ok(held.receive(message)));
@@ -40,7 +40,7 @@ impl Held {
         Self { queue: MessageQueue::new(settings), message: Arc::clone(message), lock: None, now: Time::ZERO }
     }
 
-    /// Takes a message in, or turns it away.
+    /// Accepts a message, or rejects it.
     pub(super) fn receive(&mut self, message: QueueMessage) -> Receipt {
         if let Some(Err(refusal)) = self.lock.as_ref().map(|lock| lock.admit(message.fence)) {
             return self.queue.turn_away(Rejected::Fenced(refusal));
@@ -60,7 +60,7 @@ impl Held {
         self.queue.receive(self.now, message)
     }
 
-    /// Takes the first message out. A message whose grant has ended since is dropped.
+    /// Takes the first message. A message whose grant has ended in the meantime is dropped.
     fn take(&mut self) -> Option<QueueMessage> {
         if let Some(lock) = &self.lock {
             self.queue.retain(|message| lock.admit(message.fence).is_ok());
@@ -133,14 +133,14 @@ impl Source for QueueStation {
     }
 }
 
-/// A queue as a class sees it.
+/// A queue, as seen by a class.
 #[pyclass(frozen, module = "dca", name = "Queue")]
 #[derive(Debug)]
 pub(crate) struct QueueOf {
     source: Arc<dyn Source>,
 }
 
-/// A message that was taken out of a queue.
+/// A message that was taken from a queue.
 #[pyclass(frozen, get_all, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Taken {
@@ -160,12 +160,12 @@ impl QueueOf {
 
 #[pymethods]
 impl QueueOf {
-    /// Takes the message with the highest priority, and among equals the oldest; `None` if the queue is empty.
+    /// Takes the message of the highest priority, the oldest among several; `None` if the queue is empty.
     fn take(&self, py: Python<'_>) -> PyResult<Option<Taken>> {
         take(py, &*self.source)
     }
 
-    /// Takes all messages that wait.
+    /// Takes all waiting messages.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         all(py, &*self.source)
     }

@@ -1,4 +1,4 @@
-//! A router of a class, and the subscriber for a router of another process.
+//! A router of a class, and the subscriber to another process's router.
 
 use super::queue::{Held, Source, Taken, all, take, waiting};
 use super::{DeclaredFilter, Station, no_number};
@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Returns the exports of a router: the procedure that takes subscriptions, and its state for users.
+/// Returns the exports of a router: the procedure that takes subscriptions, and its state for people.
 pub(super) fn exports(name: &'static str, status: Option<&'static str>, doc: &'static str) -> Exports<Router<()>> {
     let mut exports = Exports::default();
     exports.procedure_later(name, doc, |router: &mut Router<()>, subscription: Subscription, reply| {
@@ -69,14 +69,14 @@ impl Station for RouterStation {
     }
 }
 
-/// A router as its class sees it.
+/// A router, as seen by its class.
 #[pyclass(frozen, module = "dca", name = "Router")]
 #[derive(Debug)]
 pub(crate) struct RouterOf(pub(crate) Arc<RouterStation>);
 
 #[pymethods]
 impl RouterOf {
-    /// Sends a message to all subscribers whose filters take its header.
+    /// Sends a message to all subscribers whose filters accept its header.
     #[pyo3(signature = (value, *, category = String::new(), priority = 0, marker = 0))]
     fn send(&self, value: &Bound<'_, PyAny>, category: String, priority: u8, marker: u64) -> PyResult<()> {
         let message = self.0.message.get();
@@ -86,13 +86,14 @@ impl RouterOf {
         self.0.held().0.send_encoded(now, encoded).map(drop).map_err(PyValueError::new_err)
     }
 
-    /// The names of its subscribers.
+    /// The names of the subscribers.
     #[getter]
     fn subscribers(&self) -> Vec<String> {
         self.0.held().0.status().subscribers.into_iter().map(|one| one.queue).collect()
     }
 
-    /// Takes the subscribers that were dropped since: the name, why, and how many messages for it were lost.
+    /// Takes the subscribers that were removed since the last call: the name, the reason, and the number of lost
+    /// messages for each.
     fn dropped(&self) -> Vec<(String, &'static str, u64)> {
         let mut held = self.0.held();
         let dropped = std::iter::from_fn(|| held.0.dropped());
@@ -175,7 +176,7 @@ impl Source for SubscriberStation {
     }
 }
 
-/// The router of another process, as its subscriber sees it.
+/// Another process's router, as seen by its subscriber.
 #[pyclass(frozen, module = "dca", name = "Subscriber")]
 #[derive(Debug)]
 pub(crate) struct SubscriberOf(pub(crate) Arc<SubscriberStation>);
@@ -187,7 +188,7 @@ impl SubscriberOf {
         take(py, &*self.0)
     }
 
-    /// Takes all messages that wait.
+    /// Takes all waiting messages.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         all(py, &*self.0)
     }
@@ -197,7 +198,7 @@ impl SubscriberOf {
         waiting(&*self.0)
     }
 
-    /// The state of the subscription: `asking` while that is unknown, `yes`, or the reason against it.
+    /// The state of the subscription: `asking` while it is unknown, `yes`, or the reason why it was refused.
     #[getter]
     fn state(&self) -> String {
         match self.0.held().user.state() {
@@ -208,8 +209,8 @@ impl SubscriberOf {
         }
     }
 
-    /// Replaces the filters from now on: the subscriber gets messages that one of the filters takes, or everything if
-    /// there is none.
+    /// Replaces the filters. From now on the subscriber gets the messages that one of the filters accepts, or all
+    /// messages without filters.
     fn set_filters(&self, filters: Vec<DeclaredFilter>) {
         let mut held = self.0.held();
         held.filters = filters.into_iter().map(Filter::from).collect();

@@ -1,4 +1,4 @@
-//! The client of a queue of another process.
+//! The client of another process's queue.
 
 use super::{Station, no_number};
 use crate::message::MessageType;
@@ -28,7 +28,7 @@ struct Held {
     calls: Calls<QueueMessage, Receipt>,
     now: Time,
     activation: u64,
-    /// The ends of the messages that the class still holds: no text if a message was accepted.
+    /// The results of the messages that the class still holds; `Ok` if a message was accepted.
     ends: BTreeMap<u64, Option<Result<(), String>>>,
 }
 
@@ -77,7 +77,7 @@ impl Station for SenderStation {
     }
 }
 
-/// Returns the reason why a message is not in its queue, or may not be.
+/// Returns the result of a message; the error is the reason why it is not in its queue, or may not be.
 fn told(end: SendEnd) -> Result<(), String> {
     match end {
         SendEnd::Accepted => Ok(()),
@@ -88,14 +88,14 @@ fn told(end: SendEnd) -> Result<(), String> {
     }
 }
 
-/// The queue of another process, as its client sees it.
+/// Another process's queue, as seen by its client.
 #[pyclass(frozen, module = "dca", name = "Sender")]
 #[derive(Debug)]
 pub(crate) struct SenderOf(pub(crate) Arc<SenderStation>);
 
 #[pymethods]
 impl SenderOf {
-    /// Sends a message after this calculation, and again until its receipt comes; the queue takes it once.
+    /// Sends a message after this calculation, and repeats it until its receipt comes. The queue takes it once.
     #[pyo3(signature = (value, *, within, category = String::new(), priority = 0, marker = 0, to = None, fence = None))]
     #[expect(clippy::too_many_arguments, reason = "all but the value are named at the call")]
     fn send(
@@ -119,7 +119,7 @@ impl SenderOf {
     }
 }
 
-/// A message on its way.
+/// A message that was sent.
 #[pyclass(frozen, module = "dca")]
 #[derive(Debug)]
 pub(crate) struct Sending {
@@ -137,13 +137,13 @@ impl Sending {
 
 #[pymethods]
 impl Sending {
-    /// Whether it is known what became of the message.
+    /// Whether the result of the message is known.
     #[getter]
     fn done(&self) -> bool {
         self.end().is_some()
     }
 
-    /// Returns nothing if the message is in the queue, or was; raises `dca.SendError` if it is not, or may not be.
+    /// Returns `None` if the queue has accepted the message. Raises `dca.SendError` if it has not, or may not have.
     fn result(&self) -> PyResult<()> {
         let end = self.end().ok_or_else(|| PyRuntimeError::new_err("the receipt has not come yet: see `done`"))?;
         end.map_err(SendError::new_err)

@@ -9,11 +9,11 @@ use ros::logic::cdr::{CdrError, Reader};
 use ros::logic::definition::{Count, Element, Field, Primitive};
 use std::sync::Arc;
 
-/// The bytes of a value, and where the reader is in them.
+/// The bytes of a value, and the position of the reader.
 struct Source<'a, 'py> {
     py: Python<'py>,
     reader: Reader<'a>,
-    /// The bytes in which the value is.
+    /// The bytes that contain the value.
     whole: &'a Arc<Arrived>,
 }
 
@@ -29,7 +29,7 @@ impl Standard {
     fn record<'py>(&self, index: usize, source: &mut Source<'_, 'py>) -> PyResult<Bound<'py, PyAny>> {
         let fields = &self.schema.at(index).fields;
         if fields.is_empty() {
-            // It has a byte, which means nothing.
+            // An empty struct has one byte without a meaning.
             source.reader.number::<1>().map_err(wrong)?;
         }
         let values = fields.iter().map(|field| self.field(field, source)).collect::<PyResult<Vec<_>>>()?;
@@ -67,7 +67,7 @@ fn numbers<'py>(of: Primitive, count: usize, source: &mut Source<'_, 'py>) -> Py
     let (py, letter) = (source.py, letter(of));
     let bytes = source.reader.numbers(count, of.size()).map_err(wrong)?;
     if count == 0 {
-        // Python cannot see no bytes as numbers of another size.
+        // Python cannot cast an empty view to numbers of another size.
         let none = py.import("array")?.call_method1("array", (letter,))?;
         return PyMemoryView::from(&none)?.call_method0("toreadonly");
     }

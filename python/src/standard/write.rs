@@ -12,7 +12,7 @@ use ros::logic::definition::{Count, Element, Field, Primitive};
 /// The bytes of a value so far.
 struct Sink {
     writer: Writer,
-    /// Whether numbers may be infinite, or not numbers.
+    /// Whether numbers may be infinite or NaN.
     allows_nan: bool,
 }
 
@@ -54,7 +54,7 @@ impl Standard {
         let length = value.len().map_err(|_no_list| expected("a list", value))?;
         write_count(field.count, length, &mut sink.writer)?;
         let mut written = 0;
-        // An iterator need not end: more than one beyond the length is not asked for.
+        // An iterator may be endless, so at most one element beyond the length is read.
         for element in value.try_iter()?.take(length.saturating_add(1)) {
             self.write_element(&field.element, &element?, sink)?;
             written += 1;
@@ -71,7 +71,7 @@ impl Standard {
             Element::Text { max } => {
                 let text = value.cast::<PyString>().map_err(|_no_text| expected("a str", value))?;
                 let text = text.to_cow()?;
-                // It ends there for a program in C++ as well.
+                // A program in C++ would also end the text there.
                 let text = text.split('\0').next().unwrap_or_default();
                 if let Some(max) = max.filter(|max| text.len() > *max) {
                     return Err(PyValueError::new_err(format!("expected at most {max} bytes, got {}", text.len())));
@@ -97,7 +97,7 @@ fn write_count(of: Count, count: usize, writer: &mut Writer) -> PyResult<()> {
     }
 }
 
-/// Returns a view of a value, if it is a buffer whose numbers have the type and the size of the field.
+/// Returns a view of a value, if the value is a buffer whose numbers have the type and size of the field.
 fn buffer<'py>(of: Primitive, value: &Bound<'py, PyAny>) -> Option<Bound<'py, PyMemoryView>> {
     let view = PyMemoryView::from(value).ok()?;
     let format: String = view.getattr("format").ok()?.extract().ok()?;
@@ -130,7 +130,7 @@ fn write_buffer(of: Primitive, count: Count, view: &Bound<'_, PyMemoryView>, sin
     let place = sink.writer.numbers(length, of.size());
     PyBuffer::<u8>::get(&bytes)?.copy_to_slice(py, place)?;
     if of == Primitive::Bool {
-        // Other bytes than 0 and 1 are not truth values.
+        // Truth values are only 0 and 1; all other bytes become 1.
         place.iter_mut().for_each(|byte| *byte = u8::from(*byte != 0));
     }
     if !sink.allows_nan && !are_finite(of, place) {
@@ -183,7 +183,7 @@ fn float(value: &Bound<'_, PyAny>, allows_nan: bool) -> PyResult<f64> {
     Ok(number)
 }
 
-/// Returns a whole number that was read as one of 64 bits; `of` is its type for people.
+/// Converts a whole number that was read with 64 bits; `of` is the name of its type for people.
 fn narrow<W, N: TryFrom<W>>(value: &Bound<'_, PyAny>, wide: PyResult<W>, of: &str) -> PyResult<N> {
     let beyond = || PyValueError::new_err(format!("{value} does not fit into {of}"));
     let wide = wide.map_err(|error| {

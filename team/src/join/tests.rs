@@ -19,7 +19,7 @@ async fn waiting(seconds: u64) -> Waiting {
     waiting_with(seconds, true).await
 }
 
-/// On a disk that `takes` certificates, or not.
+/// Returns an inviter whose disk stores certificates if `takes`.
 async fn waiting_with(seconds: u64, takes: bool) -> Waiting {
     let root = SecretKeys::generate(&mut crate::random().unwrap());
     let team = Team::found("acme".parse().unwrap(), &root);
@@ -71,7 +71,7 @@ async fn nobody_joins_whose_certificate_cannot_be_kept() {
     assert_eq!(why, "the certificate cannot be kept: no space");
 }
 
-/// Clients that send nonsense, or nothing, keep no robot out.
+/// Clients that send nonsense, or nothing, do not prevent a robot from joining.
 #[tokio::test]
 async fn others_do_not_disturb() {
     let waiting = waiting(60).await;
@@ -98,7 +98,7 @@ async fn an_invitation_is_for_its_team_alone() {
     assert_eq!(other.kept.load(Ordering::SeqCst), 0);
 }
 
-/// Wrong lines that come again and again keep the right one neither out nor waiting.
+/// Repeated wrong lines neither exclude the right one nor make it wait.
 #[tokio::test]
 async fn the_right_line_does_not_wait_for_wrong_ones() {
     let waiting = waiting(60).await;
@@ -110,7 +110,7 @@ async fn the_right_line_does_not_wait_for_wrong_ones() {
         let line = wrong.clone();
         trying.spawn(async move { join(&line, "robot".parse().unwrap(), keys()).await.unwrap_err().to_string() });
     }
-    // Some have been refused, and the others are waiting.
+    // Some were refused, and the others still wait.
     assert_eq!(trying.join_next().await.unwrap().unwrap(), JoinError::Refused.to_string());
     let joined = join(&waiting.line, "robot".parse().unwrap(), keys()).await;
     assert_eq!(joined.unwrap().2.certificate().claims().name.as_str(), "r1");

@@ -1,4 +1,5 @@
-//! Notes the refusals of a member, so that repeated attempts do not fill the log: one line a minute for each reason.
+//! Counts the refusals of a member, so that repeated attempts do not fill the log: one line per minute for each
+//! reason.
 
 use super::Member;
 use crate::audit::AuditEntry;
@@ -8,28 +9,28 @@ use std::sync::{MutexGuard, PoisonError};
 use trust::audit::Decision;
 use trust::team::TrustError;
 
-/// The most addresses and reasons that are distinguished in a minute; beyond that each refusal is counted.
+/// The most addresses and reasons that are distinguished in a minute. Further refusals are only counted.
 const LINKS_MAX: usize = 256;
-/// How many reasons against members are known.
+/// How many reasons against members of the team are remembered.
 const OF_MEMBERS_MAX: usize = 256;
-/// The number of reasons for which refusals are recorded in a minute.
+/// The number of reasons for which refusals of messages are recorded in a minute.
 const REASONS_MAX: usize = 32;
 
 /// The refusals of this minute.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
-    /// The minute, and the addresses and reasons of links.
+    /// The minute, and the addresses and reasons of refused links.
     links: (u64, BTreeSet<(IpAddr, String)>),
-    /// The minute, and the reasons of messages.
+    /// The minute, and the reasons of refused messages.
     messages: (u64, BTreeSet<String>),
-    /// Reasons against holders of a certificate of the team.
+    /// The reasons against holders of a certificate of the team.
     of_members: BTreeSet<String>,
 }
 
 impl Member {
-    /// Takes note that a link was refused.
+    /// Notes that a link was refused.
     pub(super) fn refuse_link(&self, from: SocketAddr, why: &str) {
-        // A client that keeps coming, like a revoked robot, must not fill the log.
+        // A client that connects repeatedly, like a revoked robot, must not fill the log.
         if !self.is_news(from.ip(), why) {
             return;
         }
@@ -43,7 +44,7 @@ impl Member {
                 true
             }
         };
-        // The log of the node has no more lines than the audit log.
+        // The node's own log gets no more lines than the audit log.
         if is_line {
             tracing::warn!(%from, why, "a link was refused");
         }
@@ -60,7 +61,7 @@ impl Member {
     }
 
     fn refusals(&self) -> MutexGuard<'_, Refusals> {
-        // Sets of plain values are valid even if the thread that held them panicked.
+        // Sets of plain values are valid even if a thread has panicked while it held the lock.
         self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -74,9 +75,9 @@ impl Member {
         told.1.len() >= LINKS_MAX || told.1.insert((from, why.to_owned()))
     }
 
-    /// Notes that a message was refused: its intended effect, and the reason. Returns whether the refusal should be
-    /// recorded: one line a minute for each reason, and only a few reasons, so that repeated attempts do not fill the
-    /// disk.
+    /// Notes that a message was refused: the action that it requested, and the reason. Returns whether the refusal
+    /// should be recorded. Only one line per minute is recorded for each reason, and only a few reasons, so that
+    /// repeated attempts do not fill the disk.
     pub fn refuse_message(&self, what: &str, why: &str) -> bool {
         let mut refusals = self.refusals();
         let (told, minute) = (&mut refusals.messages, crate::now().0 / 60);

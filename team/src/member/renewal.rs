@@ -1,5 +1,5 @@
-//! Certificates that members renew for each other: this node's by others, and others' by this node, if its role allows
-//! it.
+//! Certificates that members renew for each other. Others renew this node's certificate; this node renews those of others, if its
+//! role allows it.
 
 use super::{CREDENTIAL, Member};
 use crate::audit::AuditEntry;
@@ -17,7 +17,7 @@ use trust::renewal;
 use trust::role::{Action, Kind};
 use trust::team::Credential;
 
-/// The credentials that this node gives to others on its machine.
+/// The credentials that this node gives to visitors and programs on its machine.
 #[derive(Debug)]
 pub(super) struct Vouched {
     /// The keys of visitors.
@@ -27,11 +27,11 @@ pub(super) struct Vouched {
 }
 
 impl Member {
-    /// Makes an identity for visitors from this machine, and writes it to a file whose path the visitors get. Writes
-    /// the credentials of its programs to another file. Both are rewritten when this node's certificate is renewed.
+    /// Makes an identity for visitors from this machine, and writes it to the file `visitors`. Writes the credentials for the node's
+    /// programs to the file `programs`. Both are rewritten when this node's certificate is renewed.
     ///
     /// # Errors
-    /// The disk refuses, or the system has no random bytes.
+    /// If the disk refuses, or the system has no random bytes.
     pub fn vouch(&self, visitors: &Path, programs: &Path) -> anyhow::Result<()> {
         let files = [visitors.to_owned(), programs.to_owned()];
         let vouched = Vouched { keys: SecretKeys::generate(&mut crate::random()?), files };
@@ -48,12 +48,11 @@ impl Member {
         VisitorIdentity::keep(visitors, keys, &self.team, &delegation, &revoked)
     }
 
-    /// Also writes the programs' credentials to this file, with the revocations beside it, for the group of the user
-    /// that the programs run as: this user cannot enter the folders of the node. From then on both are kept up to date.
-    /// Blocks.
+    /// Also writes the programs' credentials to this file, and the revocations beside it, for the group of the user that the programs
+    /// run as. That user cannot enter the node's folders. Later changes are written to both files as well. Blocks.
     ///
     /// # Errors
-    /// The disk refuses, or this is not root.
+    /// If the disk refuses, or this process is not root.
     pub fn share(&self, file: &Path, gid: u32) -> anyhow::Result<()> {
         let shared = Some((file.to_owned(), gid));
         let is_known = *self.shared() == shared && file.is_file();
@@ -73,36 +72,36 @@ impl Member {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Vouches for a program that this node has started, by the public keys that it has made; returns the proof for others. Nothing
-    /// if the bytes are not keys.
+    /// Vouches for a program that this node has started, by the public keys that the program has made. Returns the proof for others;
+    /// none if the bytes are not keys.
     pub fn vouch_for(&self, keys: &[u8], program: &str) -> Option<Vec<u8>> {
         let newest = self.newest().clone();
         let key = ProgramKeys::signing_of(keys)?;
         Some(Delegation::sign(key, program, crate::now(), &self.keys, newest).to_bytes())
     }
 
-    /// Returns its credential, with the newest renewal.
+    /// Returns the node's credential with the newest renewal.
     pub(super) fn newest(&self) -> MutexGuard<'_, Credential> {
-        // The credential is replaced as a whole.
+        // The credential is replaced as a whole, so it is valid even after a panic.
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns until when this node is valid, without the grace, and from when on others are to be asked to renew that; nothing if it
-    /// cannot be renewed any more.
+    /// Returns until when this node's certificate is valid, without the grace period, and from when on others are asked to renew it.
+    /// The second time is none if it cannot be renewed any more.
     pub fn validity(&self) -> (UnixTime, Option<UnixTime>) {
         let credential = self.newest().clone();
         self.with_judge(|judge| (renewal::end(&credential, judge), renewal::due(&credential, judge)))
     }
 
-    /// Returns whether its role lets it renew others.
+    /// Returns whether this node's role permits it to renew certificates of others.
     pub fn may_renew(&self) -> bool {
         self.credential.certificate().claims().role.may(Action::Renew)
     }
 
-    /// Renews the certificate of another node; returns the form of its credential.
+    /// Renews the certificate of another node; returns the bytes of that node's credential.
     ///
     /// # Errors
-    /// This node may not, or that one is not trusted or is valid for long enough.
+    /// If this node may not renew, or the other node is not trusted, or is valid for long enough.
     pub fn renew(&self, credential: &[u8]) -> anyhow::Result<Vec<u8>> {
         let asker = Credential::from_bytes(credential).context("it shows no credential")?;
         let own = self.newest().clone();
@@ -111,11 +110,10 @@ impl Member {
         Ok(renewed.to_bytes())
     }
 
-    /// Renews the certificate of a user who has signed the request; returns the form of its credential.
+    /// Renews the certificate of a user who has signed the request; returns the bytes of the user's credential.
     ///
     /// # Errors
-    /// This node may not renew, or the request is not signed by the user, or the user is not trusted or is valid for
-    /// long enough.
+    /// If this node may not renew, the request is not signed by the user, or the user is not trusted or is valid for long enough.
     pub fn renew_user(&self, ask: &[u8]) -> anyhow::Result<Vec<u8>> {
         ensure!(self.may_renew(), "`{}` may not renew", self.name());
         let asker = renewal::asked(ask, crate::now())?;
@@ -125,10 +123,10 @@ impl Member {
         Ok(renewed.to_bytes())
     }
 
-    /// Takes a renewal that another node has made for this one. Returns whether it is valid for longer now. Blocks.
+    /// Stores a renewal that another node has made for this node. Returns whether it is valid for longer now. Blocks.
     ///
     /// # Errors
-    /// The renewal does not outlast the present one, or the disk refuses.
+    /// If the renewal is not valid for longer than the present one, or the disk refuses.
     pub fn take_renewal(&self, offered: &[u8], by: &str) -> anyhow::Result<bool> {
         let offered = Credential::from_bytes(offered).context("it is not a credential")?;
         let own = self.newest().clone();
@@ -139,7 +137,7 @@ impl Member {
         folder::write(&self.folder.join(CREDENTIAL), &offered.to_bytes())?;
         *self.newest() = offered.clone();
         self.note_renewal(by, &offered);
-        // The credentials of its programs contain this node's credential.
+        // The credentials of the node's programs contain the node's credential.
         let vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
         vouched.as_ref().map_or(Ok(()), |vouched| self.write(vouched))?;
         Ok(true)
@@ -153,7 +151,7 @@ impl Member {
         self.record(AuditEntry { decision: Decision::Done, who, what, reason });
     }
 
-    /// Returns the forms of the newest known credentials: its own, and those that others have shown.
+    /// Returns the bytes of the newest known credentials: the node's own one, and those that others have shown.
     pub fn known_credentials(&self) -> Vec<Vec<u8>> {
         let own = self.newest().to_bytes();
         std::iter::once(own).chain(self.cards.all().iter().map(Credential::to_bytes)).collect()

@@ -1,5 +1,5 @@
-//! The revocations of a team: those that this node hears, keeps and passes on. Its memory and its disk hold the same
-//! sets, unless the disk refuses: then the heard sets still count, and are written at the next message.
+//! The revocations of a team: those that this node receives, stores and passes on. Memory and disk hold the same
+//! sets, unless the disk refuses. Then the received sets still apply, and are written at the next message.
 
 use super::{Member, REVOKED, judge};
 use crate::audit::{self, AuditEntry};
@@ -11,9 +11,9 @@ use trust::identity::KeyId;
 use trust::revocation::{ADMINS_BYTES_MAX, Received, RevocationError, Revocations, RevokedSet, SET_MAX, SETS_MAX};
 use trust::team::Team;
 
-/// The most bytes of revocations that are kept or heard at once.
+/// The most bytes of revocations that are stored, or received at once.
 pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
-// Everything that a member holds can be read again, including the length of each set.
+// The stored sets always fit, including the length of each set, so they can be read again.
 const _: () = assert!(SETS_MAX * SET_MAX + ADMINS_BYTES_MAX + (128 << 10) <= REVOKED_BYTES_MAX);
 
 /// The beginning of an audit record about a revocation.
@@ -22,8 +22,8 @@ const REVOKE: &str = "revoke: number ";
 /// Returns the stored revocations of the team.
 ///
 /// # Errors
-/// The file cannot be read, is broken, or is missing although this node has heard of revocations: without it the node
-/// would trust revoked members.
+/// If the file cannot be read, is invalid, or is missing although this node has received revocations. Without the
+/// file the node would trust revoked members.
 pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
     let path = folder.join(REVOKED);
     let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
@@ -40,11 +40,11 @@ pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Re
 }
 
 impl Member {
-    /// Takes in a set of revocations by the team or an admin. Returns whether it was new.
+    /// Adds a set of revocations by the team or an admin. Returns whether it was new.
     ///
     /// # Errors
-    /// It is not validly signed, or finds no room: then nothing has changed. Or the disk refuses: then it
-    /// counts until the node ends.
+    /// If the set is not validly signed, or does not fit; then nothing has changed. Or if the disk
+    /// refuses; then the set applies until the node ends.
     pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
         let (number, count) = (set.number(), set.keys().len());
         let mut revoked = self.revoked();
@@ -65,21 +65,21 @@ impl Member {
         written.map(|()| true)
     }
 
-    /// Writes the held sets to the disk, if they differ.
+    /// Writes the sets to the disk, if the file differs from them.
     fn keep(&self, revoked: &Revocations) -> anyhow::Result<()> {
         let (path, bytes) = (self.folder.join(REVOKED), form(revoked));
-        // An older file may have been put there, or the disk has refused.
+        // The file may have been replaced by an older one, or the disk may have refused a write.
         let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
         if is_kept || revoked.sets().is_empty() { Ok(()) } else { folder::write(&path, &bytes) }
     }
 
-    /// Takes in these sets; returns all that are held. They are on the disk when this returns.
+    /// Adds these sets; returns all sets that the node holds. They are on the disk when this returns.
     ///
     /// # Errors
-    /// The reasons of [`Self::revoke()`], for any set; the other sets are still taken in.
+    /// The errors of [`Self::revoke()`], for any set; the other sets are still added.
     pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
         let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
-        // Each set is taken in, even if others fail.
+        // Each set is added, even if others fail.
         let mut all = Ok(());
         for set in told {
             all = all.and(taken(set).map(drop));
@@ -90,7 +90,7 @@ impl Member {
         Ok(revoked.sets().iter().map(RevokedSet::to_bytes).collect())
     }
 
-    /// Hears the revocations of another node. Says whether any was new.
+    /// Adds the revocations of another node. Returns whether any of them was new.
     pub(super) fn hear_sets(&self, revocations: &[u8]) -> bool {
         let sets = from_form(revocations).unwrap_or_else(|error| {
             tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
@@ -100,7 +100,7 @@ impl Member {
         for set in sets {
             match self.revoke(set) {
                 Ok(_) => {}
-                // From a signer that is revoked here: such a set may be lost.
+                // The signer of this set is revoked here; such a set may be lost.
                 Err(error)
                     if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
                 {
@@ -119,13 +119,13 @@ impl Member {
     }
 }
 
-/// Returns the form in which sets of revocations are stored and sent.
+/// Returns the bytes in which sets of revocations are stored and sent.
 pub(super) fn form(revoked: &Revocations) -> Vec<u8> {
     let sets: Vec<Vec<u8>> = revoked.sets().iter().map(RevokedSet::to_bytes).collect();
     postcard::to_stdvec(&sets).unwrap_or_default()
 }
 
-/// Reads that form.
+/// Reads sets of revocations from these bytes.
 fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
     if bytes.len() > REVOKED_BYTES_MAX {
         bail!("there are too many revocations");
@@ -141,11 +141,11 @@ fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
     sets.into_iter().map(read).collect()
 }
 
-/// Returns the revocations of a team that were kept.
+/// Returns the stored revocations of a team.
 pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocations> {
     let mut revoked = Revocations::default();
     for set in from_form(bytes)? {
-        // Sets of an earlier team of this node do not count.
+        // Sets of an earlier team of this node are ignored.
         if let Err(error) = revoked.restore(set, team) {
             tracing::warn!(%error, "a set of revocations that was kept counts no more");
         }

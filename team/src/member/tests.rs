@@ -44,7 +44,7 @@ impl Desk {
         Credential::new(Certificate::issue(claims, &self.root).unwrap(), None)
     }
 
-    /// A node whose certificate begins and ends this many days from now.
+    /// A node whose certificate is valid from `begins` to `ends`, in days from now.
     fn node(&self, name: &str, begins: i64, ends: i64) -> Member {
         let (keys, state) = (keys(), self.folder.join(name));
         let at = |days: i64| crate::now().0.saturating_add_signed(days * i64::try_from(DAY).unwrap());
@@ -77,7 +77,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     check(&acme.node("old", -40, -10), "has ended");
     check(&acme.node("early", 2, 30), "not valid yet");
     assert_eq!(judged(&own, &acme.node("offline", -30, -5)), Ok("r1".to_owned()), "within the grace");
-    // The credential of another node, of a user, and of a program.
+    // The credentials of another node, of a user, and of a program.
     let stolen = own.judge(&keys_of(&keys()), &friend.credential()).unwrap_err();
     assert!(stolen.contains("of another key"), "{stolen}");
     let user = keys();
@@ -91,7 +91,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     assert!(visitor.judge(&friend.key().1, &friend.credential()).is_err(), "a node is not a program");
 }
 
-/// A program of a node, for which that has vouched.
+/// A program of a node, for which the node has vouched.
 fn of(acme: &Desk, node: &Member, name: &str) -> ProgramIdentity {
     let file = |what: &str| acme.folder.join(format!("{name}.{what}"));
     node.vouch(&file("visitors"), &file("programs")).unwrap();
@@ -100,7 +100,7 @@ fn of(acme: &Desk, node: &Member, name: &str) -> ProgramIdentity {
     program
 }
 
-/// Programs without a wire with this one are of the team, and come no further.
+/// Programs without a wire to this program are members of the team, but may not link.
 #[test]
 fn a_program_lets_those_link_who_have_a_wire_with_it_and_those_who_look() {
     let acme = Desk::new("acme");
@@ -120,16 +120,16 @@ fn a_program_lets_those_link_who_have_a_wire_with_it_and_those_who_look() {
     own.refused(([10, 0, 0, 4], 7).into(), &why);
     own.refused(([10, 0, 0, 4], 7).into(), "nonsense");
     assert_eq!(heard.try_iter().collect::<Vec<_>>(), ["third on r1 at 10.0.0.4"]);
-    // Its key with the words of another one, and a node itself.
+    // Its key with the credential of another program, and a node itself.
     assert!(own.judge(&third.key().1, &partner.credential()).unwrap_err().contains("of another key"));
     assert!(judged(&there).is_err() && awaits(&there).is_none());
-    // A visitor comes from a machine, and calls with the credentials that the node there gives to all clients on it.
+    // A visitor comes from a machine, and calls with the credentials that the node there gives to all its clients.
     let visitor = VisitorIdentity::open(&acme.folder.join("third.visitors")).unwrap();
     assert_eq!(judged(&visitor), Ok("a visitor from r1".to_owned()));
     assert_eq!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[3; 32]), None);
     assert!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[4; 32]).is_some());
     assert!(visitor.judge(&third.key().1, &third.credential()).is_ok());
-    // No node has vouched for it yet, or only for another key.
+    // No node has vouched for this program yet, or only for another key.
     let unknown = ProgramIdentity::open(&acme.folder.join("p"), |_| ()).unwrap();
     unknown.take_delegation(&here.vouch_for(&third.keys().public(), "unknown").unwrap());
     own.let_in([&unknown.keys().public()[..]].into_iter());
@@ -163,8 +163,8 @@ fn what_is_revoked_is_kept_told_and_counts_for_programs() {
     assert!(ours.judge(&theirs.key().1, &theirs.credential()).unwrap_err().contains("is revoked"));
 }
 
-/// Two copies of the operator's keys count on from one number, and two nodes hear one set each. Nothing is lost when they meet, when a node
-/// is killed, nor when its file is put back; and an older set takes nothing away.
+/// Two copies of the operator's keys continue from the same number, and two nodes receive one set each. Nothing is lost when the nodes
+/// meet, when a node is killed, or when its file is put back. An older set removes nothing.
 #[test]
 fn two_sets_of_one_number_are_both_kept() {
     let acme = Desk::new("acme");
@@ -179,7 +179,7 @@ fn two_sets_of_one_number_are_both_kept() {
     assert!(second.hear(&first.revocations()) && first.hear(&second.revocations()));
     assert!(!second.hear(&first.revocations()) && !first.hear(&second.revocations()), "they know the same");
     assert_eq!(first.revocations(), second.revocations());
-    // A later set without a key does not undo its revocation, not even over a restart.
+    // A later set without a key does not undo the revocation of that key, not even after a restart.
     let held = first.tell_revoked(&[set(4, &[lost]).to_bytes(), set(1, &[]).to_bytes()]).unwrap();
     assert_eq!(held.len(), 2, "the one with number 3 that is in number 4 is not needed");
     for member in [&first, &at("first"), &second, &at("second")] {
@@ -203,7 +203,7 @@ fn a_disk_that_refuses_is_told() {
     let (folder, away) = (acme.folder.join("first").join(FOLDER), acme.folder.join("away"));
     std::fs::rename(&folder, &away).unwrap();
     assert!(first.tell_revoked(&[set.to_bytes()]).is_err() && first.tell_revoked(&[]).is_err());
-    // It still counts, and is kept once the disk takes it.
+    // The set still applies, and is stored once the disk accepts it.
     assert!(first.with_judge(|judge| set.keys().keys().all(|key| judge.revoked.has(key))));
     std::fs::rename(&away, &folder).unwrap();
     assert_eq!(first.tell_revoked(&[]).unwrap(), [set.to_bytes()]);
@@ -214,8 +214,8 @@ fn a_disk_that_refuses_is_told() {
     std::fs::rename(&away, &folder).unwrap();
 }
 
-/// A node whose disk is full when it hears of a revocation no longer trusts the revoked member; it keeps the set when
-/// it hears it again.
+/// A node whose disk is full when it receives a revocation no longer trusts the revoked member. It stores the set when it receives it
+/// again.
 #[test]
 fn a_disk_that_refuses_takes_no_revocation_away() {
     let acme = Desk::new("acme");
@@ -233,7 +233,7 @@ fn a_disk_that_refuses_takes_no_revocation_away() {
     assert!(again.with_judge(|judge| judge.revoked.has(&gone)));
 }
 
-/// Removing the file does not make a node trust revoked members again: it does not start.
+/// Removing the file does not make a node trust revoked members again: the node does not start.
 #[test]
 fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let acme = Desk::new("acme");
@@ -241,7 +241,7 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let (state, path) = (acme.folder.join("first"), acme.folder.join("first").join(FOLDER).join(REVOKED));
     let why = || format!("{:#}", Member::open(&state).unwrap_err());
     assert!(path.is_file(), "it begins with none, which is written");
-    // Without the file no key is revoked, and nothing says that any was.
+    // Without the file no key is revoked, and the remaining files do not show that any was.
     std::fs::remove_file(&path).unwrap();
     drop(Member::open(&state).unwrap().unwrap());
     std::os::unix::fs::symlink("/nowhere/revoked", &path).unwrap();
@@ -250,7 +250,7 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let gone = keys().public().id();
     first.revoke(RevokedSet::sign(&acme.team, 1, [(gone, crate::now())].into(), &acme.root, None).unwrap()).unwrap();
     let kept = std::fs::read(&path).unwrap();
-    // Its audit log is whole when it has ended.
+    // The audit log is complete once the node has ended.
     drop(first);
     folder::write(&path, &kept[..kept.len() / 2]).unwrap();
     assert!(why().contains("is broken: copy that of another node") && why().ends_with("not a list of revocations"));
@@ -291,7 +291,7 @@ fn a_broken_folder_is_no_node_without_a_team() {
     assert!(Member::open(&state).unwrap_err().to_string().contains("is not there"));
     std::fs::remove_file(state.join(FOLDER).join(CREDENTIAL)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short"));
-    // So is an empty folder, and a link to a disk that is not mounted.
+    // The same holds for an empty folder, and for a link to a disk that is not mounted.
     std::fs::remove_dir_all(state.join(FOLDER)).unwrap();
     std::fs::create_dir(state.join(FOLDER)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
@@ -305,7 +305,7 @@ fn a_broken_folder_is_no_node_without_a_team() {
     assert!(Member::open(&state).unwrap().is_none());
 }
 
-/// A node that comes from another team notes the new one.
+/// A node that moves to another team notes the new team.
 #[test]
 fn a_node_notes_the_team_of_its_last_start() {
     let noted = {

@@ -1,4 +1,4 @@
-//! A call to an exported procedure and its answer, and a message to its queue with its receipt, compared with a query
+//! Compares a call to an exported procedure with its answer, and a message to a queue with its receipt, with a query
 //! of zenoh alone and with a Unix socket.
 
 use crate::figures::{Round, Subject, Table, cell};
@@ -7,14 +7,14 @@ use crate::sdk;
 use anyhow::Context;
 use std::path::Path;
 
-/// How often everything is measured, in turn.
+/// The number of measurements of each subject, in turn.
 const ROUNDS: u32 = 9;
-/// The messages: bytes, calls that are timed, and calls before those.
+/// The messages: bytes, timed calls, and the calls before them.
 const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 1000, 150), ("64 KiB", 64 << 10, 200, 30)];
 /// The greatest allowed cost of a call, as a multiple of zenoh alone.
 const TARGET: f64 = 1.5;
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let mut callee = sdk::Callee::start(dir).await?;
     let mut socket = raw::Pair::start(Transport::Socket, dir)?;

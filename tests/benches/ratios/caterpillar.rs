@@ -1,5 +1,5 @@
-//! A source at 1 kHz, eight stages one behind the other, and a sink at each: 17 programs, started by a node from a
-//! spec, and once more one program with all of them as an in-process group. Nothing may be missed.
+//! A source at 1 kHz, eight stages in a row, and a sink at each stage. A node starts them from a spec as 17 programs,
+//! and then again as one program, with all of them in an in-process group. No value may be lost.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -18,14 +18,15 @@ use std::time::Duration;
 const STAGES: u32 = 8;
 /// The source's period.
 const PERIOD: Duration = Duration::from_millis(1);
-/// How many values it sends, and how many periods it rests before and after them.
+/// The number of values from the source, and the number of idle periods before and after them.
 const VALUES: u64 = 10_000;
 const REST: u64 = 500;
 
-/// The most that a hop in one process may take, in microseconds.
+/// The longest time for a hop in one process, in microseconds.
 const HOP_MAX: f64 = 2.0;
 
-/// Values, each with its number and when it was sent, in nanoseconds. Several if a stage has had several at once.
+/// Values, each with its number and when it was sent, in nanoseconds. There are several if a stage has received
+/// several at once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Steps(Vec<(u64, u64)>);
 
@@ -45,12 +46,12 @@ struct Onward {
     out: Out<Steps>,
 }
 
-/// In a group all calculations of a turn are at one time, so there its members that measure read the clock.
+/// In a group, all calculations of a turn have the same time. So the measuring members of a group read the clock.
 fn time<const IN_GROUP: bool>(tick: Tick) -> Time {
     if IN_GROUP { now() } else { tick.now }
 }
 
-/// Sends, and is done some time after its last value.
+/// Sends values, and is done some time after its last value.
 struct Head<const IN_GROUP: bool>(u64);
 
 impl<const IN_GROUP: bool> Controller for Head<IN_GROUP> {
@@ -75,7 +76,7 @@ impl<const IN_GROUP: bool> Controller for Head<IN_GROUP> {
     }
 }
 
-/// Passes on its input.
+/// Sends its input on.
 struct Stage;
 
 impl Controller for Stage {
@@ -100,7 +101,7 @@ impl Controller for Stage {
     }
 }
 
-/// Keeps how old each value was that came; writes them to a file when its program ends.
+/// Keeps the age of each received value. Writes the ages to a file when its program ends.
 struct Sink<const IN_GROUP: bool> {
     file: PathBuf,
     ages: Vec<u64>,
@@ -141,7 +142,7 @@ pub(crate) fn add(registry: &mut Registry) {
     registry.add_group(group()).expect("its wires fit");
 }
 
-/// Returns all of them as one type.
+/// Returns the whole row as one type.
 fn group() -> InProcessGroup {
     const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
     let mut group = InProcessGroup::new("Caterpillar", "A head, stages, and a sink at each of them.").with(FILE);
@@ -161,7 +162,7 @@ fn name(stage: u32) -> String {
     if stage == 0 { "head".to_owned() } else { format!("stage{stage}") }
 }
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let dir = dir.join("caterpillar");
     std::fs::create_dir(&dir)?;

@@ -1,6 +1,6 @@
-//! A hop from node to node of dora, with its Python package: the same bytes there and back, measured in one run and in
-//! turn with the other measurements. Its nodes are programs in Python, so the figures include the time of the
-//! interpreter.
+//! A hop between two nodes of dora, with its Python package. The same bytes travel there and back, and the
+//! measurements alternate with the others of the run. The nodes are Python programs, so the figures include the time
+//! of the interpreter.
 
 use crate::figures::Round;
 use anyhow::{Context, bail};
@@ -11,10 +11,10 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// How long dora has to start its nodes, and a node to answer.
+/// The longest time for dora to start its nodes, and for a node to answer.
 const WITHIN: Duration = Duration::from_secs(120);
 
-/// Asked for messages over a socket, answers with the nanoseconds that each took there and back.
+/// On a request over a socket, sends messages. It answers with the round-trip time of each in nanoseconds.
 const PING: &str = r#"
 import os, socket, time
 import pyarrow
@@ -59,7 +59,7 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    /// Starts it; none if dora is not installed.
+    /// Starts both nodes; returns none if dora is not installed.
     pub(crate) fn start(dir: &Path) -> anyhow::Result<Option<Self>> {
         let works = |program: &str, arguments: &[&str]| {
             let mut command = Command::new(program);
@@ -108,7 +108,7 @@ impl Pair {
         Round::of(nanos?.into_iter().map(Duration::from_nanos).collect()).context("dora's node has ended")
     }
 
-    /// Ends both nodes, and with them dora.
+    /// Ends both nodes, which also ends dora.
     pub(crate) fn end(mut self) -> anyhow::Result<()> {
         drop(self.ping);
         self.child.wait()?;

@@ -1,4 +1,5 @@
-//! From the last calculation of one process to the run of the next: programs, a node, and the algebra between them.
+//! The time from the last calculation of one process to the run of the next. It includes the programs, a node, and
+//! the algebra between them.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -9,16 +10,16 @@ use node::logic::protocol::{Change, Report};
 use std::path::Path;
 use std::time::Duration;
 
-/// How often everything is measured, in turn.
+/// The number of measurements of each subject, in turn.
 const ROUNDS: u32 = 7;
-/// How many turns the two processes of a loop take.
+/// The number of turns of the two processes in a loop.
 const TURNS: u32 = 80;
-/// How many processes there are in a row, each of which runs once: a node paces loops that turn faster than that.
+/// The number of processes in a row. Each runs only once, since a node slows down loops with faster turns.
 const ROW: u32 = 40;
-/// The most that it may cost of a round trip through a Unix socket.
+/// The greatest allowed cost, as a multiple of a round trip through a Unix socket.
 const TARGET: f64 = 3.0;
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let dir = dir.join("event");
     std::fs::create_dir(&dir)?;
@@ -41,7 +42,7 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     node.end().await
 }
 
-/// Deploys a row of processes, each of which is done at once.
+/// Deploys a row of processes. Each is done at once.
 async fn run_row(node: &mut Node, dir: &Path) -> anyhow::Result<Round> {
     let files: Vec<_> = (0..ROW).map(|number| dir.join(number.to_string())).collect();
     let names: Vec<String> = (0..ROW).map(|number| format!("p{number}")).collect();
@@ -56,7 +57,7 @@ async fn run_row(node: &mut Node, dir: &Path) -> anyhow::Result<Round> {
     Round::of(times?.concat()).context("no samples")
 }
 
-/// Deploys two processes that take turns; returns how long it took from each end of the first to a run of the second.
+/// Deploys two processes that take turns. Returns the times from each end of the first to a run of the second.
 async fn take_turns(node: &mut Node, dir: &Path) -> anyhow::Result<Round> {
     let (first, second) = (dir.join("first"), dir.join("second"));
     let instances = format!("a instof Turn(\"{HOST}\", {first:?}, true); b instof Turn(\"{HOST}\", {second:?}, true);");

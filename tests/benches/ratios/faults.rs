@@ -1,4 +1,4 @@
-//! Reaction times of a supervisor: how soon it notices the end of a program and starts its successor, and how regular
+//! The reaction times of a supervisor: how soon it notices the end of a program and starts a successor, and how regular
 //! the ticks of a controller are.
 
 use crate::figures::{Round, Subject, Table, cell};
@@ -15,16 +15,17 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// How often everything is measured, in turn.
+/// The number of measurements of each subject, in turn.
 const ROUNDS: u32 = 5;
-/// How many programs are killed in a round, each once: a program that dies again and again has to wait.
+/// The number of programs that are killed in a round. Each is killed only once, since a program that dies repeatedly
+/// has to wait.
 const PROGRAMS: usize = 20;
-/// The most that a successor may take of a bare spawn.
+/// The greatest allowed time for a successor, as a multiple of a bare spawn.
 const TARGET: f64 = 2.0;
-/// How long a loop of 1 kHz is looked at.
+/// How long a loop of 1 kHz is measured.
 const LOOKED: Duration = Duration::from_secs(5);
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let dir = dir.join("faults");
     std::fs::create_dir(&dir)?;
@@ -56,7 +57,7 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     node.end().await
 }
 
-/// Kills children of this process. Returns how long it took until each was known to be gone, and until another one ran.
+/// Kills children of this process. Returns the times until each was known to be gone, and until another one ran.
 fn kill_bare() -> anyhow::Result<[Round; 2]> {
     let spawn = || Command::new("sleep").arg("1000").stdin(Stdio::null()).stdout(Stdio::null()).spawn();
     let (mut ends, mut starts, mut child) = (Vec::new(), Vec::new(), spawn()?);
@@ -73,7 +74,7 @@ fn kill_bare() -> anyhow::Result<[Round; 2]> {
     rounds(ends, starts)
 }
 
-/// Kills programs of a deployment. Returns how long it took until each report of an end came, and of a start.
+/// Kills programs of a deployment. Returns the times until each report of an end, and until each report of a start.
 async fn kill_supervised(node: &mut Node) -> anyhow::Result<[Round; 2]> {
     let (mut instances, mut names) = (String::new(), Vec::new());
     for number in 0..PROGRAMS {
@@ -120,7 +121,7 @@ fn rounds(ends: Vec<Duration>, starts: Vec<Duration>) -> anyhow::Result<[Round; 
     Ok([Round::of(ends).context("nothing was killed")?, Round::of(starts).context("nothing was killed")?])
 }
 
-/// Sleeps until each millisecond, as a loop does that has nothing around it.
+/// Sleeps until each millisecond, like a loop without any surroundings.
 fn tick_bare() -> anyhow::Result<Round> {
     let steps = LOOKED.as_nanos() / TICK.as_nanos();
     let (mut next, mut times) = (now(), Vec::new());

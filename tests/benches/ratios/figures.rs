@@ -1,4 +1,4 @@
-//! From samples to ratios, and the one table.
+//! Calculates ratios from samples, and makes the table.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -11,14 +11,14 @@ pub(crate) struct Round {
 }
 
 impl Round {
-    /// Returns the figures of a round's samples; nothing for no samples.
+    /// Returns the figures of a round's samples, or nothing without samples.
     pub(crate) fn of(mut samples: Vec<Duration>) -> Option<Self> {
         samples.sort_unstable();
         let at = |percent: usize| samples.get((samples.len() * percent / 100).min(samples.len().saturating_sub(1)));
         Some(Self { p50: *at(50)?, p99: *at(99)? })
     }
 
-    /// Returns half of each: one way of a round trip.
+    /// Returns half of each figure, for one direction of a round trip.
     pub(crate) fn halved(self) -> Self {
         Self { p50: self.p50 / 2, p99: self.p99 / 2 }
     }
@@ -29,7 +29,7 @@ impl Round {
     }
 }
 
-/// One subject, measured in every round.
+/// One subject. It is measured in every round.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Subject {
     rounds: Vec<Round>,
@@ -40,13 +40,13 @@ impl Subject {
         self.rounds.push(round);
     }
 
-    /// Returns the median of the rounds' medians, and of their tails.
+    /// Returns the median of the rounds' medians, and the median of their tails.
     pub(crate) fn figures(&self) -> Round {
         let of = |part: fn(&Round) -> Duration| median(self.rounds.iter().map(part).collect()).unwrap_or_default();
         Round { p50: of(|round| round.p50), p99: of(|round| round.p99) }
     }
 
-    /// Returns how many times as long as `base` it takes: the median of the ratios of medians, round by round.
+    /// Returns the time as a multiple of `base`: the median of the ratios of medians, round by round.
     pub(crate) fn ratio(&self, base: &Self) -> f64 {
         let ratios = self.rounds.iter().zip(&base.rounds);
         let mut ratios: Vec<f64> =
@@ -68,14 +68,14 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// Adds a heading. The two last words name the references of the two ratios.
+    /// Adds a heading. The two last words name the references for the two ratios.
     pub(crate) fn heading(&mut self, text: &str, first: &str, second: &str) {
         let (p50, p99) = ("p50".to_owned(), "p99".to_owned());
         self.lines.push(Default::default());
         self.lines.push([text.to_owned(), p50, p99, first.to_owned(), second.to_owned()]);
     }
 
-    /// Adds a line: a subject, and ratios that are text already.
+    /// Adds a line with a subject. The ratios are already text.
     pub(crate) fn line(&mut self, text: &str, subject: &Subject, ratios: [String; 2]) {
         let (Round { p50, p99 }, [first, second]) = (subject.figures(), ratios);
         let p99 = if subject.rounds.iter().all(|round| round.p50 == round.p99) { String::new() } else { human(p99) };
@@ -100,7 +100,7 @@ impl Table {
     }
 }
 
-/// Returns a ratio as a cell, with the target if there is one.
+/// Returns a ratio as a cell, with the target if it has one.
 pub(crate) fn cell(ratio: f64, target: Option<f64>) -> String {
     match target {
         None => format!("{ratio:.2}"),

@@ -1,5 +1,5 @@
-//! One hop from controller to controller, beside zenoh alone, a Unix socket, shared memory, and dora if it is
-//! installed.
+//! Compares one hop from controller to controller with zenoh alone, a Unix socket, shared memory, and with dora if it
+//! is installed.
 
 use crate::dora;
 use crate::figures::{Round, Subject, Table, cell};
@@ -8,9 +8,9 @@ use crate::sdk;
 use anyhow::Context;
 use std::path::Path;
 
-/// How often everything is measured, in turn.
+/// The number of measurements of each subject, in turn.
 const ROUNDS: u32 = 9;
-/// The messages: bytes, round trips that are timed, and round trips before those.
+/// The messages: bytes, timed round trips, and the round trips before them.
 const SIZES: [(&str, u32, u32, u32); 6] = [
     ("8 B", 8, 2000, 300),
     ("64 B", 64, 2000, 300),
@@ -22,11 +22,11 @@ const SIZES: [(&str, u32, u32, u32); 6] = [
 /// The greatest allowed cost of a hop, as a multiple of zenoh alone and of a Unix socket.
 const TARGET: f64 = 1.15;
 const TARGET_OF_SOCKET: f64 = 3.0;
-/// The greatest allowed cost as a multiple of shared memory, and the number of bytes from which it holds.
+/// The greatest allowed cost, as a multiple of shared memory. It applies from this number of bytes on.
 const TARGET_OF_MEMORY: f64 = 1.2;
 const MEMORY_FROM: u32 = 1 << 20;
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let mut controllers = sdk::Pair::start(dir).await?;
     let mut socket = raw::Pair::start(Transport::Socket, dir)?;

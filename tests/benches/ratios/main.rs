@@ -1,9 +1,9 @@
-//! The cost of DCA beside the cost of the same work without it, measured side by side in one run: `cargo bench -p
+//! Compares the cost of DCA with the cost of the same work without it. One run measures both, in turn: `cargo bench -p
 //! dca-tests`.
 //!
-//! Measured are: a hop between two controllers, one writer with many readers, the greatest rate, a call and a message
-//! to a queue, a row of stages, the time from the end of one process to the run of the next, the end of a program that
-//! is killed, and the start of a whole deployment. The measured programs are this executable again, started with other
+//! The benchmarks measure a hop between two controllers, one writer with many readers, the greatest rate, a call and a
+//! message to a queue, a row of stages, the time from the end of one process to the run of the next, the end of a
+//! killed program, and the start of a whole deployment. The measured programs are this executable again, with other
 //! arguments.
 
 mod call;
@@ -48,8 +48,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only the named benchmark: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults` or
-/// `start`.
+/// Measures everything, or only the benchmark with this name: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`,
+/// `faults` or `start`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -97,10 +97,11 @@ fn say(text: &str) -> anyhow::Result<()> {
     Ok(writeln!(std::io::stdout(), "{text}")?)
 }
 
-/// Where a machine with Linux has files in memory, as `/run` is, where a node of a service has its own.
+/// The folder for files in memory on a Linux machine. It is in memory like `/run`, where the node of a service has its
+/// own folder.
 const MEMORY: &str = "/dev/shm";
 
-/// A folder for sockets and the records of nodes, in memory if possible; removed at the end.
+/// A folder for sockets and the records of nodes, in memory if possible. It is removed at the end.
 struct Folder(PathBuf);
 
 impl Folder {

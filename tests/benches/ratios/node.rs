@@ -1,4 +1,4 @@
-//! A real node, its programs under shims, and a client that deploys.
+//! A real node with its programs under shims, and a client that deploys.
 
 use anyhow::{Context, bail, ensure};
 use comms::io::clock::now;
@@ -25,7 +25,7 @@ pub(crate) struct Node {
     request: u64,
 }
 
-/// The node's process; it is asked to leave, with all it has started, when a measurement fails.
+/// The process of the node. If a measurement fails, the node is asked to leave together with all of its programs.
 #[derive(Debug)]
 struct Running(Child);
 
@@ -54,7 +54,7 @@ pub(crate) struct Deployment {
 }
 
 impl Node {
-    /// Starts the node in the folder of this program, after bringing it up to date.
+    /// Brings the node in this program's folder up to date, and starts it.
     pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
         let program = built()?.join("dca-node");
         let child = Command::new(&program)
@@ -92,10 +92,10 @@ impl Node {
         Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes, WITHIN)?, asked })
     }
 
-    /// Stops the deployment, and waits until all of its processes are gone.
+    /// Stops the deployment, and waits until all of its processes have gone.
     pub(crate) async fn stop(&self, mut deployment: Deployment) -> anyhow::Result<()> {
         let (request, key) = (codec::encode(&Request::Stop { name: "bench".into() })?, key::rpc(HOST, "request"));
-        // Both run concurrently: unread reports would be an overrun.
+        // Both run at the same time, since unread reports would be an overrun.
         let stopping = self.client.call(&key, request, WITHIN);
         let finishing = async {
             while deployment.next().await?.is_some() {}
@@ -114,7 +114,7 @@ impl Node {
 }
 
 impl Deployment {
-    /// Returns the next report; none at the end.
+    /// Returns the next report, or none at the end.
     pub(crate) async fn next(&mut self) -> anyhow::Result<Option<Report>> {
         let Some(reply) = tokio::time::timeout(WITHIN, self.replies.next()).await? else { return Ok(None) };
         let answer = codec::decode::<Answer>(&reply?)?;
@@ -125,7 +125,7 @@ impl Deployment {
         Ok(Some(report))
     }
 
-    /// Waits for GO; returns how long it took from PREPARE, by the node's clock.
+    /// Waits for GO. Returns the time from PREPARE, by the node's clock.
     pub(crate) async fn go(&mut self) -> anyhow::Result<Duration> {
         loop {
             if let Report::Go { took, .. } = self.next().await?.context("it ended before GO")? {
@@ -135,7 +135,7 @@ impl Deployment {
     }
 }
 
-/// Returns the folder of the node's programs, up to date and in the profile of this program.
+/// Returns the folder of the node's programs. They are up to date, and have the profile of this program.
 fn built() -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe()?;
     let folder = own.ancestors().nth(2).context("this program stands in no target folder")?.to_owned();

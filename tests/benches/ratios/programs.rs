@@ -1,4 +1,4 @@
-//! The controllers that are measured. Each is as small as a controller can be; none reads a clock.
+//! The measured controllers. Each is as small as a controller can be, and none reads a clock.
 
 use crate::streams::{Tally, message};
 use comms::logic::bytes::Bytes;
@@ -13,10 +13,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a ping waits before it counts as lost and is sent again.
+/// The time after which a ping counts as lost and is sent again.
 const LOST_AFTER: Duration = Duration::from_secs(1);
 
-/// Bytes of any length, like an image or a scan for its carrier. A clone is not a copy.
+/// Bytes of any length, like an image or a scan for its carrier. Cloning does not copy them.
 #[derive(Clone, Debug)]
 pub(crate) struct Blob(Arc<Bytes>);
 
@@ -52,7 +52,7 @@ pub(crate) struct Says {
     said: Out<Blob>,
 }
 
-/// Returns everything that this program can be as a controller.
+/// Returns all controllers of this program.
 pub(crate) fn registry() -> Registry {
     let mut registry = Registry::default();
     registry.add::<Ping>();
@@ -68,13 +68,13 @@ pub(crate) fn registry() -> Registry {
     registry
 }
 
-/// Returns the value that a [`Ping`] is initialised with: the size of its messages in bytes, how many are timed, and
-/// how many go before those.
+/// Returns the initial value for a [`Ping`]: the size of its messages in bytes, the number of timed messages, and the
+/// number of messages before them.
 pub(crate) fn ping_value(size: u32, count: u32, warm_up: u32) -> Vec<u8> {
     [size, count, warm_up].iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
-/// Returns the round-trip times that a [`Ping`] left.
+/// Returns the round-trip times in the result of a [`Ping`].
 pub(crate) fn times_of(value: &[u8]) -> Vec<Duration> {
     let numbers = value.chunks_exact(8).filter_map(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
     numbers.map(Duration::from_nanos).collect()
@@ -84,7 +84,7 @@ fn value_of(times: &[Duration]) -> Vec<u8> {
     times.iter().flat_map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX).to_le_bytes()).collect()
 }
 
-/// Sends, waits for the answer, sends again. A round trip is the time from one calculation to the next.
+/// Sends, waits for the answer, and sends again. A round trip is the time between two calculations.
 #[derive(Debug, Default)]
 pub(crate) struct Ping {
     bytes: Arc<Bytes>,
@@ -139,7 +139,7 @@ impl Controller for Ping {
     }
 }
 
-/// Answers each message with the same.
+/// Sends each message back unchanged.
 #[derive(Debug)]
 pub(crate) struct Echo;
 
@@ -164,11 +164,11 @@ impl Controller for Echo {
     }
 }
 
-/// How long a [`Turn`] that rests takes.
+/// The duration of a [`Turn`] that rests.
 pub(crate) const REST: Duration = Duration::from_millis(8);
 
-/// Is done at once, or after a rest, and leaves the time of its last calculation. The value of the previous process
-/// gives the time from there to here. Writes all measured times to a file when its program ends.
+/// Is done at once, or after a rest. Its value is the time of its last calculation. With the value of the previous
+/// process, it measures the time from there to here. It writes all measured times to a file when its program ends.
 #[derive(Debug)]
 pub(crate) struct Turn {
     file: PathBuf,
@@ -225,8 +225,8 @@ impl Drop for Turn {
 /// The period of a [`Beat`].
 pub(crate) const TICK: Duration = Duration::from_millis(1);
 
-/// Calculates at 1 kHz. Writes by how much each interval between two calculations differs from its period to a file
-/// when its program ends.
+/// Calculates at 1 kHz. Measures by how much each interval between two calculations differs from its period, and
+/// writes these differences to a file when its program ends.
 #[derive(Debug)]
 pub(crate) struct Beat {
     file: PathBuf,
@@ -262,7 +262,7 @@ impl Drop for Beat {
     }
 }
 
-/// Does nothing, with an input and an output.
+/// A controller with an input and an output that only waits.
 #[derive(Debug)]
 pub(crate) struct Link;
 
@@ -284,7 +284,7 @@ impl Controller for Link {
     }
 }
 
-/// Answers a call with its argument, and has a queue from which it takes nothing.
+/// Answers a call with its argument. It also has a queue, from which it takes nothing.
 struct Callee {
     queue: Queue<Blob>,
 }
@@ -318,7 +318,7 @@ impl Controller for Callee {
 const PACED: u64 = 2_000_000;
 const FLOOD: u64 = 1000;
 
-/// Sends messages with their numbers, one each calculation; is initialised as a [`Ping`].
+/// Sends messages with their numbers, one in each calculation. It is initialised like a [`Ping`].
 #[derive(Debug)]
 struct Shout<const PERIOD: u64> {
     size: u32,
@@ -364,7 +364,7 @@ pub(crate) struct HearsAll {
     heard: Every<Blob>,
 }
 
-/// Keeps its samples, and is done when no more arrive.
+/// Keeps its samples, and is done once no more samples arrive.
 #[derive(Debug, Default)]
 struct Hear(Tally);
 

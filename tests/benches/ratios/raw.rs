@@ -1,4 +1,4 @@
-//! The machine and zenoh without DCA: pairs of processes that send bytes to and fro.
+//! The machine and zenoh without DCA: pairs of processes that send bytes back and forth.
 
 use crate::figures::Round;
 use crate::programs::times_of;
@@ -17,19 +17,19 @@ use zenoh::qos::{CongestionControl, Priority};
 /// The transport between two processes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Transport {
-    /// A Unix socket, read and written by blocking calls.
+    /// A Unix socket with blocking reads and writes.
     Socket,
-    /// Zenoh, with samples handed to a thread at both ends, as in a program with its own loop.
+    /// Zenoh. At both ends, samples are passed to a thread, as in a program with its own loop.
     Zenoh,
-    /// The same, each message made from bytes of one's own and taken as such, as anything typed has to.
+    /// Like `Zenoh`, but each message is made from own bytes and received as bytes. Typed messages need this.
     ZenohBytes,
-    /// Zenoh, messages that may share a batch, and wait for none: as samples of a wire go.
+    /// Zenoh. Messages may share a batch, but do not wait for others. Samples of a wire travel in this way.
     ZenohShared,
-    /// Zenoh, the answer sent from within its callback.
+    /// Zenoh. The answer is sent from the callback.
     ZenohCallback,
-    /// A query of zenoh, handed to a thread and answered by it.
+    /// A query of zenoh. A thread receives and answers it.
     ZenohQuery,
-    /// Shared memory: bytes are copied in and out, and a Unix socket announces them.
+    /// Shared memory. Bytes are copied into it and out of it, and a Unix socket announces them.
     Memory,
 }
 
@@ -60,7 +60,7 @@ impl Transport {
     }
 }
 
-/// Two processes, one of which measures round trips on request.
+/// Two processes. One measures round trips on request.
 #[derive(Debug)]
 pub(crate) struct Pair {
     ping: Child,
@@ -70,7 +70,7 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    /// Starts both, with sockets in `dir`.
+    /// Starts both processes, with sockets in `dir`.
     pub(crate) fn start(transport: Transport, dir: &Path) -> anyhow::Result<Self> {
         let program = std::env::current_exe()?;
         let path = dir.join(transport.word());
@@ -78,7 +78,7 @@ impl Pair {
             let arguments = ["raw", side, transport.word()];
             Command::new(&program).args(arguments).arg(&path).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()
         };
-        // The answering side listens; it prints when it does.
+        // The answering side listens, and prints a line once it does.
         let mut echo = start("echo")?;
         let mut said = String::new();
         BufReader::new(echo.stdout.take().context("no pipe")?).read_line(&mut said)?;
@@ -92,7 +92,7 @@ impl Pair {
         self.measure_paced(size, count, warm_up, Duration::ZERO)
     }
 
-    /// Measures them with a rest before each.
+    /// Measures like [`Self::measure`], with a rest before each round trip.
     pub(crate) fn measure_paced(
         &mut self,
         size: u32,
@@ -107,7 +107,7 @@ impl Pair {
         Round::of(times_of(&times)).context("no samples")
     }
 
-    /// Ends both.
+    /// Ends both processes.
     pub(crate) fn end(mut self) -> anyhow::Result<()> {
         drop((self.asking.take(), self.echo.stdin.take()));
         ensure!(self.ping.wait()?.success() && self.echo.wait()?.success(), "a raw pair failed");
@@ -135,7 +135,7 @@ pub(crate) fn ready() -> anyhow::Result<()> {
     Ok(std::io::stdout().write_all(b"ready\n")?)
 }
 
-/// Does each order that comes in, until there are no more.
+/// Carries out all incoming orders.
 pub(crate) fn obey(mut trip: impl FnMut(usize) -> anyhow::Result<Duration>) -> anyhow::Result<()> {
     for line in std::io::stdin().lines() {
         let numbers: Vec<usize> = line?.split(' ').filter_map(|word| word.parse().ok()).collect();
@@ -157,7 +157,7 @@ pub(crate) fn obey(mut trip: impl FnMut(usize) -> anyhow::Result<Duration>) -> a
     Ok(())
 }
 
-/// A message is its length and that many bytes.
+/// Echoes messages. A message is its length, followed by this number of bytes.
 fn echo_socket(path: &Path) -> anyhow::Result<()> {
     let listener = UnixListener::bind(path)?;
     ready()?;
@@ -192,7 +192,7 @@ fn ping_socket(path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// The same transport and the same settings as a controller's data session.
+/// Opens a session with the transport and settings of a controller's data session.
 pub(crate) fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::Session> {
     let mut config = zenoh::Config::default();
     let locator = |path: Option<&Path>| path.map(|path| format!("\"unixsock-stream/{}\"", path.display()));
@@ -271,7 +271,7 @@ fn ping_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
             asks.put(if matches!(transport, Transport::ZenohBytes) { copied() } else { payload.clone() })
                 .wait()
                 .map_err(failed)?;
-            // Before the other side has heard of us, and us of it, nothing arrives.
+            // Nothing arrives before each side knows the other.
             if let Some(answer) = answers.recv_timeout(Duration::from_millis(200)).map_err(failed)? {
                 if matches!(transport, Transport::ZenohBytes) {
                     bytes = answer.payload().to_bytes().into_owned();
@@ -308,7 +308,7 @@ fn ping_query(path: &Path) -> anyhow::Result<()> {
             let sent = now();
             let asking = session.get("raw/query").payload(bytes.clone()).congestion_control(CongestionControl::Block);
             let answers = asking.priority(Priority::InteractiveLow).express(true).wait().map_err(failed)?;
-            // Before the link is up, queries have no answer.
+            // Queries have no answer before the link is up.
             if let Ok(answer) = answers.recv()
                 && answer.result().is_ok_and(|answer| answer.payload().len() == size)
             {

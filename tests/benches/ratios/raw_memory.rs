@@ -1,4 +1,5 @@
-//! Shared memory without DCA: each side has a buffer that the other one reads, and a Unix socket announces its content.
+//! Shared memory without DCA. Each side has a buffer that the other side reads, and a Unix socket announces the
+//! content.
 
 use crate::raw::{obey, ready};
 use anyhow::{Context, ensure};
@@ -16,7 +17,7 @@ use std::path::Path;
 /// The longest message.
 const SIZE_MAX: usize = 16 << 20;
 
-/// One side: the buffer it fills, the buffer the other side fills, and the socket for announcements.
+/// One side: the buffer that it fills, the buffer that the other side fills, and the socket for announcements.
 struct Side {
     own: Buffer,
     other: Mapping,
@@ -48,7 +49,7 @@ impl Side {
         Ok(self.stream.write_all(&u32::try_from(bytes.len())?.to_le_bytes())?)
     }
 
-    /// Returns the next message; none at the end.
+    /// Returns the next message, or none at the end.
     fn receive(&mut self) -> anyhow::Result<Option<Vec<u8>>> {
         let mut size = [0; 4];
         if self.stream.read(&mut size)? == 0 {

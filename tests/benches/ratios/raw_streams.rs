@@ -1,4 +1,4 @@
-//! The machine and zenoh without DCA: one process that sends, and some that listen.
+//! The machine and zenoh without DCA: one process sends, and several listen.
 
 use crate::raw::{open, publisher, ready};
 use crate::streams::{Load, Tally, message};
@@ -12,15 +12,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use zenoh::Wait;
 
-/// The time for sent values to arrive, and for declarations to become known.
+/// The time in which sent values arrive, and declarations become known.
 const SETTLE: Duration = Duration::from_millis(500);
 
-/// How they are connected.
+/// The connection between the sender and the listeners.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
-    /// A Unix socket for each listener, written by blocking calls, one after the other.
+    /// A Unix socket for each listener. Blocking calls write to one after the other.
     Socket,
-    /// One publisher of zenoh, as samples of a wire go; each listener takes them in a thread.
+    /// One publisher of zenoh, like the samples of a wire. Each listener takes them in a thread.
     Zenoh,
 }
 
@@ -30,7 +30,7 @@ impl Transport {
     }
 }
 
-/// Runs one sender and its listeners; returns the samples of each listener.
+/// Runs one sender and its listeners. Returns the samples of each listener.
 pub(crate) fn measure(transport: Transport, dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>> {
     let path = dir.join(format!("stream-{}", transport.word()));
     let start = |side: &str| {
@@ -90,7 +90,7 @@ pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     }
 }
 
-/// Waits for the word, then hands over each message at its time.
+/// Waits for the signal to begin, then hands over each message at its time.
 fn send(load: Load, mut put: impl FnMut(Vec<u8>) -> anyhow::Result<()>) -> anyhow::Result<()> {
     std::io::stdin().read_line(&mut String::new())?;
     let (began, pause) = (now(), Wakeup::default());
@@ -162,7 +162,7 @@ fn listen_zenoh(path: &Path) -> anyhow::Result<()> {
     session.close().wait().map_err(failed)
 }
 
-/// Prints the samples received, on request.
+/// Prints the received samples, on request.
 fn say(tally: &Mutex<Tally>) -> anyhow::Result<()> {
     std::io::stdin().read_to_end(&mut Vec::new())?;
     let bytes = tally.lock().unwrap_or_else(PoisonError::into_inner).bytes();

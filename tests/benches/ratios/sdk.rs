@@ -1,4 +1,4 @@
-//! Controllers as separate programs, with this process in the place of their node.
+//! Controllers as separate programs. This process replaces their node.
 
 use crate::streams::{Load, Tally};
 use anyhow::{Context, bail, ensure};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// How long a program has for each order.
+/// The longest time for a program to answer an order.
 const WITHIN: Duration = Duration::from_secs(20);
 
 /// Where programs report.
@@ -57,13 +57,13 @@ impl Place {
 }
 
 impl Program {
-    /// Gives an order and returns the notice that answers it; `Running` is passed over.
+    /// Gives an order and returns the notice that answers it. It skips `Running`.
     async fn order(&mut self, order: &Order) -> anyhow::Result<Notice> {
         self.sender.send(order)?;
         self.notice().await
     }
 
-    /// Returns the next notice but `Running`.
+    /// Returns the next notice that is not `Running`.
     async fn notice(&mut self) -> anyhow::Result<Notice> {
         loop {
             match tokio::time::timeout(WITHIN, self.receiver.recv()).await?? {
@@ -74,7 +74,7 @@ impl Program {
         }
     }
 
-    /// Gives an order and waits until it has started to run.
+    /// Gives the order to start, and waits until the program runs.
     async fn run(&mut self, activation: u32) -> anyhow::Result<()> {
         self.sender.send(&Order::Activate { activation, value: Vec::new(), since: now() })?;
         let notice = tokio::time::timeout(WITHIN, self.receiver.recv()).await??;
@@ -95,7 +95,7 @@ impl Program {
     }
 }
 
-/// A program with an exported procedure, and a session that calls it.
+/// A program with an exported procedure, and a session for calls to it.
 pub(crate) struct Callee {
     program: Program,
     child: Child,
@@ -122,12 +122,12 @@ impl Callee {
         Ok(Self { program, child, session: opening.await??, made: 0 })
     }
 
-    /// Measures `count` calls with `size` bytes, one after the other. Blocks.
+    /// Measures `count` calls with `size` bytes, one after the other. It blocks.
     pub(crate) fn measure(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
         self.calls((count, warm_up), ("Echo", "Blob", "Blob"), |_| blob(size))
     }
 
-    /// Measures `count` messages with `size` bytes to its queue, up to the receipt. Blocks.
+    /// Measures `count` messages with `size` bytes to its queue, each until its receipt. It blocks.
     pub(crate) fn measure_queue(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
         let (category, sender, recipient) = ("bench".to_owned(), "bench".to_owned(), String::new());
         let header =
@@ -180,7 +180,7 @@ impl Callee {
     }
 }
 
-/// Bytes as a message, with their length before them.
+/// Returns bytes as a message: their length, followed by the bytes.
 fn blob(size: u32) -> Vec<u8> {
     [postcard_length(size), vec![1; size as usize]].concat()
 }
@@ -198,7 +198,7 @@ fn postcard_length(size: u32) -> Vec<u8> {
     }
 }
 
-/// A ping and an echo, each a program, wired both ways.
+/// A ping and an echo as two programs, with wires in both directions.
 #[derive(Debug)]
 pub(crate) struct Pair {
     ping: Program,
@@ -228,7 +228,7 @@ impl Pair {
             devices: Vec::new(),
         };
         let (to_ping, to_echo) = (ping.dial()?, echo.dial()?);
-        // Each waits for the other to come, so both get their orders before either has answered.
+        // Each waits for the other, so both get their orders before either has answered.
         let (to_ping, to_echo) = (connect(1, to_ping), connect(0, to_echo));
         let connected = tokio::try_join!(ping.order(&to_echo), echo.order(&to_ping))?;
         ensure!(connected == (Notice::Connected, Notice::Connected), "not connected: {connected:?}");
@@ -257,7 +257,7 @@ impl Pair {
     }
 }
 
-/// Starts one program that sends and some that listen; returns the samples of each listener.
+/// Starts one program that sends and several that listen. Returns the samples of each listener.
 pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>> {
     let dir = dir.join("stream");
     std::fs::create_dir(&dir)?;
@@ -274,7 +274,7 @@ pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>>
     let outgoing = |wire: &u32| Outgoing { wire: *wire, port: "Out".into(), key: key(wire), pull: false };
     let connect =
         |incoming, outgoing| Order::Connect { robot: "bench".into(), incoming, outgoing, devices: Vec::new() };
-    // Each waits for the other to come, so all get their orders before one has answered.
+    // Each waits for the other, so all get their orders before one has answered.
     sender.sender.send(&connect(Vec::new(), wires.iter().map(outgoing).collect()))?;
     for (wire, listener) in wires.iter().zip(&mut listeners) {
         let port = "In".to_owned();

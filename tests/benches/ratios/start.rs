@@ -1,4 +1,4 @@
-//! From the request to a running deployment, compared with starting the same programs alone.
+//! Compares the time from the request to a running deployment with the time for starting only the same programs.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -11,12 +11,12 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// How many programs, and how often that is measured.
+/// The number of programs, and the number of measurements with them.
 const SIZES: [(u32, u32); 3] = [(10, 9), (50, 5), (200, 3)];
-/// The most that a deployment may take of bare starts, with 50 programs.
+/// The greatest allowed time for a deployment of 50 programs, as a multiple of bare starts.
 const TARGET: f64 = 3.0;
 
-/// Measures, and adds its lines.
+/// Measures, and adds lines to the table.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let dir = dir.join("start");
     std::fs::create_dir(&dir)?;
@@ -41,7 +41,7 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     node.end().await
 }
 
-/// Starts controllers side by side; returns when the last has sent its hello.
+/// Starts controllers at the same time. Returns the time until the last one has sent its hello.
 async fn start_bare(dir: &Path, size: u32) -> anyhow::Result<Duration> {
     let dir = dir.join("bare");
     std::fs::create_dir_all(&dir)?;
@@ -98,7 +98,7 @@ async fn deploy_controllers(node: &mut Node, size: u32) -> anyhow::Result<Durati
     Ok(took)
 }
 
-/// Plain programs are executed at their activation, so the time of the last one counts.
+/// Plain programs are executed only at their activation. So this measures the time until the last one is activated.
 async fn deploy_plain(node: &mut Node, size: u32) -> anyhow::Result<Duration> {
     let instances: String =
         (0..size).fold(String::new(), |text, number| text + &format!("p{number} instof Sleep(\"{HOST}\"); "));

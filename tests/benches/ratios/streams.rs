@@ -1,4 +1,4 @@
-//! A controller that sends to 20 others, and a controller that sends as fast as it can, compared with zenoh alone and
+//! Compares a controller that sends to 20 others, and a controller that sends as fast as it can, with zenoh alone and
 //! with Unix sockets.
 
 use crate::figures::{Round, Subject, Table, cell};
@@ -10,44 +10,44 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-/// How often everything is measured, in turn.
+/// The number of measurements of each subject, in turn.
 const ROUNDS: u32 = 3;
-/// The messages of one to 20: bytes, and how many in a round.
+/// The messages from one to 20: their bytes, and their number in a round.
 const FAN: Load = Load { listeners: 20, size: 64, count: 300, pause: Duration::from_millis(2) };
-/// The sizes that are sent as fast as it goes.
+/// The sizes of the messages that are sent as fast as possible.
 const SIZES: [(&str, u32); 6] =
     [("16 B", 16), ("64 B", 64), ("1 KiB", 1 << 10), ("64 KiB", 64 << 10), ("1 MiB", 1 << 20), ("8 MiB", 8 << 20)];
-/// As many bytes of them in a round, and as many messages.
+/// The greatest number of bytes of such messages in a round, and the greatest number of messages.
 const BYTES_MAX: u32 = 64 << 20;
 const COUNT_MAX: u32 = 20_000;
-/// The greatest allowed cost of either, as a multiple of zenoh alone.
+/// The greatest allowed cost of both, as a multiple of zenoh alone.
 const TARGET: f64 = 1.15;
 
 /// The values to send.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
-    /// How many have it.
+    /// The number of listeners.
     pub(crate) listeners: u32,
     /// Bytes.
     pub(crate) size: u32,
     pub(crate) count: u32,
-    /// From one to the next; none for as fast as it goes.
+    /// The time between two messages. It is zero for messages as fast as possible.
     pub(crate) pause: Duration,
 }
 
-/// The samples of one listener. Encoded as one number of eight bytes for each.
+/// The samples of one listener. In the encoded form, each number has eight bytes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tally {
     count: u64,
-    /// When the first one was sent, and when the last one came, in nanoseconds.
+    /// When the first message was sent, and when the last one arrived, in nanoseconds.
     first: u64,
     last: u64,
-    /// By number, how old it was; of the first thousand.
+    /// The numbers and ages of the first thousand messages.
     ages: Vec<(u64, u64)>,
 }
 
 impl Tally {
-    /// Takes a message, by its first 16 bytes: its number, and when it was sent.
+    /// Takes a message. Its first 16 bytes are its number and the time when it was sent.
     pub(crate) fn take(&mut self, bytes: &[u8], now: Time) {
         let number = |at: usize| Some(u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?));
         let (Some(number), Some(sent)) = (number(0), number(8)) else { return };
@@ -85,7 +85,7 @@ pub(crate) fn message(number: u64, now: Time, size: u32) -> Vec<u8> {
     bytes
 }
 
-/// Measures one to 20, and adds its lines.
+/// Measures one sender with 20 listeners, and adds lines to the table.
 pub(crate) async fn measure_fan(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let [mut ours, mut zenoh, mut socket] = <[Subject; 3]>::default();
     let mut lost = [0; 3];
@@ -113,7 +113,7 @@ pub(crate) async fn measure_fan(dir: &Path, table: &mut Table) -> anyhow::Result
     Ok(())
 }
 
-/// Returns how long each message took that all have.
+/// Returns for each message that all listeners received how long it took.
 fn until_the_last(tallies: &[Tally]) -> Vec<Duration> {
     let mut last: BTreeMap<u64, (usize, u64)> = BTreeMap::new();
     for (number, age) in tallies.iter().flat_map(|tally| &tally.ages) {
@@ -124,7 +124,7 @@ fn until_the_last(tallies: &[Tally]) -> Vec<Duration> {
     of_all.map(|(_, age)| Duration::from_nanos(age)).collect()
 }
 
-/// Measures as fast as it goes, and adds its lines.
+/// Measures messages that are sent as fast as possible, and adds lines to the table.
 pub(crate) async fn measure_rate(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     for (name, size) in SIZES {
         let count = (BYTES_MAX / size).clamp(8, COUNT_MAX);

@@ -1,6 +1,6 @@
 //! Controllers for tests that count: a source of numbers at 1 kHz, a sink that writes down the numbers it receives, a
-//! filter in between, and one that is done after a while. Others send beats at 100 Hz and write down the times of their
-//! own beats or the beats they hear.
+//! filter between them, and one that is done after a while. Other controllers send beats at 100 Hz, and write down the
+//! times of their own beats or the beats they receive.
 
 use comms::logic::time::Time;
 use controllers::ros::example_interfaces::FibonacciGoal;
@@ -20,7 +20,7 @@ use std::time::Duration;
 
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Numbers, in order; several where one calculation has had several.
+/// Numbers in order. One message has several if one calculation has had several.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Numbers {
     numbers: Vec<u64>,
@@ -69,7 +69,7 @@ struct SinkInputs {
     second: Every<Numbers>,
 }
 
-/// Merges two sequences that keep their order.
+/// Merges two sequences. Each keeps its order.
 fn merged(mut first: VecDeque<u64>, mut second: VecDeque<u64>) -> impl Iterator<Item = u64> {
     std::iter::from_fn(move || match (first.front(), second.front()) {
         (Some(one), Some(other)) if one > other => second.pop_front(),
@@ -78,7 +78,7 @@ fn merged(mut first: VecDeque<u64>, mut second: VecDeque<u64>) -> impl Iterator<
     })
 }
 
-/// Writes down the runs of numbers that it has got, in their order: `1-70 1-3`.
+/// Writes down the runs of numbers that it has received, in their order: `1-70 1-3`.
 struct Sink {
     file: String,
     runs: Vec<(u64, u64)>,
@@ -108,7 +108,7 @@ impl Controller for Sink {
     }
 
     fn main_calc(&mut self, _: Tick, inputs: &SinkInputs, (): &mut ()) -> Progress {
-        // One calculation may see several switches. Which of its inputs had something first it cannot see.
+        // One calculation may see several switches. It cannot see which of its inputs was the first to have a value.
         let both =
             [&inputs.first, &inputs.second].map(|input| input.iter().flat_map(|one| one.numbers.clone()).collect());
         let [first, second]: [VecDeque<u64>; 2] = both;
@@ -135,7 +135,7 @@ struct PassOutputs {
     out: Out<Numbers>,
 }
 
-/// Passes on its input.
+/// Sends its input on.
 struct Pass {
     fails_at: u64,
 }
@@ -200,9 +200,9 @@ impl Controller for Pulse {
 
 /// How often something beats.
 const BEAT: Duration = Duration::from_millis(10);
-/// The padding with which beats fill the buffers of a link with a suspended reader in less than a second.
+/// The padding of a beat. With it, beats fill the buffers of a link with a suspended reader in less than a second.
 const PADDING: usize = 4096;
-/// The padding with which a beat travels in shared memory.
+/// The padding for which a beat travels in shared memory.
 const LONG_PADDING: usize = 100_000;
 
 /// One beat.
@@ -218,7 +218,8 @@ impl Message for Beat {
     const TYPE: &'static str = "Beat";
 }
 
-/// A file of lines, each complete once it was written. A restarted program appends after the line `begins`.
+/// A file of lines. Each line is complete once it was written. A restarted program appends its lines after the line
+/// `begins`.
 struct Log {
     path: PathBuf,
     file: Option<File>,
@@ -254,7 +255,8 @@ struct BeatOutputs {
     out: Out<Beat>,
 }
 
-/// Beats, and writes down when: `1234 10` is the time and how long it was since the beat before, in nanoseconds.
+/// Sends beats and writes down their times: `1234 10` is the time and the interval since the previous beat, in
+/// nanoseconds.
 struct Heart<const SIZE: usize> {
     log: Log,
     number: u64,
@@ -286,8 +288,8 @@ impl<const SIZE: usize> Controller for Heart<SIZE> {
     }
 }
 
-/// A line of a reader: the time and the age of the beat, in nanoseconds, the sender of the beat, its number, and the
-/// count of lost beats so far.
+/// Returns a reader's line: the time and the age of the beat in nanoseconds, its sender, its number, and the number of
+/// lost beats so far.
 fn line(now: Time, beat: &Beat, lost: u64) -> String {
     let age = now.since(beat.sent).as_nanos();
     format!("{} {age} {} {} {lost}\n", now.nanos(), beat.from, beat.number)
@@ -299,7 +301,7 @@ struct EarInputs {
     beats: Every<Beat>,
 }
 
-/// Writes down each beat as it comes.
+/// Writes down each beat when it arrives.
 struct Ear(Log);
 
 impl Controller for Ear {
@@ -333,7 +335,7 @@ struct EyeInputs {
     beat: In<Beat>,
 }
 
-/// Writes down the newest beat at each look.
+/// Writes down the newest beat in each calculation.
 struct Eye(Log);
 
 impl Controller for Eye {
@@ -404,7 +406,7 @@ struct ResetOutputs {
     reset: Calls<TriggerRequest, TriggerResponse>,
 }
 
-/// Calls a service of ROS 2 until it succeeds, and tells clients of ROS 2 what it has answered.
+/// Calls a service of ROS 2 until it succeeds, and passes the service's answer to clients of ROS 2.
 #[derive(Debug)]
 struct Resetter {
     told: String,
@@ -445,7 +447,7 @@ impl Controller for Resetter {
     }
 }
 
-/// Is done with the goal of an action of ROS 2.
+/// Is done at once, with the goal of an action of ROS 2 as its value.
 #[derive(Debug)]
 struct Order;
 
@@ -467,7 +469,7 @@ impl Controller for Order {
     }
 }
 
-/// A source, eight that pass on, one behind the other, and a sink at each, all in one process.
+/// Makes a source, a row of eight stages that send their input on, and a sink at each stage, all in one process.
 fn caterpillar() -> InProcessGroup {
     const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
     let nothing = |_: &Arguments| Vec::new();
@@ -484,7 +486,7 @@ fn caterpillar() -> InProcessGroup {
     group
 }
 
-/// Two that pass on, one behind the other, in one process.
+/// Makes two stages in a row that send their input on, in one process.
 fn twice() -> InProcessGroup {
     let pass = |_: &Arguments| vec!["0".to_owned()];
     let group =

@@ -1,10 +1,11 @@
-//! Stand-ins for every controller of the library, for tests of supervisors: the same interfaces, no physics.
+//! Stand-ins for every controller of the library, for tests of supervisors. They have the same interfaces, but no
+//! physics.
 //!
-//! In the folder where a program is started, `fakes/journal` lists the changes of each stand-in: a line
-//! `TIME PATH active`, `… ended` or `… stopped`, with TIME on the machine's clock in nanoseconds. A file
-//! `fakes/orders/PATH`, with `+` for `/`, gives it an order: `done`, `done found`, `abort why`, or `hang`. A hanging
-//! stand-in goes on, sends nothing and never ends. `fakes/heard/PATH` counts its samples, with a line `PORT COUNT` for
-//! each input.
+//! In a program's working folder, `fakes/journal` lists the changes of each stand-in: a line `TIME PATH active`, `…
+//! ended` or `… stopped`, with TIME on the machine's clock in nanoseconds. A file `fakes/orders/PATH`, with `+` for
+//! `/`, gives an order to a stand-in: `done`, `done found`, `abort why`, or `hang`. A hanging stand-in continues to
+//! run, but sends nothing and never ends. `fakes/heard/PATH` counts its samples, with a line `PORT COUNT` for each
+//! input.
 
 use comms::io::clock::now;
 use comms::logic::time::Time;
@@ -18,15 +19,15 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// From one look for orders to the next.
+/// The interval between two checks for orders.
 const PERIOD: Duration = Duration::from_millis(20);
-/// The number of looks after which it writes its counts.
+/// The number of checks after which a stand-in writes its counts.
 const TELL_EVERY: u32 = 5;
 
 struct Fake {
     interface: Interface,
     path: String,
-    /// Whether it works: only then it sends.
+    /// Whether it works. It sends only while it works.
     works: bool,
     heard: BTreeMap<String, u64>,
     looks: u32,
@@ -36,7 +37,7 @@ impl Fake {
     fn note(&self, word: &str) {
         let line = format!("{} {} {word}\n", now().nanos(), self.path);
         let journal = OpenOptions::new().append(true).create(true).open("fakes/journal");
-        // The test that reads the journal reports the missing line.
+        // If a line is missing, the test that reads the journal reports it.
         journal.and_then(|mut journal| journal.write_all(line.as_bytes())).unwrap_or_default();
     }
 
@@ -77,7 +78,7 @@ impl Module for Fake {
         self.looks += 1;
         if self.looks.is_multiple_of(TELL_EVERY) {
             let lines = self.heard.iter().map(|(port, count)| format!("{port} {count}\n"));
-            // Read as a whole, or as it was.
+            // A reader sees the whole new file or the whole old one.
             let (file, draft) = (self.file("heard"), self.file("draft"));
             let written = fs::write(&draft, lines.collect::<String>());
             written.and_then(|()| fs::rename(&draft, &file)).unwrap_or_default();
@@ -111,7 +112,7 @@ impl Module for Fake {
                 .ports
                 .iter()
                 .filter(|port| (port.direction, port.binding) == (Direction::Out, Binding::Wire));
-            // The content is not read in these tests.
+            // These tests do not read the content.
             outputs.for_each(|port| send(port.name, vec![0]));
         }
     }
@@ -121,7 +122,7 @@ impl Module for Fake {
     }
 }
 
-/// A stand-in that looks for orders as often as all others.
+/// Makes a stand-in that checks for orders as often as all others.
 fn fake(interface: &Interface, _: &Arguments) -> Result<Box<dyn Module>, String> {
     let path = std::env::var("DCA_INSTANCE").unwrap_or_default();
     Ok(Box::new(Fake { interface: interface.clone(), path, works: false, heard: BTreeMap::new(), looks: 0 }))

@@ -1,15 +1,15 @@
-//! A controller for tests: it hangs in the requested place, or works well at 1 kHz.
+//! A controller for tests. It hangs in the requested place, or works well at 1 kHz.
 
 use comms::io::clock::Wakeup;
 use controllers::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Registry, Tick, process};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// From one calculation to the next.
+/// The interval between two calculations.
 const PERIOD: Duration = Duration::from_millis(1);
-/// Where it may hang.
+/// The places where it may hang.
 const PLACES: &[&str] = &["none", "new", "init", "main_calc"];
-/// After which calculation it hangs.
+/// The number of the calculation after which it hangs.
 const CALCULATIONS: u32 = 200;
 
 struct Hanging {
@@ -18,7 +18,7 @@ struct Hanging {
 }
 
 impl Hanging {
-    /// Never returns, if this is the place.
+    /// Never returns if this is the requested place.
     fn hang_in(&self, place: &str) {
         if self.place == place {
             loop {

@@ -1,5 +1,5 @@
-//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, one counts at a shared
-//! key, and one has a secret. Each writes down the answers it gets.
+//! Controllers for tests with the database: one writes keys at 100 Hz, one watches them, one counts at a shared key,
+//! one claims keys, and one has a secret. Each writes down the answers it receives.
 
 use controllers::sdk::{
     About, Arguments, Configured, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Every, Expected, Inputs,
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// How often the writer writes.
 const PERIOD: Duration = Duration::from_millis(10);
-/// How long an answer may take: a disk of a test's machine is slow at times.
+/// The longest time for an answer. The disk of a test's machine is sometimes slow.
 const WITHIN: Duration = Duration::from_secs(5);
 
 #[derive(Outputs)]
@@ -22,7 +22,7 @@ struct Asks {
     database: Database,
 }
 
-/// A file of lines, each complete once it was written.
+/// A file of lines. Each line is complete once it was written.
 struct Log(File);
 
 impl Log {
@@ -45,8 +45,8 @@ fn count(arguments: &Arguments, name: &str) -> u64 {
     arguments.number(name) as u64
 }
 
-/// Puts the time, in nanoseconds, at some keys below a prefix, all in one transaction: `committed 1234`, `refused WHY`,
-/// `unknown WHY`.
+/// Writes the time in nanoseconds to some keys below a prefix, all in one transaction. Its lines are `committed 1234`,
+/// `refused WHY` or `unknown WHY`.
 struct Writer {
     prefix: String,
     keys: u64,
@@ -89,8 +89,9 @@ fn told(result: &Result<TxnId, DatabaseError>) -> String {
     }
 }
 
-/// Writes down the news about the keys below a prefix: `begin`, `present 3`, `complete`, and for each change
-/// `changed 1234 5 9b01c34e5f6a7788:3`: the time, the number of keys, and the transaction, then for each key its value.
+/// Writes down the news about the keys below a prefix: `begin`, `present 3`, `complete`, and for each change `changed
+/// 1234 5 9b01c34e5f6a7788:3`. Such a line has the time, the number of keys and the transaction, then the value of each
+/// key.
 struct Watcher {
     prefix: String,
     log: Log,
@@ -136,8 +137,8 @@ fn shown(entry: &Entry) -> String {
     number.map_or("-".to_owned(), |number| number.to_string())
 }
 
-/// Adds one to a key a number of times; then it is done. Other programs may count at the same key: `committed 3` or
-/// `unmet`.
+/// Adds one to a key a number of times, and is then done. Other programs may count at the same key. Its lines are
+/// `committed 3` or `unmet`.
 struct Counter {
     key: String,
     left: u64,
@@ -210,7 +211,7 @@ struct Hears {
     /// The claims of all claimers.
     #[port("Claims")]
     claims: Every<KeyNews>,
-    /// The answers to its own claims.
+    /// The answers to the claims of this claimer.
     #[port("Answers")]
     answers: Every<KeyAnswer>,
 }
@@ -221,8 +222,8 @@ struct Claims {
     claim: Out<KeyPut>,
 }
 
-/// Claims numbered keys, one after the other, each if it is free: `committed 3`, `refused 3`. It does so through its
-/// ports. It also writes down the news: `complete`, `changed 3`. It is done when it has heard of all keys.
+/// Claims numbered keys through its ports, one after the other, each if it is free: `committed 3`, `refused 3`. It also
+/// writes down the news: `complete`, `changed 3`. It is done when it has received the news of all keys.
 struct Claimer {
     count: u64,
     next: u64,
@@ -280,7 +281,8 @@ impl Controller for Claimer {
     }
 }
 
-/// Has a secret, and shows each value of it with its letters moved by 13 places: `made Fjbeqsvfu`, `changed Fjbeqsvfu`.
+/// Has a secret. It shows each value of the secret with all letters moved by 13 places: `made Fjbeqsvfu`, `changed
+/// Fjbeqsvfu`.
 struct Keeper(Log);
 
 impl Keeper {

@@ -1,4 +1,5 @@
-//! A controller for tests that talks to an activity which repeats its words, at 100 Hz, and writes down what it hears.
+//! A controller for tests that talks at 100 Hz to an activity, and writes down the replies. The activity repeats its
+//! words.
 
 use controllers::sdk::messaging::{Label, QueueClient, QueueMessage, Receipt, SendEnd};
 use controllers::sdk::{
@@ -13,7 +14,7 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(10);
 /// How long a message may take.
 const WITHIN: Duration = Duration::from_secs(60);
-/// The first word, which is repeated until the activity answers.
+/// The first word. The controller repeats it until the activity answers.
 const HELLO: &str = "hello";
 
 #[derive(Inputs)]
@@ -30,14 +31,14 @@ struct TalkerOutputs {
     orders: Calls<QueueMessage, Receipt>,
 }
 
-/// Says numbers from 1 to `count`, over the wire or as messages with receipts, and is done when it has heard all of
-/// them, or nothing for 10 s. Its file lists the missing ones.
+/// Says the numbers from 1 to `count`, over the wire or as messages with receipts. It is done when it has heard all of
+/// them, or has heard nothing for 10 s. Its file lists the missing numbers.
 struct Talker {
     file: String,
     count: u64,
     has_receipts: bool,
     client: QueueClient<String>,
-    /// The number of each message without a receipt.
+    /// The numbers of the messages without a receipt so far.
     open: BTreeMap<u64, u64>,
     said: u64,
     accepted: u64,
@@ -66,7 +67,7 @@ impl Talker {
             match end {
                 SendEnd::Accepted if number > 0 => self.accepted += 1,
                 SendEnd::Accepted => {}
-                // The activity has not begun.
+                // The activity has not begun yet.
                 SendEnd::Rejected(_) if number == 0 => {}
                 SendEnd::Rejected(_) => self.rejected.push(number),
                 SendEnd::Unknown(error) => return Err(error.to_string()),
@@ -129,7 +130,7 @@ impl Controller for Talker {
         let done = match self.receive() {
             Err(why) => return Progress::Aborted(why),
             Ok(()) if !self.is_answered => {
-                // Once a second, until the activity has begun.
+                // It says this once a second until the activity has begun.
                 if self.quiet % 100 == 1 { self.say(tick, HELLO.to_owned(), 0, outputs) } else { Ok(()) }
             }
             Ok(()) if self.said < self.count && self.open.len() < 30 => {
@@ -144,7 +145,7 @@ impl Controller for Talker {
         }
         let is_over = self.said == self.count && self.open.is_empty();
         let has_all = self.heard.len() as u64 + self.rejected.len() as u64 >= self.count;
-        // After 10 s of silence the rest is missing.
+        // After 10 s of silence, the remaining numbers count as missing.
         if is_over && (has_all || self.quiet > 1000) {
             self.write();
             return Progress::Done(Vec::new());

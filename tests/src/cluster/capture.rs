@@ -1,4 +1,4 @@
-//! Every packet that passes the interfaces of the hosts of a network, loopback included.
+//! Captures every packet on the interfaces of the hosts of a network, including loopback.
 
 use super::Network;
 use rustix::io::{Errno, read};
@@ -11,12 +11,12 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// The longest packet, with segments that the kernel has not cut yet.
+/// The longest packet. It contains segments that the kernel has not yet split.
 const PACKET_MAX: usize = 1 << 17;
-/// Until it looks whether it is to end.
+/// How often a thread checks whether to end.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// Packets that are being written down. Needs root, as a [`Network`] does.
+/// A running capture of packets. Like a [`Network`], it needs root.
 #[derive(Debug)]
 pub struct Capture {
     is_over: Arc<AtomicBool>,
@@ -24,10 +24,10 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Begins the capture: every later packet is seen.
+    /// Begins the capture. It sees every later packet.
     ///
     /// # Panics
-    /// The kernel shows no packets.
+    /// Panics if the kernel shows no packets.
     pub fn begin(network: &Network) -> Self {
         let is_over = Arc::new(AtomicBool::new(false));
         let (opened, opening) = sync_channel(network.hosts().count());
@@ -42,10 +42,10 @@ impl Capture {
         Self { is_over, hosts }
     }
 
-    /// Ends, and returns the packets.
+    /// Stops capturing. Returns the packets.
     ///
     /// # Panics
-    /// The kernel has shown no more packets.
+    /// Panics if the kernel has stopped showing packets.
     pub fn end(self) -> Vec<Vec<u8>> {
         self.is_over.store(true, Ordering::Relaxed);
         self.hosts.into_iter().flat_map(|host| host.join().expect("it has seen its packets")).collect()
@@ -56,7 +56,8 @@ fn open(opened: &SyncSender<()>) -> OwnedFd {
     let socket = socket_with(AddressFamily::PACKET, SocketType::RAW, SocketFlags::CLOEXEC, Some(eth::ALL));
     let socket = socket.expect("root may see packets");
     set_socket_timeout(&socket, Timeout::Recv, Some(LOOK_EVERY)).expect("a socket of ours");
-    // As much as the kernel gives: nothing is to be missed while this thread waits for the processor.
+    // Requests the largest buffer that the kernel gives, so that nothing is lost while this thread waits for the
+    // processor.
     set_socket_recv_buffer_size(&socket, 64 << 20).unwrap_or_default();
     opened.send(()).expect("somebody waits");
     socket
@@ -65,7 +66,7 @@ fn open(opened: &SyncSender<()>) -> OwnedFd {
 fn all(socket: &OwnedFd, is_over: &AtomicBool) -> Vec<Vec<u8>> {
     let (mut packets, mut bytes) = (Vec::new(), vec![0; PACKET_MAX]);
     loop {
-        // Packets that arrived before the end are read to the last one.
+        // After the end, it still reads all packets that arrived before.
         let is_last = is_over.load(Ordering::Relaxed);
         match read(socket, &mut bytes) {
             Ok(size) => packets.push(bytes[..size].to_vec()),

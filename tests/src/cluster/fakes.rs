@@ -1,10 +1,10 @@
-//! The stand-ins of `dca-fakes`: their journal, and the orders they take.
+//! The stand-ins of `dca-fakes`: their journal, and the orders for them.
 
 use super::{Cluster, executable};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 
-/// A folder whose programs are stand-ins.
+/// A folder in which all programs are stand-ins.
 #[derive(Debug)]
 pub struct Fakes<'c> {
     cluster: &'c Cluster,
@@ -23,7 +23,7 @@ impl<'c> Fakes<'c> {
     /// Prepares the folder.
     ///
     /// # Panics
-    /// It cannot be written.
+    /// Panics if the folder cannot be written.
     pub fn new(cluster: &'c Cluster) -> Self {
         for folder in ["orders", "heard", "draft"] {
             std::fs::create_dir_all(cluster.folder().join("fakes").join(folder)).expect("the folder is the test's own");
@@ -36,10 +36,10 @@ impl<'c> Fakes<'c> {
         executable("dca-fakes").display().to_string()
     }
 
-    /// Orders a program about: `done`, `abort why`, `hang`.
+    /// Gives an order to a program: `done`, `abort why`, `hang`.
     ///
     /// # Panics
-    /// The order cannot be written.
+    /// Panics if the order cannot be written.
     pub fn order(&self, path: &str, order: &str) {
         let file = self.file("orders", path);
         // Read as a whole, or not there yet.
@@ -54,7 +54,7 @@ impl<'c> Fakes<'c> {
     pub fn said(&self) -> BTreeMap<String, Said> {
         let text = std::fs::read_to_string(self.cluster.folder().join("fakes/journal")).unwrap_or_default();
         let mut said = BTreeMap::new();
-        // A line that is being written is read the next time.
+        // It reads a line that is still being written the next time.
         let whole = text.rfind('\n').map_or("", |end| &text[..end]);
         for line in whole.lines() {
             if let [at, path, word] = line.split(' ').collect::<Vec<_>>()[..] {
@@ -65,7 +65,7 @@ impl<'c> Fakes<'c> {
         said
     }
 
-    /// Returns the paths of the programs that are active: they have begun, and have neither ended nor stopped nor died.
+    /// Returns the paths of the active programs: they have begun, and have not ended, stopped or died.
     pub fn active(&self) -> Vec<String> {
         let alive = self.cluster.left();
         let is_alive = |path: &str| {
@@ -76,7 +76,7 @@ impl<'c> Fakes<'c> {
         active.filter(|path| is_alive(path)).collect()
     }
 
-    /// Returns how many samples an input of a program has got, from its journal.
+    /// Returns how many samples an input of a program has received, from its file of counts.
     pub fn heard(&self, path: &str, port: &str) -> u64 {
         let text = std::fs::read_to_string(self.file("heard", path)).unwrap_or_default();
         let mut lines = text.lines().filter_map(|line| line.split_once(' '));

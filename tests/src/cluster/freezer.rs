@@ -1,4 +1,4 @@
-//! A control group whose processes cannot be ended: not even SIGKILL reaches them before they are thawed.
+//! A control group whose processes cannot be ended. Even SIGKILL reaches them only after they are thawed.
 
 use super::{SOON, wait_until};
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ static FREEZERS: AtomicU32 = AtomicU32::new(0);
 pub struct Freezer(PathBuf);
 
 impl Freezer {
-    /// Makes a group; none, with a printed note, if a test cannot have one.
+    /// Makes a group. Returns none, and prints a note, if a test cannot have one.
     ///
     /// # Panics
     /// Panics if the new group cannot be removed.
@@ -40,7 +40,7 @@ impl Freezer {
     /// Freezes a process.
     ///
     /// # Panics
-    /// It is gone, or does not freeze.
+    /// Panics if the process is gone or does not freeze.
     pub fn freeze(&self, pid: u32) {
         std::fs::write(self.0.join("tasks"), pid.to_string()).expect("the process is there");
         std::fs::write(self.0.join("freezer.state"), "FROZEN").expect("the group is the test's own");

@@ -1,4 +1,4 @@
-//! Three hosts on a network with a node each, and others without, for tests that need the whole machine.
+//! Three hosts with a node each on a network, and other hosts without a node, for tests of whole machines.
 
 use super::{Cluster, Host, Network, Program, SOON, Trace};
 use rustix::process::Signal;
@@ -10,7 +10,7 @@ pub const NAMES: [&str; 3] = ["c1", "c2", "c3"];
 /// Hosts on a network of namespaces.
 #[derive(Debug)]
 pub struct Hosts {
-    // Dropped in this order: the processes, their folder, the network.
+    // The fields are dropped in this order: the processes, their folder, the network.
     /// The nodes, in the order of [`NAMES`].
     pub nodes: Vec<Program>,
     /// The folder of the test.
@@ -20,19 +20,19 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// Starts `count` hosts, the first three with a node that logs by the filter `log`, or as nodes do. Returns none
-    /// where namespaces are not allowed.
+    /// Starts `count` hosts. The first three have a node that logs with the filter `log`, or with the default filter.
+    /// Returns none if namespaces are not allowed.
     ///
     /// # Panics
-    /// A node does not start.
+    /// Panics if a node does not start.
     pub fn start(count: usize, log: Option<&str>) -> Option<Self> {
         Self::start_with(count, log, &[])
     }
 
-    /// The same with more arguments for each node.
+    /// Starts hosts like [`Hosts::start`], with more arguments for each node.
     ///
     /// # Panics
-    /// As [`Hosts::start`].
+    /// Panics like [`Hosts::start`].
     pub fn start_with(count: usize, log: Option<&str>, arguments: &[&str]) -> Option<Self> {
         let (cluster, network) = (Cluster::new(), Network::new(count)?);
         let start = |(number, name)| {
@@ -43,20 +43,20 @@ impl Hosts {
         Some(Self { nodes, cluster, network })
     }
 
-    /// Returns a host, by its number from 1.
+    /// Returns the host with a number. The numbers begin with 1.
     pub fn host(&self, number: usize) -> Host {
         self.cluster.host(&self.network, number)
     }
 
-    /// Sends every node a signal.
+    /// Sends a signal to every node.
     ///
     /// # Panics
-    /// A node has ended.
+    /// Panics if a node has ended.
     pub fn signal_nodes(&self, signal: Signal) {
         self.nodes.iter().for_each(|node| node.signal(signal));
     }
 
-    /// Returns how many shims there are: one for each program on any host.
+    /// Returns the number of shims. Each program on any host has one.
     pub fn shims(&self) -> usize {
         self.cluster.left().iter().filter(|process| process.command[0].ends_with("dca-shim")).count()
     }
@@ -64,15 +64,15 @@ impl Hosts {
     /// Returns the record of a run, by its name below `runs/`.
     ///
     /// # Panics
-    /// There is no such record.
+    /// Panics if the record does not exist.
     pub fn trace(&self, name: &str) -> Trace {
         Trace::read(&self.cluster.folder().join("runs").join(name))
     }
 
-    /// Stops the nodes and checks that no process is left.
+    /// Stops the nodes, and checks that no process is left.
     ///
     /// # Panics
-    /// A node ends with another exit code than 0, or something is left.
+    /// Panics if the exit code of a node is not 0, or if something is left.
     pub fn end(mut self) {
         self.signal_nodes(Signal::TERM);
         for node in self.nodes.drain(..) {

@@ -1,7 +1,7 @@
-//! Hosts on a separate network: namespaces, each with one end of a wire, the other ends on a bridge.
+//! Hosts on a separate network. Each host is a namespace with one end of a wire, and the other ends are on a bridge.
 //!
-//! The bridge has a namespace too, so nothing of the machine's own network is touched, and several tests can have the
-//! same addresses at the same time.
+//! The bridge also has a namespace, so the machine's own network stays unchanged. Several tests can use the same addresses at the
+//! same time.
 
 use rustix::process::{getpid, getuid};
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
@@ -12,7 +12,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::JoinHandle;
 
-/// Hosts 1, 2, … on one bridge, as 10.77.0.1, 10.77.0.2, …. Dropped, they are removed.
+/// Hosts 1, 2, … on one bridge, as 10.77.0.1, 10.77.0.2, …. Dropping the network removes them.
 #[derive(Debug)]
 pub struct Network {
     name: String,
@@ -20,10 +20,10 @@ pub struct Network {
 }
 
 impl Network {
-    /// Makes a network; none, with a word of why on the terminal, where a test cannot have one.
+    /// Makes a network. If a test cannot have one, it prints the reason on the terminal and returns none.
     ///
     /// # Panics
-    /// The kernel refuses a step.
+    /// Panics if the kernel refuses a step.
     pub fn new(hosts: usize) -> Option<Self> {
         let network = Self::begin(hosts)?;
         let bridge = format!("{}b", network.name);
@@ -38,7 +38,7 @@ impl Network {
         Some(network)
     }
 
-    /// Makes hosts without interfaces to others.
+    /// Makes hosts without interfaces to other hosts.
     pub(super) fn begin(hosts: usize) -> Option<Self> {
         if !getuid().is_root() {
             return skip("needs root, for network namespaces");
@@ -51,7 +51,7 @@ impl Network {
         if let Err(why) = try_ip(&format!("netns add {name}b")) {
             return skip(&format!("needs network namespaces: {why}"));
         }
-        // From here on a failure removes everything that was made.
+        // After this point, a failure removes everything that was made.
         let network = Self { name, hosts };
         for number in network.hosts() {
             let host = network.namespace(number);
@@ -61,12 +61,12 @@ impl Network {
         Some(network)
     }
 
-    /// Gives a host its address on its interface, which is there.
+    /// Gives a host its address on its interface. The interface must exist.
     pub(super) fn connect(&self, number: usize) {
         let host = self.namespace(number);
         ip(&format!("-n {host} address add 10.77.0.{number}/24 dev eth0"));
         ip(&format!("-n {host} link set eth0 up"));
-        // As on a machine with a gateway: multicast goes out of the one interface.
+        // On a machine with a gateway, multicast also leaves through the only interface.
         ip(&format!("-n {host} route add default via 10.77.0.254"));
     }
 
@@ -88,7 +88,7 @@ impl Network {
         1..=self.hosts
     }
 
-    /// Takes host `number` off the network, as if its cable were pulled.
+    /// Removes host `number` from the network, like a pulled cable.
     pub fn cut(&self, number: usize) {
         ip(&format!("-n {}b link set port{number} down", self.name));
     }
@@ -98,27 +98,27 @@ impl Network {
         ip(&format!("-n {}b link set port{number} up", self.name));
     }
 
-    /// Keeps these hosts from reaching each other; each still reaches all others.
+    /// Prevents these hosts from reaching each other. Each host still reaches all others.
     pub fn keep_apart(&self, numbers: &[usize]) {
         for number in numbers {
             ip(&format!("-n {}b link set port{number} type bridge_slave isolated on", self.name));
         }
     }
 
-    /// Lets a host reach those again that it was kept apart from.
+    /// Lets a host reach all hosts again after [`Self::keep_apart`].
     pub fn let_meet(&self, number: usize) {
         ip(&format!("-n {}b link set port{number} type bridge_slave isolated off", self.name));
     }
 
-    /// Changes something of a host's own interfaces, as `ip` does.
+    /// Changes the interfaces of a host with `ip`.
     pub fn set(&self, number: usize, arguments: &str) {
         ip(&format!("-n {} {arguments}", self.namespace(number)));
     }
 
-    /// Does something of the test's own on a host, in a thread that stays there; so do the threads that it starts.
+    /// Does some work of the test on a host, in a thread that stays there. Threads that it starts also stay there.
     ///
     /// # Panics
-    /// The thread, when the kernel does not let it go there.
+    /// The thread panics if the kernel does not let it enter the namespace.
     pub fn inside<T: Send + 'static>(&self, number: usize, work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
         let place = format!("/run/netns/{}", self.namespace(number));
         std::thread::spawn(move || {
@@ -139,7 +139,8 @@ impl Drop for Network {
     }
 }
 
-/// Says on the terminal why a test cannot have a network. The test harness keeps what its macros print; this is for everyone to see.
+/// Prints on the terminal why a test cannot have a network. The test harness captures the output of macros, but everybody should see
+/// this message.
 pub(super) fn skip<T>(why: &str) -> Option<T> {
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     writeln!(std::io::stderr(), "{test}: skipped: {why}").unwrap_or_default();

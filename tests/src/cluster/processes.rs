@@ -1,18 +1,18 @@
-//! The processes of this machine, by `/proc`.
+//! The processes of this machine, from `/proc`.
 
 use rustix::process::{Pid, Signal, getpid, kill_process};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 
-/// A process that was alive when it was looked at.
+/// A process that was alive when it was read.
 #[derive(Clone)]
 pub struct Process {
-    /// Its id.
+    /// The process id.
     pub pid: i32,
-    /// Its arguments, its own name first.
+    /// The arguments of the process. Its own name is the first.
     pub command: Vec<String>,
-    /// Its environment as `NAME=value`; empty when it has none.
+    /// The environment as `NAME=value`. It may be empty.
     pub environment: Vec<String>,
     folder: Option<PathBuf>,
 }
@@ -31,7 +31,7 @@ impl Process {
         }
     }
 
-    /// Returns a process; none if it is not there. A zombie has no command and counts as gone.
+    /// Returns a process, or none if it does not exist. A zombie has no command, and so counts as gone.
     fn look(pid: i32) -> Option<Self> {
         let lines = |name: &str| {
             let bytes = std::fs::read(format!("/proc/{pid}/{name}")).unwrap_or_default();
@@ -52,12 +52,12 @@ impl Process {
     }
 }
 
-/// Processes that do nothing but take processor time. Dropped, they end.
+/// Processes that only use processor time. Dropping them ends them.
 #[derive(Debug)]
 pub struct Busy(Vec<Child>);
 
 impl Busy {
-    /// Starts `count` processes with this niceness: 19 gives way to all others.
+    /// Starts `count` processes with this niceness. A process with 19 gives way to all others.
     ///
     /// # Panics
     /// Panics if the shell cannot be started.
@@ -78,7 +78,7 @@ impl Drop for Busy {
     }
 }
 
-/// Returns every process that works in `folder`, or names it in its arguments or its environment.
+/// Returns every process that works in `folder`, or that names it in its arguments or environment.
 pub(super) fn of_folder(folder: &Path) -> Vec<Process> {
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
@@ -86,7 +86,7 @@ pub(super) fn of_folder(folder: &Path) -> Vec<Process> {
     others.filter_map(Process::look).filter(|process| process.is_of(folder)).collect()
 }
 
-/// Returns how many threads a process has.
+/// Returns the number of threads of a process.
 pub fn threads(pid: u32) -> usize {
     std::fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count)
 }

@@ -1,4 +1,4 @@
-//! A started command: its output as it comes, its end, and the signals it is sent.
+//! A started command: its output so far, its end, and signals to it.
 
 use comms::io::clock::now;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -21,7 +21,7 @@ pub enum Stream {
     Err,
 }
 
-/// A started command. Dropped, it is killed if it still runs.
+/// A started command. Dropping it kills it if it still runs.
 #[derive(Debug)]
 pub struct Program {
     name: String,
@@ -34,13 +34,13 @@ pub struct Program {
 /// How a command ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ended {
-    /// Its exit code; none when a signal ended it.
+    /// The exit code; none if a signal ended the command.
     pub code: Option<i32>,
     /// The signal that ended it.
     pub signal: Option<i32>,
-    /// Everything on its standard output.
+    /// All text on the standard output.
     pub out: String,
-    /// Everything on its standard error.
+    /// All text on the standard error.
     pub err: String,
 }
 
@@ -51,7 +51,7 @@ impl fmt::Display for Ended {
     }
 }
 
-/// The bytes that a thread has read from a pipe up to now.
+/// The bytes that a thread has read from a pipe so far.
 #[derive(Debug)]
 struct Captured {
     text: Arc<Text>,
@@ -94,7 +94,7 @@ impl Captured {
         String::from_utf8_lossy(&self.text.lock().0).into_owned()
     }
 
-    /// Waits until the text has `wanted` this many times; returns whether it has.
+    /// Waits until the text contains `wanted` this many times, and returns whether it does.
     fn wait_for(&self, wanted: &str, times: usize, within: Duration) -> bool {
         let has = |text: &[u8]| String::from_utf8_lossy(text).matches(wanted).count() >= times;
         let goes_on = |state: &mut (Vec<u8>, bool)| !state.1 && !has(&state.0);
@@ -114,15 +114,15 @@ impl Program {
     /// Starts a command.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// Panics if the command cannot be started.
     pub(super) fn start(command: Command) -> Self {
         Self::start_given(command, Stdio::null())
     }
 
-    /// Starts a command with this as its standard input.
+    /// Starts a command with a standard input.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// Panics if the command cannot be started.
     pub(super) fn start_given(mut command: Command, input: Stdio) -> Self {
         let name = format!("{command:?}");
         command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -134,47 +134,47 @@ impl Program {
         Self { name, child, pidfd, out, err }
     }
 
-    /// Returns its process id.
+    /// Returns the process id.
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
-    /// Sends it a signal.
+    /// Sends a signal to the command.
     ///
     /// # Panics
-    /// The kernel refuses.
+    /// Panics if the kernel refuses.
     pub fn signal(&self, signal: Signal) {
         kill_process(Pid::from_child(&self.child), signal).expect("a child may be signalled until it is reaped");
     }
 
-    /// Ends it at once and waits until it is gone, so that a successor finds its locks released.
+    /// Kills the command and waits until it is gone, so that its locks are free for a successor.
     ///
     /// # Panics
-    /// The kernel refuses, or takes more than a minute.
+    /// Panics if the kernel refuses, or if this takes more than a minute.
     #[track_caller]
     pub fn kill(&self) {
         self.signal(Signal::KILL);
         assert!(self.has_ended(Duration::from_secs(60)), "{} was killed and is still there", self.name);
     }
 
-    /// Returns its output so far.
+    /// Returns the output so far.
     pub fn text(&self, stream: Stream) -> String {
         self.stream(stream).text()
     }
 
-    /// Waits until it has written `wanted`.
+    /// Waits until the command has written `wanted`.
     ///
     /// # Panics
-    /// It has not within `within`, or has ended without.
+    /// Panics if the command does not write it within `within`, or ends without it.
     #[track_caller]
     pub fn wait_for(&self, stream: Stream, wanted: &str, within: Duration) {
         self.wait_for_times(stream, wanted, 1, within);
     }
 
-    /// Waits until it has written `wanted` this many times.
+    /// Waits until the command has written `wanted` this many times.
     ///
     /// # Panics
-    /// As [`Program::wait_for`].
+    /// Panics like [`Program::wait_for`].
     #[track_caller]
     pub fn wait_for_times(&self, stream: Stream, wanted: &str, times: usize, within: Duration) {
         let found = self.stream(stream).wait_for(wanted, times, within);
@@ -182,15 +182,15 @@ impl Program {
         assert!(found, "{name} did not write `{wanted}` {times} times within {within:?}\n{out}---\n{err}---");
     }
 
-    /// Returns whether it still runs.
+    /// Returns whether the command still runs.
     pub fn is_running(&self) -> bool {
         !self.has_ended(Duration::ZERO)
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the command.
     ///
     /// # Panics
-    /// It still runs after `within`.
+    /// Panics if the command still runs after `within`.
     #[track_caller]
     pub fn ended(mut self, within: Duration) -> Ended {
         if !self.has_ended(within) {
@@ -227,7 +227,7 @@ impl Drop for Program {
         if self.is_running() {
             self.child.kill().unwrap_or_default();
         }
-        // The status of a command that the test did not wait for does not matter.
+        // The test did not wait for the command, so its exit status does not matter.
         drop(self.child.wait());
     }
 }

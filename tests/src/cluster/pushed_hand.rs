@@ -1,6 +1,6 @@
-//! The spec of a small mission: a visitor pushes the hand of the simulated robot until its force is felt.
+//! The spec of a small mission: a visitor pushes the hand of the simulated robot until the force is noticeable.
 
-/// The text of the process `HitDetector`, which ends when the force exceeds a threshold, such as `"2 N"`.
+/// The text of the process `HitDetector`. It ends when the force exceeds a threshold, such as `"2 N"`.
 #[macro_export]
 macro_rules! hit_detector {
     ($threshold:literal) => {

@@ -1,5 +1,5 @@
-//! Two hosts with a slow or long link between them: two threads carry packets from one host's interface to the other's, and keep each
-//! back. Many kernels are built without `tc netem`, which does the same.
+//! Two hosts with a slow or long link between them. Two threads for each direction carry packets from one host's interface to the
+//! other's, and delay each packet. `tc netem` does the same, but many kernels are built without it.
 
 use super::network::{Network, skip};
 use super::pass;
@@ -16,21 +16,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How many packets wait in each direction; more are dropped. Source: the default of tc-netem(8).
+/// The greatest number of waiting packets in each direction. Further packets are dropped. Source: the default of tc-netem(8).
 const WAITING_MAX: usize = 1000;
 /// The longest packet. Source: the MTU of a TUN device is 1500 bytes.
 const PACKET_MAX: usize = 2048;
-/// How often a thread looks whether it is to end.
+/// How often a thread checks whether to end.
 const LOOK_EVERY: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
-/// Source: `TUNSETIFF` of linux/if_tun.h, as the kernel numbers it on machines where an `int` has four bytes.
+/// Source: `TUNSETIFF` of linux/if_tun.h, with the kernel's number on machines where an `int` has four bytes.
 const TUNSETIFF: Opcode = 0x4004_54ca;
-/// Source: `IFF_TUN | IFF_NO_PI` of linux/if_tun.h: packets of IP, with nothing in front of them.
+/// Source: `IFF_TUN | IFF_NO_PI` of linux/if_tun.h. The packets are IP packets, with nothing before them.
 const TUN_NO_PI: u16 = 0x1001;
 
-/// A link in both directions.
+/// The properties of a link, for both directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Line {
-    /// How long a byte is on its way.
+    /// How long a byte travels.
     pub delay: Duration,
     /// Bytes a second.
     pub rate: f64,
@@ -41,11 +41,11 @@ pub struct Line {
 impl Line {
     /// A cable.
     pub const FAST: Self = Self { delay: Duration::ZERO, rate: 1e8, is_cut: false };
-    /// A cable that was pulled.
+    /// A pulled cable.
     pub const CUT: Self = Self { is_cut: true, ..Self::FAST };
 }
 
-/// Hosts 1 and 2, as 10.77.0.1 and 10.77.0.2. Dropped, they are removed.
+/// Hosts 1 and 2, as 10.77.0.1 and 10.77.0.2. Dropping the link removes them.
 #[derive(Debug)]
 pub struct SlowLink {
     network: Network,
@@ -65,7 +65,7 @@ struct Direction {
 }
 
 impl SlowLink {
-    /// Makes a link, fast at first; none, with a word of why on the terminal, where a test cannot have one.
+    /// Makes a link, which is fast at first. If a test cannot have one, it prints the reason on the terminal and returns none.
     ///
     /// # Panics
     /// Panics if the kernel refuses a step.
@@ -93,17 +93,17 @@ impl SlowLink {
         Some(Self { network, line, sent, is_over, carriers })
     }
 
-    /// Returns its hosts, for [`Cluster::host`](super::Cluster::host).
+    /// Returns the hosts of the link, for [`Cluster::host`](super::Cluster::host).
     pub fn network(&self) -> &Network {
         &self.network
     }
 
-    /// Changes the link for all packets that are sent later.
+    /// Changes the link for all later packets.
     pub fn set(&self, line: Line) {
         *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
     }
 
-    /// Returns how many bytes host 1 and host 2 have sent so far.
+    /// Returns the number of bytes that each of host 1 and host 2 has sent so far.
     pub fn sent(&self) -> [u64; 2] {
         [&self.sent[0], &self.sent[1]].map(|sent| sent.load(Ordering::Relaxed))
     }
@@ -117,14 +117,14 @@ impl Drop for SlowLink {
 }
 
 impl Direction {
-    /// Begins to carry packets: one thread takes them, one gives them on when their time has come.
+    /// Begins to carry packets. One thread takes the packets, and the other passes each on at its time.
     fn carry(mut self) -> [JoinHandle<()>; 2] {
         let (packets, due) = sync_channel::<(Time, Vec<u8>)>(WAITING_MAX);
         let mut to = self.to.try_clone().expect("a descriptor can be copied");
         let giver = std::thread::spawn(move || {
             for (at, packet) in due {
                 pass(at.since(now()));
-                // A host whose interface is down takes none.
+                // A host takes no packets while its interface is down.
                 to.write(&packet).map(drop).unwrap_or_default();
             }
         });
@@ -145,13 +145,13 @@ impl Direction {
             }
             self.sent.fetch_add(size as u64, Ordering::Relaxed);
             free = free.max(now()) + Duration::from_secs_f64(size as f64 / line.rate);
-            // A packet that finds the queue full is dropped, as by a radio.
+            // A packet is dropped if the queue is full, as on a radio link.
             packets.try_send((free + line.delay, packet[..size].to_vec())).unwrap_or_default();
         }
     }
 }
 
-/// Makes an interface whose packets this program takes and gives.
+/// Makes an interface whose packets this program reads and writes.
 #[expect(unsafe_code, reason = "no crate in use makes an interface")]
 fn interface_of_own(name: &str) -> std::io::Result<File> {
     /// Source: `struct ifreq` of linux/if.h.
@@ -164,7 +164,7 @@ fn interface_of_own(name: &str) -> std::io::Result<File> {
     let device = OpenOptions::new().read(true).write(true).open("/dev/net/tun")?;
     let mut wanted = Wanted { name: [0; 16], flags: TUN_NO_PI, rest: [0; 22] };
     wanted.name[..name.len()].copy_from_slice(name.as_bytes());
-    // SAFETY: the kernel reads and writes a structure of this size for this operation, and keeps no pointer to it.
+    // SAFETY: for this operation, the kernel reads and writes a structure of this size, and keeps no pointer to it.
     unsafe { ioctl(&device, Setter::<TUNSETIFF, Wanted>::new(wanted)) }?;
     Ok(device)
 }

@@ -1,4 +1,4 @@
-//! A command on a terminal, which it cannot distinguish from a person's.
+//! A command on a terminal. The command cannot distinguish the terminal from a person's.
 
 use super::SOON;
 use comms::io::clock::now;
@@ -15,7 +15,7 @@ pub(super) const ROWS: u16 = 24;
 
 /// A terminal.
 pub(super) struct Terminal {
-    /// The end that a person looks at.
+    /// The end that a person would see.
     pub(super) screen: OwnedFd,
     /// The end of the command.
     pub(super) line: OwnedFd,
@@ -33,17 +33,17 @@ pub(super) fn open(columns: u16) -> Terminal {
     Terminal { screen, line }
 }
 
-/// Runs a command to its end, which an interrupt brings once it has written `wanted`; returns its exit code and all
-/// that it wrote.
+/// Runs a command to its end, and interrupts it once it has written `wanted`. Returns its exit code and all of its
+/// output.
 ///
 /// # Panics
-/// Panics if the command has not ended `SOON`, or if no terminal can be opened.
+/// Panics if the command does not end within `SOON`, or if no terminal can be opened.
 pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) -> (Option<i32>, String) {
     let Terminal { screen, line } = open(columns);
     let other = line.try_clone().expect("a descriptor is left");
     command.stdin(Stdio::null()).stdout(line).stderr(other);
     let mut child = command.spawn().expect("it can be started");
-    // `command` holds ends of the line; while they are open, the end of the last writer would go unnoticed.
+    // `command` holds ends of the line. While they are open, the end of the last writer would go unnoticed.
     drop(command);
     let (mut written, deadline) = (Vec::new(), now() + SOON);
     let mut chunk = [0; 4096];
@@ -56,7 +56,7 @@ pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) 
             panic!("it has not ended within {SOON:?}:\n{}", String::from_utf8_lossy(&written));
         }
         match rustix::io::read(&screen, &mut chunk) {
-            // A terminal without writers gives an error, not an end of file.
+            // A terminal without writers returns an error instead of the end of the file.
             Ok(0) | Err(_) => break,
             Ok(size) => written.extend(&chunk[..size]),
         }

@@ -20,9 +20,9 @@ pub struct Trace {
 /// A value of a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// When it came to the recorder, since GO.
+    /// When the value reached the recorder, since GO.
     pub at: Duration,
-    /// When it was published, on the clock of its host.
+    /// When the value was published, on the clock of its host.
     pub stamp: Time,
     /// In the signal's unit.
     pub value: f64,
@@ -32,7 +32,7 @@ impl Trace {
     /// Reads the record in `folder`.
     ///
     /// # Panics
-    /// There is none, or it is damaged.
+    /// Panics if the record is missing or damaged.
     pub fn read(folder: &Path) -> Self {
         let run = recorder::read(&folder.join(recorder::FILE)).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(run.damage, None, "{folder:?}");
@@ -40,16 +40,16 @@ impl Trace {
         Self { folder: folder.to_owned(), run, mission }
     }
 
-    /// Reads the part of the record in `folder` that is already written.
+    /// Reads the part of the record in `folder` that has been written so far.
     ///
     /// # Panics
-    /// There is none.
+    /// Panics if the record is missing.
     pub fn so_far(folder: &Path) -> Self {
         let run = recorder::read(&folder.join(recorder::FILE)).unwrap_or_else(|error| panic!("{error}"));
         Self { folder: folder.to_owned(), mission: run.mission(), run }
     }
 
-    /// Returns whether the page of the run is beside its record and closes its last tag.
+    /// Returns whether the run has a complete page beside its record. Such a page closes its last tag.
     pub fn has_page(&self) -> bool {
         let page = std::fs::read_to_string(self.folder.join("report.html")).unwrap_or_default();
         page.trim_end().ends_with("</html>")
@@ -58,7 +58,7 @@ impl Trace {
     /// Returns how `main` ended, and when, since GO.
     ///
     /// # Panics
-    /// It did not.
+    /// Panics if `main` did not end.
     pub fn finished(&self) -> (Ending, Duration) {
         let finished = self.reports().find_map(|report| match report {
             Report::Finished { ending, at, .. } => Some((ending.clone(), *at)),
@@ -80,7 +80,7 @@ impl Trace {
         finished.expect("the record of a run that is over has its end")
     }
 
-    /// Returns the changes of the process with this path, in order.
+    /// Returns the changes of the process with this path, in the order of the record.
     pub fn changes(&self, wanted: &str) -> Vec<&Change> {
         let changes = self.reports().filter_map(|report| match report {
             Report::Process { path, change, .. } => (path == wanted).then_some(change),
@@ -102,7 +102,8 @@ impl Trace {
         changes.collect()
     }
 
-    /// Returns the changes of every process, in order: the time since GO, its path, and the change.
+    /// Returns the changes of all processes, in the order of the record: the time since GO, the path of the process, and the
+    /// change.
     pub fn all_changes(&self) -> Vec<(Duration, &str, &Change)> {
         let mut changes = Vec::new();
         for report in self.reports() {
@@ -113,7 +114,7 @@ impl Trace {
         changes
     }
 
-    /// Returns the hosts that could not confirm that nothing of it runs there any more.
+    /// Returns the hosts that could not confirm that no part of the deployment runs there any more.
     pub fn unconfirmed(&self) -> Vec<&str> {
         let mut all = Vec::new();
         for report in self.reports() {
@@ -127,13 +128,13 @@ impl Trace {
     /// Returns the phase with `part` in its name.
     ///
     /// # Panics
-    /// There was none.
+    /// Panics if the phase is missing.
     pub fn phase(&self, part: &str) -> &Phase {
         let phases = self.mission.phases();
         phases.iter().find(|phase| phase.name.contains(part)).unwrap_or_else(|| panic!("no phase `{part}`: {phases:?}"))
     }
 
-    /// Returns a signal of the program with this path.
+    /// Returns the samples of a signal of the program with this path.
     pub fn signal(&self, program: &str, name: &str) -> Vec<Sample> {
         let sample = |entry: &Entry| match entry {
             Entry::Signals { path, at, sample } if path == program => {
@@ -143,7 +144,7 @@ impl Trace {
             Entry::Signals { .. } | Entry::Report(_) | Entry::Output { .. } | Entry::Port { .. } => None,
         };
         let mut samples: Vec<Sample> = self.run.entries.iter().filter_map(sample).collect();
-        // A peak between two samples is reported after the second.
+        // A peak between two samples is recorded after the second sample.
         samples.sort_by_key(|sample| sample.at);
         samples
     }
@@ -156,37 +157,37 @@ impl Trace {
     }
 }
 
-/// Returns the largest magnitude among samples that came from `from` to `to`.
+/// Returns the largest magnitude of the samples that arrived between `from` and `to`.
 pub fn peak(samples: &[Sample], from: Duration, to: Duration) -> f64 {
     let within = samples.iter().filter(|sample| (from..=to).contains(&sample.at));
     within.map(|sample| sample.value.abs()).fold(f64::NAN, f64::max)
 }
 
-/// A part of the time of a run, by the clock of the hosts. The end does not belong to it.
+/// A part of the time of a run, on the clock of the hosts. The end is not part of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
-    /// Its begin.
+    /// The beginning.
     pub from: Time,
-    /// Its end.
+    /// The end.
     pub to: Time,
 }
 
 impl Window {
-    /// Returns whether a sample was measured in it.
+    /// Returns whether a sample was measured in this window.
     pub fn contains(&self, sample: &Sample) -> bool {
         (self.from..self.to).contains(&sample.stamp)
     }
 }
 
-/// Does something; returns when it began and ended.
+/// Runs `act`, and returns when it began and when it ended.
 pub fn window(act: impl FnOnce()) -> Window {
     let from = now();
     act();
     Window { from, to: now() }
 }
 
-/// Returns the greatest rate of a whole second. Other work of the machine slows some seconds down, and a lasting cause slows
-/// down all of them.
+/// Returns the greatest rate of a whole second. Other work on the machine slows some seconds down, but a lasting cause slows
+/// all of them down.
 pub fn best_second(samples: &[Sample], window: Window) -> f64 {
     let second = Duration::from_secs(1);
     let begins = std::iter::successors(Some(window.from), |begin| Some(*begin + second));
@@ -195,7 +196,7 @@ pub fn best_second(samples: &[Sample], window: Window) -> f64 {
     seconds.filter(has_rate).map(|second| rate(samples, second)).fold(0.0, f64::max)
 }
 
-/// Returns by how much a count grew each second, between two times on the clock of the hosts.
+/// Returns the growth of a count for each second in a window, on the clock of the hosts.
 ///
 /// # Panics
 /// Panics if fewer than two samples arrived in this time.

@@ -1,4 +1,5 @@
-//! A command on a terminal at which a person types: what is on the screen, and whether the terminal is as before.
+//! A command on a terminal with a person's input. It shows the content of the screen, and whether the terminal is
+//! restored at the end.
 
 use super::SOON;
 use super::terminal::{self, ROWS, Terminal};
@@ -14,11 +15,11 @@ use std::time::Duration;
 /// The end of a command at a terminal.
 #[derive(Debug)]
 pub struct Left {
-    /// Its exit code.
+    /// The exit code.
     pub code: Option<i32>,
-    /// All that it wrote.
+    /// All text that the command wrote.
     pub written: String,
-    /// Whether lines are read and keys are shown as before it began.
+    /// Whether the terminal reads lines and shows keys as before the command.
     pub is_restored: bool,
 }
 
@@ -42,10 +43,10 @@ impl TypedTerminal {
         Self { screen, line, child, written: Vec::new(), settings }
     }
 
-    /// Waits until the screen shows a text; returns the screen.
+    /// Waits until the screen shows a text, and returns the screen.
     ///
     /// # Panics
-    /// It does not within `SOON`, or the command ends before.
+    /// Panics if the text does not appear within `SOON`, or if the command ends before.
     #[track_caller]
     pub fn wait_for(&mut self, wanted: &str) -> String {
         let deadline = now() + SOON;
@@ -62,16 +63,16 @@ impl TypedTerminal {
     /// Types some keys.
     ///
     /// # Panics
-    /// The terminal is gone.
+    /// Panics if the terminal is gone.
     pub fn press(&self, keys: &str) {
         let written = rustix::io::write(&self.screen, keys.as_bytes()).expect("the terminal is there");
         assert_eq!(written, keys.len());
     }
 
-    /// Sends the command a signal.
+    /// Sends a signal to the command.
     ///
     /// # Panics
-    /// It has been waited for.
+    /// Panics if the command has already been waited for.
     pub fn signal(&self, signal: Signal) {
         kill_process(Pid::from_child(&self.child), signal).expect("it has not been waited for");
     }
@@ -79,7 +80,7 @@ impl TypedTerminal {
     /// Waits for the end of the command.
     ///
     /// # Panics
-    /// It does not end within `SOON`.
+    /// Panics if the command does not end within `SOON`.
     #[track_caller]
     pub fn left(mut self) -> Left {
         let deadline = now() + SOON;
@@ -99,7 +100,7 @@ impl TypedTerminal {
         Left { code: status.code(), written: String::from_utf8_lossy(&self.written).into_owned(), is_restored }
     }
 
-    /// Reads what has been written; returns whether there was something.
+    /// Reads new output, and returns whether it found some.
     fn read(&mut self, within: Duration) -> bool {
         let within = Timespec::try_from(within).expect("half a minute is a time");
         let ready = poll(&mut [PollFd::new(&self.screen, PollFlags::IN)], Some(&within));
@@ -122,7 +123,7 @@ impl TypedTerminal {
     }
 }
 
-/// Returns how a terminal reads and shows keys.
+/// Returns the settings by which a terminal reads and shows keys.
 fn settings(line: &OwnedFd) -> String {
     let settings = tcgetattr(line).expect("it is a terminal");
     let mut text = String::new();
@@ -131,7 +132,7 @@ fn settings(line: &OwnedFd) -> String {
     text
 }
 
-/// Returns the screen that a text leaves behind: texts at places, and cleared screens. Colours are left out.
+/// Returns the final screen after a text. It handles texts at positions and cleared screens, and leaves out colours.
 fn screen(written: &str) -> String {
     let (mut cells, mut row, mut column) = (vec![Vec::<char>::new(); usize::from(ROWS)], 0, 0);
     let mut characters = written.chars().peekable();

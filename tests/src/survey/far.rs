@@ -1,4 +1,4 @@
-//! Worlds far outside the design range of the laws: two or three things are wrong at once, each over its whole range.
+//! Worlds far outside the design range of the laws. Two or three things are wrong at once, each over its whole range.
 
 use super::rows::{DEGREE, argument};
 use super::{Disruption, Meddling, Mission, Phase};
@@ -6,10 +6,10 @@ use controllers::sdk::Random;
 use controllers::sdk::harness::Disturbance;
 use std::time::Duration;
 
-/// A number of the world: its parameter, its unit, from where to where.
+/// A number of the world: its parameter, its unit, and its range.
 type Number = (&'static str, &'static str, f64, f64);
 
-/// The faults: the numbers of each line are drawn together.
+/// The faults. The numbers of each line are drawn together.
 const WRONG: [&[Number]; 26] = [
     &[("base_slip_door", "rad", 0.0, 66.0 * DEGREE), ("base_slip_for", "s", 0.5, 15.0)],
     &[("base_slip_door", "rad", 45.0 * DEGREE, 62.0 * DEGREE), ("base_slip_for", "s", 5.0, 15.0)],
@@ -40,7 +40,7 @@ const WRONG: [&[Number]; 26] = [
 ];
 const DEVICES: [&str; 6] = ["arm", "base", "force", "gripper", "laser", "camera"];
 const HOW: [&str; 3] = ["silent", "repeats", "restamps"];
-/// The longest time a hop takes, and its jitter (ms).
+/// The longest duration of a hop, and its largest jitter (ms).
 const HOP_MAX: f64 = 60.0;
 
 /// Returns the mission of a world with the seed `seed`.
@@ -68,7 +68,7 @@ pub(super) fn mission(seed: u64, phases: &[Phase], random: &mut Random) -> Missi
     Mission { arguments, ..mission }
 }
 
-/// Returns the arguments of a world in which one sensor fails, most often while the door opens.
+/// Returns the arguments of a world with a sensor failure, usually while the door opens.
 pub(super) fn failing(random: &mut Random) -> String {
     let (device, how) = (DEVICES[pick(DEVICES.len(), random)], HOW[pick(HOW.len(), random)]);
     let when = if random.unit() < 0.3 {

@@ -1,4 +1,5 @@
-//! The survey as one HTML page: the table, and a plot for each row that has a range. No scripts, nothing from elsewhere.
+//! The survey as one HTML page: the table, and a plot for each row with a range. The page contains no scripts, and loads
+//! nothing from elsewhere.
 
 use super::table::{Summary, degrees};
 use super::{HIT_MAX, Outcome, PULL_MAX, Row};
@@ -9,10 +10,10 @@ table{border-collapse:collapse;width:100%}td,th{border-bottom:1px solid #ddd;pad
 td:first-child,td:last-child,th:first-child,th:last-child{text-align:left}.bad{color:#b00020;font-weight:bold}\
 .group td{background:#f2f2f2;font-weight:bold}figure{display:inline-block;margin:0 1em 1em 0}figcaption{font-weight:bold}\
 svg{background:#fafafa;border:1px solid #ddd}";
-/// Width and height of a plot, and the space for its labels (px).
+/// The width and height of a plot, and the space for its labels (px).
 const SIZE: [f64; 2] = [380.0, 200.0];
 const MARGIN: [f64; 2] = [40.0, 24.0];
-/// Forces above this are drawn at the top (N).
+/// The plot draws greater forces at the top (N).
 const FORCE_MAX: f64 = 160.0;
 
 /// Returns the page.
@@ -109,7 +110,7 @@ impl Kind {
     }
 }
 
-/// The worst force over the row's value; nothing if the row has no values.
+/// Plots the worst force over the row's value. Returns nothing if the row has no values.
 fn plot(row: &Row, outcomes: &[Outcome]) -> String {
     let dots: Vec<(f64, &Outcome)> =
         row.missions.iter().zip(outcomes).filter_map(|(mission, outcome)| Some((mission.value?, outcome))).collect();

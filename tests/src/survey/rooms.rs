@@ -1,5 +1,5 @@
 //! Doors in rooms: side walls near the jambs, surfaces without echo, bodies beside the door, a second leaf, mirrors.
-//! Each row is flown with doors that open and, under a second name, with doors that are locked.
+//! Each row is flown with unlocked doors and, under a second name, with locked doors.
 
 use super::Mission;
 use super::rows::{DEGREE, Draw, Group, Row, argument};
@@ -24,7 +24,7 @@ const ROOMS: [(&str, Make); 12] = [
     ("stray rays", |random| argument("strays", random.between(0.02, 0.15), "")),
 ];
 
-/// Returns the rows of rooms, each with doors that open and with doors that are locked.
+/// Returns the rows of rooms, each with unlocked doors and with locked doors.
 pub(super) fn rows(draw: &Draw) -> Vec<Row> {
     let of = |(name, make): (&str, Make)| {
         ["unlocked", "locked"].map(|lock| {
@@ -37,8 +37,8 @@ pub(super) fn rows(draw: &Draw) -> Vec<Row> {
     ROOMS.into_iter().flat_map(of).collect()
 }
 
-/// Returns the mission in a room of a row: every third door is pushed, and the robot starts on the side of the hinge,
-/// where it has room.
+/// Returns the mission in a room of a row. Every third door has to be pushed. The robot starts on the side of the
+/// hinge, since it has room there.
 fn mission((number, seed): (u32, u64), make: Make, lock: &str, random: &mut Random) -> Mission {
     let (side, aside, yaw) = if number.is_multiple_of(2) { ("left", 0.22, -0.06) } else { ("right", -0.16, 0.12) };
     let swing = if number % 3 == 2 { "push" } else { "pull" };
@@ -84,7 +84,7 @@ fn blind(random: &mut Random) -> String {
     format!("{}, {}", argument("blind_from", from, "rad"), argument("blind_to", to, "rad"))
 }
 
-/// A person who stands beside the door, out of the leaf's way.
+/// A person beside the door, outside the path of the leaf.
 fn body(random: &mut Random) -> String {
     let aside = if random.unit() < 0.5 { random.between(-1.3, -0.8) } else { random.between(1.2, 1.8) };
     let before = length("body_before", random, 0.2, 1.2);

@@ -9,17 +9,17 @@ use std::time::Duration;
 /// The kind of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
-    /// One dimension, all else nominal.
+    /// One dimension. All others are nominal.
     Single,
-    /// Doors that the robot has to push.
+    /// Doors that open by pushing.
     Push,
     /// Doors in rooms of many kinds.
     Room,
-    /// The drive through a door that has no closer.
+    /// The drive through a door without a closer.
     Through,
-    /// All dimensions at once, half as wide as alone.
+    /// All dimensions at once, each over half of its range.
     Moderate,
-    /// All dimensions at once, as wide as alone.
+    /// All dimensions at once, each over its whole range.
     Wide,
     /// Something goes wrong.
     Trigger,
@@ -28,7 +28,7 @@ pub enum Group {
 }
 
 impl Group {
-    /// Returns its name.
+    /// Returns the name of the group.
     pub fn name(self) -> &'static str {
         match self {
             Self::Single => "one dimension",
@@ -48,16 +48,16 @@ impl Group {
 pub struct Row {
     /// The kind.
     pub group: Group,
-    /// The name of the quantity that varies: `radius`, `50 ms a hop`.
+    /// The name of the varying quantity: `radius`, `50 ms a hop`.
     pub name: String,
-    /// The unit of the missions' values: `m`.
+    /// The unit of the missions' values, such as `m`.
     pub unit: &'static str,
-    /// Its worlds.
+    /// The worlds of the row.
     pub missions: Vec<Mission>,
 }
 
 impl Row {
-    /// Returns a unique label: its name, or its group's if the group has one row.
+    /// Returns a unique label: the name of the row, or that of its group if the group has only one row.
     pub fn label(&self) -> &str {
         match self.group {
             Group::Single | Group::Push | Group::Room | Group::Through | Group::Trigger => &self.name,
@@ -66,7 +66,7 @@ impl Row {
     }
 }
 
-/// A number of the world that varies: its parameter, its unit, and from where over the nominal value to where.
+/// A varying number of the world: its parameter, its unit, its lowest, nominal and highest values.
 struct Dimension {
     name: &'static str,
     unit: &'static str,
@@ -81,7 +81,7 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
 
 pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// The dimensions that only vary alone, because they do not describe the kind of the door.
+/// The dimensions that vary only alone, since they do not describe the kind of the door.
 const MORE: [Dimension; 31] = [
     dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
     dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
@@ -116,7 +116,7 @@ const MORE: [Dimension; 31] = [
     dimension("grip_speed", "m/s", [0.05, 0.12, 0.25]),
 ];
 
-/// The dimensions that vary alone, and all at once.
+/// The dimensions that vary alone, and also all at once.
 const DIMENSIONS: [Dimension; 31] = [
     dimension("radius", "m", [0.6, 0.82, 1.1]),
     dimension("closer", "Nm", [0.0, 8.0, 30.0]),
@@ -156,7 +156,8 @@ impl Dimension {
         argument(self.name, value, self.unit)
     }
 
-    /// A value from a share of its range about the nominal value: below it as likely as above, where both are possible.
+    /// Draws a value from a share of the range around the nominal value. If both sides are possible, values below and
+    /// above are equally likely.
     fn draw(&self, share: f64, random: &mut Random) -> f64 {
         let (low, high) =
             (self.nominal + (self.low - self.nominal) * share, self.nominal + (self.high - self.nominal) * share);
@@ -169,7 +170,7 @@ impl Dimension {
     }
 }
 
-/// An argument as a spec takes it; a unit that specs do not have is left out.
+/// Returns an argument in the form of a spec. It leaves out a unit that specs do not know.
 pub(super) fn argument(parameter: &str, value: f64, unit: &str) -> String {
     let is_known = Quantity::ALL.iter().any(|quantity| quantity.unit() == unit);
     let unit = if is_known { format!(" {unit}") } else { String::new() };
@@ -180,12 +181,12 @@ fn mission(arguments: String) -> Mission {
     Mission { arguments, ..Mission::nominal() }
 }
 
-/// The side of the hinge: left and right by turns.
+/// Returns the side of the hinge. Left and right alternate.
 fn side(number: u32) -> &'static str {
     if number.is_multiple_of(2) { "left" } else { "right" }
 }
 
-/// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
+/// Draws the worlds of rows. Each row has its own stream, so another selection of rows does not change it.
 pub(super) struct Draw {
     worlds: u32,
     seed: u64,
@@ -205,7 +206,7 @@ impl Draw {
         Row { group, name: name.to_owned(), unit, missions }
     }
 
-    /// The seed of a world, which differs between surveys.
+    /// Returns the seed of a world. It differs between surveys.
     pub(super) fn world(&self, number: u32) -> u64 {
         (self.seed % 100_000) * 10_000 + u64::from(number) + 1
     }
@@ -233,7 +234,8 @@ impl Draw {
         arguments
     }
 
-    /// Leaves of all widths that a base may pass, hinge on either side, wheels and laser that are a little wrong.
+    /// Leaves of all widths through which a base may pass. The hinge is on either side, and wheels and laser have small
+    /// errors.
     fn through(&self) -> Row {
         self.row(Group::Through, "drive through", "m", &mut |number, random| {
             let (radius, wheels) = (random.between(0.68, 1.05), random.between(-0.05, 0.05));
@@ -245,8 +247,8 @@ impl Draw {
         })
     }
 
-    /// Doors to push: hinge on either side, one dimension after the other, all at once; and laws that are told which
-    /// way the door opens, rightly or wrongly.
+    /// Doors that have to be pushed: the hinge is on either side, and the dimensions vary one after the other and all
+    /// at once. In further rows, the laws are told in which direction the door opens, correctly or wrongly.
     fn pushes(&self) -> Vec<Row> {
         let push = ", swing = \"push\"";
         let plain = |name: &str, told: Option<&'static str>, swing: &'static str| {
@@ -260,7 +262,8 @@ impl Draw {
                 mission(self.world_of_all(number, share, random) + push)
             })
         };
-        // Each dimension on each side as often as there are worlds for it, eight times as many as in other rows.
+        // There are eight times as many worlds as in other rows, so each dimension occurs on both sides if there are
+        // enough worlds.
         let alone = Self { worlds: self.worlds * 8, seed: self.seed };
         let alone = alone.row(Group::Push, "one dimension", "", &mut |number, random| {
             let dimension = &DIMENSIONS[number as usize % DIMENSIONS.len()];
@@ -288,8 +291,8 @@ impl Draw {
         })
     }
 
-    /// Wheels and lens differ widely from their nominal values, and have been measured, up to this share of their true
-    /// values.
+    /// Wheels and lens differ widely from their nominal values. The controllers know measured values, which differ from
+    /// the true values by up to this share.
     fn measured(&self, name: &str, share: f64) -> Row {
         self.row(Group::Single, name, "", &mut |number, random| {
             let (wheels, focal) = (random.between(-0.1, 0.1), random.between(-0.1, 0.1));
@@ -305,7 +308,7 @@ impl Draw {
         })
     }
 
-    /// A visitor shuts the door again while the robot opens it.
+    /// A visitor shuts the door again while the robot is opening it.
     fn shut(&self) -> Row {
         self.row(Group::Trigger, "a visitor shuts it", "rad", &mut |number, random| {
             let (at, torque, span) =
@@ -316,7 +319,7 @@ impl Draw {
         })
     }
 
-    /// Wheels that turn on the spot for long, late in the opening, on doors to pull and to push.
+    /// Wheels that turn on the spot for a long time, late in the opening. The doors open by pulling or pushing.
     fn spins(&self) -> Row {
         self.row(Group::Trigger, "base spins for long", "rad", &mut |number, random| {
             let (at, span) = (random.between(30.0, 62.0) * DEGREE, random.between(3.0, 15.0));
@@ -329,10 +332,12 @@ impl Draw {
         })
     }
 
-    /// Wheels that begin to turn on the spot shortly before the door is open, every half degree, three of four on doors
-    /// to push, where the laser does not see the wall then; on doors to pull it fails.
+    /// Wheels that begin to turn on the spot shortly before the door is open, at every half degree. Three of four doors
+    /// have to be pushed, so the laser does not see the wall at that time. On doors that have to be pulled, the laser
+    /// fails.
     fn aimed_spins(&self) -> Row {
-        // Each angle on either side as often as there are worlds for it, four times as many as in other rows.
+        // There are four times as many worlds as in other rows, so each angle occurs on either side if there are enough
+        // worlds.
         let draw = Self { worlds: self.worlds * 4, seed: self.seed };
         draw.row(Group::Trigger, "base spins at the end", "rad", &mut |number, random| {
             let at = (50.0 + 0.5 * f64::from(number % 25)) * DEGREE;
@@ -380,7 +385,7 @@ impl Draw {
             Disruption::Restart => "restarted",
             Disruption::Kill => "killed",
         };
-        // Each controller once at least, however few worlds there are.
+        // There is at least one world for each controller, even if a row has fewer worlds.
         let worlds = self.worlds.max(u32::try_from(leaves.len()).unwrap_or(u32::MAX));
         let draw = Self { worlds, seed: self.seed };
         let again = if task == Task::Recover { "again: " } else { "" };
@@ -395,7 +400,7 @@ impl Draw {
     }
 }
 
-/// Returns all rows with `worlds` missions each; `phases` lists the active processes of each phase, see
+/// Returns all rows with `worlds` missions each. `phases` lists the active processes of each phase, as returned by
 /// [`super::active_in_phases`].
 pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     let draw = Draw { worlds, seed };
@@ -421,8 +426,8 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.together(Group::Wide, 1.0));
     rows.push(draw.trigger("handle lost", "rad", "lose_at", [3.0 * DEGREE, 60.0 * DEGREE]));
     rows.push(draw.trigger("grip slips", "N", "slip_force", [10.0, 18.0]));
-    // With the present laws the door opens from 14 s to 23 s; the two rows below disturb the opening and the press
-    // independent of their time.
+    // With the present laws, the door opens from 14 s to 23 s. After the row with a fixed time, the following two rows disturb the
+    // opening and the press independently of time.
     rows.push(draw.trigger("base slips by the clock", "s", "base_slip_at", [18.0, 28.0]));
     rows.push(draw.trigger("base slips in the opening", "rad", "base_slip_door", [0.0, 60.0 * DEGREE]));
     rows.push(draw.trigger("base slips in the press", "rad", "base_slip_lever", [0.0, 28.0 * DEGREE]));

@@ -1,4 +1,4 @@
-//! The survey's numbers, row by row, and as a text.
+//! The results of the survey, row by row, and as text.
 
 use super::{Outcome, Row};
 use crate::simulation::Finish;
@@ -10,23 +10,23 @@ use std::fmt::Write as _;
 pub struct Summary {
     /// The number of missions.
     pub worlds: usize,
-    /// The number that succeeded.
+    /// The number of successful missions.
     pub success: usize,
-    /// The number that did with no more force than they may use.
+    /// The number of successful missions within the force limits.
     pub strict: usize,
-    /// The number of runs that reported success with the door shut.
+    /// The number of false successes: they reported success, but not everything was as required.
     pub false_successes: usize,
-    /// The least true angle at which one was done (deg), if one was.
+    /// The least true angle of a mission that reported success (deg), if one did.
     pub angle_min: Option<f64>,
-    /// The largest force when the hand came to the handle (N), of all runs.
+    /// The largest force while the hand approached the handle (N), over all runs.
     pub hit: f64,
-    /// The largest while the door opened (N), of all runs.
+    /// The largest force while the door opened (N), over all runs.
     pub pull: f64,
-    /// The largest at all (N), of all runs.
+    /// The largest force at any time (N), over all runs.
     pub worst: f64,
-    /// The longest success (s); zero if there was none.
+    /// The duration of the longest success (s); zero without a success.
     pub seconds: f64,
-    /// The reasons of the others, the most frequent first.
+    /// The reasons of the missions that were not strict, the most frequent first.
     pub reasons: Vec<(String, usize)>,
 }
 
@@ -71,7 +71,7 @@ impl Summary {
     }
 }
 
-/// Returns the table as text: one line a row, then one for all; reasons with how often they were met.
+/// Returns the table as text: one line for each row, and one for all rows. Each reason has its count.
 pub fn text(rows: &[(Row, Vec<Outcome>)]) -> String {
     let mut text = format!(
         "{:<28} {:>6} {:>8} {:>7} {:>6} {:>8} {:>6} {:>7} {:>8} {:>6}  {}\n",
@@ -99,7 +99,7 @@ pub fn text(rows: &[(Row, Vec<Outcome>)]) -> String {
     text
 }
 
-/// Returns each mission that was not strict, with all that is needed to fly it again.
+/// Returns each mission that was not strict, with everything needed to fly it again.
 pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
     let mut text = String::new();
     for (row, outcomes) in rows {
@@ -120,7 +120,7 @@ pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
     text
 }
 
-/// Returns an angle (deg) as text; nothing if there is none.
+/// Returns an angle (deg) as text, or an empty text without an angle.
 pub(super) fn degrees(angle: Option<f64>) -> String {
     angle.map_or(String::new(), |angle| format!("{angle:.1}"))
 }

@@ -1,5 +1,5 @@
-//! Troubles in the middle of a mission, each with its own rows: devices that report wrong values, a base that is moved
-//! from outside, a machine that is very busy.
+//! Problems in the middle of a mission, each with its own rows: devices report wrong values, the base is moved from
+//! outside, or the machine is very busy.
 
 use super::Mission;
 use super::rows::{DEGREE, Draw, Group, Row, argument};
@@ -7,7 +7,7 @@ use controllers::sdk::Random;
 use controllers::sdk::harness::Disturbance;
 use std::time::Duration;
 
-/// Makes the mission of a number and a seed.
+/// Makes the mission with a number and a seed.
 type Make = fn((u32, u64), &mut Random) -> Mission;
 
 /// The rows.
@@ -52,7 +52,7 @@ fn both(world: (u32, u64), arguments: &str) -> Mission {
     if world.0 % 3 == 2 { push(world, arguments) } else { pull(world, arguments) }
 }
 
-/// A radius near the nominal one, so that no two worlds are alike.
+/// Returns a radius near the nominal one, so that all worlds differ.
 fn radius(random: &mut Random) -> String {
     argument("radius", random.between(0.75, 0.9), "m")
 }
@@ -96,7 +96,7 @@ fn spikes(random: &mut Random) -> String {
     format!("{size}, {}", argument("spikes", random.between(0.001, 0.03), ""))
 }
 
-/// A loaded machine and a poor network together, as they were once seen.
+/// Returns the disturbance of a loaded machine together with a poor network. Such a case once occurred.
 fn very_busy(seed: u64) -> Disturbance {
     Disturbance {
         transfer: Duration::from_micros(100),

@@ -1,17 +1,17 @@
-//! The reports on a node that no longer answers, and on the processes that may run there.
+//! Reports about a node that no longer answers, and about the processes that may run there.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, wait_until};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// From its end to when a node counts as lost at the latest, and a little more.
+/// The longest time from the end of a node until it counts as lost, with a small reserve.
 const LOST_WITHIN: Duration = Duration::from_secs(9);
-/// How long a mission of one program may take.
+/// The longest duration of a mission with one program.
 const MISSION: Duration = Duration::from_secs(60);
 
-/// Starts `c1` and `c2`, which see each other. Commands get no answer delayed by discovery: a node that has just
-/// started looking is given time first.
+/// Starts `c1` and `c2`, which see each other. It first gives a new node the time for its discovery, so that commands
+/// get no delayed answer.
 fn pair(here: &Host) -> [Program; 2] {
     let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
     let looked = Duration::from_secs(3);
@@ -25,7 +25,7 @@ fn kill(node: Program) {
     assert_eq!(node.ended(SOON).signal, Some(9));
 }
 
-/// From the moment it is dead to the moment it is lost, it has a row that does not show it as well.
+/// From its death until it counts as lost, the node has a row. The row does not show it as well.
 #[test]
 fn a_node_that_was_killed_a_moment_ago_has_a_row() {
     let cluster = Cluster::new();
@@ -50,7 +50,7 @@ fn a_node_that_was_killed_a_moment_ago_has_a_row() {
     assert_eq!(states.last(), Some(&"lost, heard"));
 }
 
-/// A program that may run on an unreachable host has no output from the record of an earlier run.
+/// A program that may run on an unreachable host gets no output from the record of an earlier run.
 #[test]
 fn another_runs_record_is_not_given_for_a_program_that_may_run() {
     let cluster = Cluster::new();
@@ -92,7 +92,7 @@ process main() { host { c1 } instantiated_processes { talker instof Talker(c1); 
     assert!(other.code == Some(1) && other.err.contains("no record in `runs` has"), "{other}");
 }
 
-/// Only the home of a deployment knows all of its events: the answers of other nodes may be incomplete.
+/// Only the home of a deployment knows all of its events, so answers from other nodes may be incomplete.
 #[test]
 fn events_are_not_complete_without_a_node() {
     let cluster = Cluster::new();

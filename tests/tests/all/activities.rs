@@ -1,4 +1,4 @@
-//! Activities on real processes: a lost host, and orders of people.
+//! Activities with real processes: a lost host, and orders from people.
 
 use dca_tests::cluster::{Cluster, Network, SOON, Stream, wait_until};
 use rustix::process::Signal;
@@ -20,7 +20,8 @@ const GUARD: &str = "
         internal_event_actions { guard }
     }";
 
-/// The robot of an activity is cut off while it works there. The activity goes home, is suspended there, and goes on.
+/// The robot of an activity is cut off while the activity works there. The activity goes home, is suspended there,
+/// and continues.
 #[test]
 fn a_lost_host_sends_an_activity_home() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! Realistic networks: IPv6 alone, interfaces that come up late, addresses that change, long delays, crowds.
+//! Realistic networks: only IPv6, late interfaces, changing addresses, long delays, crowds.
 
 use comms::io::clock::{Wakeup, now};
 use comms::io::descriptors;
@@ -11,10 +11,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-/// More than zenoh lets wait by itself, which is 100.
+/// More connections than zenoh itself lets wait, which is 100.
 const SILENT: usize = 700;
 
-/// Returns whether the nodes of `host` that answer see each of `names`.
+/// Returns whether the answering nodes of `host` see each of `names`.
 fn sees(host: &Host, names: &[&str]) -> bool {
     let Ended { out, .. } = host.ask(&["nodes"]);
     names.iter().all(|name| out.lines().filter(|line| line.contains(name)).count() >= names.len())
@@ -34,7 +34,7 @@ fn a_node_listens_on_what_comes_up_and_leaves_what_goes() {
     network.set(1, "link set eth0 up");
     c1.wait_for(Stream::Out, "node `c1` is ready", SOON);
     c1.wait_for(Stream::Err, "the node `c2` is there", SOON);
-    // It gets another address, and loses its old one.
+    // The host gets another address, and loses its old one.
     network.set(1, "address add 10.77.0.101/25 dev eth0");
     c1.wait_for(Stream::Err, "listening on 10.77.0.101 (eth0)", SOON);
     network.set(1, "address del 10.77.0.1/24 dev eth0");
@@ -66,7 +66,7 @@ fn nodes_find_each_other_over_ipv6_alone() {
     }
 }
 
-/// A peer that is dialled and not there is reported with the reason.
+/// A link to a peer that does not exist is reported with the reason.
 #[test]
 fn a_link_that_is_not_made_is_told() {
     let Some(network) = Network::new(1) else { return };
@@ -81,7 +81,7 @@ fn a_link_that_is_not_made_is_told() {
     assert!(wait_until(SOON, told).is_some(), "{}", host.ask(&["nodes"]));
 }
 
-/// Relays each connection to another place, and back, with a delay for every byte. Its threads end with the test.
+/// Relays each connection to another place and back, with a delay for every byte. Its threads end with the test.
 fn relay(listener: &TcpListener, to: SocketAddr, delay: Duration) {
     for near in listener.incoming().map_while(Result::ok) {
         let Ok(far) = TcpStream::connect(to) else { continue };
@@ -114,7 +114,7 @@ fn carry(mut from: TcpStream, mut to: TcpStream, delay: Duration) {
     });
 }
 
-/// Two nodes that reach each other only over a satellite see each other, and keep doing so.
+/// Two nodes that reach each other only over a satellite see each other permanently.
 #[test]
 fn nodes_3_s_of_round_trip_apart_see_each_other() {
     let Some(network) = Network::new(3) else { return };
@@ -132,7 +132,7 @@ fn nodes_3_s_of_round_trip_apart_see_each_other() {
     near.wait_for(Stream::Err, "the node `c2` is there", SOON);
     far.wait_for(Stream::Err, "the node `c1` is there", SOON);
     println!("they see each other after {:?}", now() - began);
-    // Longer than a lease, and than the longest allowed silence.
+    // This time is longer than a lease, and longer than the longest allowed silence.
     pass(Duration::from_secs(6));
     for node in [&near, &far] {
         assert!(!node.text(Stream::Err).contains("is missing"), "{}", node.text(Stream::Err));
@@ -142,7 +142,7 @@ fn nodes_3_s_of_round_trip_apart_see_each_other() {
     assert!(!ended.err.contains("is not linked"), "{ended}");
 }
 
-/// Makes connections that send nothing, and replaces each closed one, until `over` is set.
+/// Makes connections that send nothing. Until `over` is set, it replaces each closed one.
 fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<TcpStream>> = (0..SILENT).map(|_| None).collect();
     while !over.load(Ordering::Relaxed) {
@@ -162,7 +162,7 @@ fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
     }
 }
 
-/// Connections of a scanner, or of a robot whose network hangs, do not keep the next caller out of the TCP port.
+/// Connections from a scanner, or from a robot with a hanging network, leave the TCP port open for the next caller.
 #[test]
 fn seven_hundred_silent_connections_from_the_network_do_not_shut_a_newcomer_out() {
     let Some(network) = Network::new(3) else { return };

@@ -1,16 +1,17 @@
-//! `dca deploy --aligned`: programs on several hosts begin at one moment. Each host is a network namespace whose
-//! boot-time clock began at another time, as on separate machines. The test knows the difference, so it can compare the
-//! times that their programs write.
+//! `dca deploy --aligned`: programs on several hosts begin at the same moment. Each host is a network namespace whose
+//! boot-time clock began at a different time, as on separate machines. The test knows this difference, so it can
+//! compare the times that the programs write.
 //!
-//! `DCA_TEST_ROUNDS=100 cargo test --test all aligned::` deploys 100 times each way.
+//! `DCA_TEST_ROUNDS=100 cargo test --test all aligned::` deploys 100 times, with and without the option.
 
 use dca_tests::cluster::{Cluster, Host, NAMES, Network, Program, SOON, Stream, executable, rounds, wait_until};
 use std::time::Duration;
 
-/// By how many seconds the clock of each host is ahead.
+/// The number of seconds by which the clock of each host is ahead.
 const AHEAD: [u64; 3] = [0, 100_000, 7];
 
-/// A program on each host that writes down its start, each under its own supervisor on another host.
+/// Writes a spec with a program on each host that writes down its start. Each program has its own supervisor on another
+/// host.
 fn spec(cluster: &Cluster) -> String {
     let (program, folder) = (executable("dca-counting").display().to_string(), cluster.folder().display().to_string());
     let text = format!(
@@ -33,8 +34,8 @@ fn spec(cluster: &Cluster) -> String {
     cluster.file("start.dca", &text)
 }
 
-/// Returns when the program of each host had its first calculation, on the clock of the first host; nothing before all
-/// have.
+/// Returns the time of each host's first calculation, on the clock of the first host. Returns nothing until all hosts
+/// have one.
 fn begun(cluster: &Cluster) -> Option<Vec<Duration>> {
     let of = |(host, ahead): (&str, u64)| {
         let text = std::fs::read_to_string(cluster.folder().join(host)).ok()?;
@@ -45,7 +46,7 @@ fn begun(cluster: &Cluster) -> Option<Vec<Duration>> {
     NAMES.into_iter().zip(AHEAD).map(of).collect()
 }
 
-/// Deploys, and stops again. Returns the difference between the starts of the programs, and the output of the command.
+/// Deploys and stops again. Returns the difference between the starts of the programs, and the output of the command.
 fn start(cluster: &Cluster, here: &Host, options: &[&str]) -> (Duration, String) {
     NAMES.iter().for_each(|host| drop(std::fs::remove_file(cluster.folder().join(host))));
     let mission = here.dca(&[&["deploy", "--no-record", &spec(cluster)], options].concat());
@@ -84,6 +85,6 @@ fn programs_on_three_hosts_begin_at_one_moment_whatever_their_clocks_show() {
     spans.iter_mut().for_each(|spans| spans.sort_unstable());
     let [aligned, at_once] = spans.map(|spans| (spans[0], spans[spans.len() / 2], spans[spans.len() - 1]));
     println!("least, median, most: aligned {aligned:.2?}, at once {at_once:.2?}");
-    // The wait of a program for a core is not part of the test.
+    // The time for which a program waits for a core is not part of the test.
     assert!(aligned.0 < Duration::from_millis(10), "{aligned:?}");
 }

@@ -1,5 +1,5 @@
-//! However the door mission fails, the arm ends at rest and lets go of its force; a sensor that hangs moves nothing for
-//! long. On virtual time, judged by the plant.
+//! In whatever way the door mission fails, the arm ends at rest and releases its force. A hanging sensor does not move
+//! anything for long. The tests run on virtual time, and the plant judges them.
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
@@ -8,27 +8,27 @@ use std::time::Duration;
 
 const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 const WORLD: &str = "main/world";
-/// The place in the spec for the arguments of its world.
+/// The place in the spec where the arguments of its world belong.
 const PLACE: &str = "DoorWorld(\"c3\"";
 const LIMIT: Duration = Duration::from_secs(120);
-/// A sensor that was set to zero has an error of a few newtons, through which it measures the remaining force (N).
+/// The greatest remaining force (N). A sensor that was set to zero measures it with an error of a few newtons.
 const LEFT_MAX: f64 = 8.0;
 /// In no run (N).
 const FORCE_MAX: f64 = 100.0;
 
-/// How a mission has ended, as the plant knows it.
+/// The end of a mission, as the plant knows it.
 #[derive(Debug)]
 struct End {
     why: String,
     /// The force on the hand (N).
     force: f64,
     worst: f64,
-    /// Of the joints (rad/s) and the base (m/s, rad/s).
+    /// The largest speed of the joints (rad/s) and the base (m/s, rad/s).
     fastest: f64,
     angle: f64,
 }
 
-/// Flies the spec in this world; `meddle` sees it every 4 ms.
+/// Flies the spec in this world, and calls `meddle` every 4 ms.
 fn fly(spec: &str, world: &str, meddle: &mut dyn FnMut(&mut Simulation)) -> End {
     let text = spec.replace(PLACE, &format!("{PLACE}, {world}"));
     let plan = plan("at_rest.dca", &text).unwrap_or_else(|why| panic!("{why}"));
@@ -60,7 +60,8 @@ fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
     ] {
         expect_at_rest(what, &fly(DOOR, world, untouched), reason);
     }
-    // Any controller that dies while the hand presses or pulls. The load of a door closer would stay.
+    // Any controller may die while the hand presses or pulls. The load of a door closer would stay, so these doors have
+    // none.
     for (leaf, phase, after_ms) in
         [("/presshandle", "/presshandle", 900), ("/dooropen/model", "/dooropen/", 900), ("/add", "/dooropen/", 3000)]
     {
@@ -81,7 +82,7 @@ fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
     }
 }
 
-/// A hand at rest before an open door, which takes off its load.
+/// Returns whether a hand at rest before an open door is taking off its load.
 fn takes_off_its_load(simulation: &Simulation) -> bool {
     simulation.signal("/dooropen/model", "pace") <= 0.0
 }
@@ -107,7 +108,7 @@ fn a_mission_that_is_done_leaves_the_arm_without_load() {
     }
 }
 
-/// Each of these happens 0.2 s after the hand has come to rest before the open door.
+/// Each event happens 0.2 s after the hand has come to rest before the open door.
 #[test]
 fn a_stop_or_a_failure_while_the_load_is_taken_off_leaves_the_arm_without_load() {
     type Meddle = fn(&mut Simulation);
@@ -138,15 +139,15 @@ fn a_stop_or_a_failure_while_the_load_is_taken_off_leaves_the_arm_without_load()
     }
 }
 
-/// The fingers keep holding an open door: the pull of a closer stays, and so does the door.
+/// The fingers keep holding an open door, so the pull of a closer stays, and the door stays open.
 #[test]
 fn a_door_that_is_open_is_not_let_go_of() {
     let end = fly(DOOR, "seed = 5, closer = 20 Nm", &mut |_| {});
     assert!(end.why == "done" && end.angle > 68.0 && end.force > 15.0 && end.fastest < 0.01, "{end:?}");
 }
 
-/// A visitor who pushed the hand while it was looking for the handle once pushed on with all 150 N, and the arm kept
-/// servoing.
+/// A visitor once pushed the hand while it was looking for the handle, and kept pushing with all 150 N. The arm
+/// continued to servo.
 #[test]
 fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     for at in [2, 8] {
@@ -157,8 +158,8 @@ fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     }
 }
 
-/// An arm takes up to 3 s to let go of the force on its hand. Its reader missed the joints in this time, and the mission
-/// ended with `no joint angles for 1 s`.
+/// An arm takes up to 3 s to release the force on its hand. During this time its reader once missed the joints, and the
+/// mission ended with `no joint angles for 1 s`.
 #[test]
 fn an_arm_that_lets_go_of_its_force_tells_the_true_reason() {
     let visitor = "shut_at = 40 deg, shut_torque = 60 Nm, shut_for = 10 s";
@@ -167,7 +168,7 @@ fn an_arm_that_lets_go_of_its_force_tells_the_true_reason() {
     assert!(end.why.contains("motionctrl/puma: the force on the hand exceeds 80 N"), "{end:?}");
 }
 
-/// The base moved sideways into a wall that its laser did not see, with 122 N.
+/// The base once moved sideways into a wall that its laser did not see, with 122 N.
 #[test]
 fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
     let door = "seed = 200002, side = \"right\", start_aside = -0.16 m, start_yaw = 0.12 rad, lock = \"locked\"";
@@ -175,8 +176,8 @@ fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
     assert!(end.why.contains("no room") && end.worst < 1.0 && end.fastest < 0.01, "{end:?}");
 }
 
-/// A laser does not see glass or a mirror, nor a body beside the base. The base pressed on these with 377 N, 351 N and
-/// 261 N for as long as its task went on.
+/// A laser sees neither glass nor mirrors, and no body beside the base. The base once pressed against these with 377 N,
+/// 351 N and 261 N until its task ended.
 #[test]
 fn a_base_that_meets_what_it_does_not_see_goes_back() {
     let left = "side = \"left\", start_aside = 0.22 m, start_yaw = -0.06 rad";
@@ -193,8 +194,8 @@ fn a_base_that_meets_what_it_does_not_see_goes_back() {
     }
 }
 
-/// Single readings of the force sensor show 153 N to 198 N. The doors once ended with
-/// `the force on the hand exceeds 80 N`.
+/// Single readings of the force sensor show 153 N to 198 N. These doors once ended with `the force on the hand exceeds
+/// 80 N`.
 #[test]
 fn spikes_of_the_force_sensor_end_no_opening() {
     for (door, spike, share) in [
@@ -207,8 +208,8 @@ fn spikes_of_the_force_sensor_end_no_opening() {
     }
 }
 
-/// A lever that springs back out of the fingers is a lost handle. Of a lever that 45 N do not press down to its latch
-/// nothing says that it is down.
+/// A lever that springs back out of the fingers is a lost handle. If 45 N do not press a lever down to its latch,
+/// nothing shows that it is down.
 #[test]
 fn a_lever_that_is_not_down_is_not_called_down() {
     let springs_back = fly(DOOR, "seed = 5, lever_torque = 2 Nm, lever_rate = 2, slip_force = 45 N", &mut |_| {});
@@ -219,8 +220,8 @@ fn a_lever_that_is_not_down_is_not_called_down() {
     assert!(lever < 27.0, "its latch is free at 28 degrees: {lever}");
 }
 
-/// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and
-/// the closer brings the leaf back. It met the fingers from beside with 725 N.
+/// The gripper reports that it holds the handle, but it does not. The lever slides off the fingertips at 58 degrees, and
+/// the closer brings the leaf back. The leaf once met the fingers from the side with 725 N.
 #[test]
 fn a_leaf_that_comes_back_past_the_fingers_is_no_hammer() {
     let door = "seed = 200003, side = \"left\", swing = \"push\", closer = 11.854083 Nm";
@@ -229,7 +230,8 @@ fn a_leaf_that_comes_back_past_the_fingers_is_no_hammer() {
     assert!(end.why != "done" && end.worst < 150.0 && end.fastest < 0.01, "{end:?}");
 }
 
-/// Samples with an old stamp, and old values with a new one. The first were pressed on the handle with 146 N.
+/// Samples with an old time stamp, and old values with a new one. The first kind once made the hand press on the handle
+/// with 146 N.
 #[test]
 fn a_force_sensor_that_hangs_is_noticed_before_it_matters() {
     for how in ["repeats", "restamps"] {
@@ -256,7 +258,7 @@ fn a_laser_that_hangs_is_noticed() {
     }
 }
 
-/// After an approach that ended by its length, the gripper closed on any object.
+/// The gripper once closed on any object after an approach that ended by its length.
 #[test]
 fn an_approach_that_touches_nothing_has_failed() {
     let short = DOOR.replace("until = \"touch\"", "until = \"touch\", length = 120 mm");

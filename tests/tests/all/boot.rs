@@ -1,5 +1,5 @@
-//! The nodes after a reboot of their machine, on real processes: which missions run again. `--boot-id` stands for the
-//! boot: the node is killed, and the next one is told that the machine has been booted since, so it adopts no programs.
+//! Nodes after a reboot of their machine, with real processes: which missions run again. `--boot-id` replaces the boot.
+//! The node is killed, and the next one is told that the machine has booted since, so it adopts no programs.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use rustix::process::Signal;
@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How long a node waits before it begins anything again, and then needs for it.
+/// The longest time for a node to wait before it begins anything again, and then to do so.
 const RESUMED: Duration = Duration::from_secs(60);
 
 /// A program on each of two hosts.
@@ -26,7 +26,7 @@ process main() {{
     cluster.file("endless.dca", &text)
 }
 
-/// Deploys it, waits until it runs, and leaves it to its nodes.
+/// Deploys a spec, waits until it runs, and leaves it to its nodes.
 fn deploy(here: &Host, spec: &str) -> BTreeMap<String, u32> {
     let deploy = here.dca(&["deploy", "--no-record", spec]);
     deploy.wait_for(Stream::Err, "▸", SOON);
@@ -36,7 +36,7 @@ fn deploy(here: &Host, spec: &str) -> BTreeMap<String, u32> {
     pids
 }
 
-/// Waits until the events of the mission contain this.
+/// Waits until the events of the mission contain some words.
 fn told(here: &Host, words: &str) {
     let said = || here.ask(&["events", "endless"]).out;
     assert!(wait_until(RESUMED, || said().contains(words)).is_some(), "{}", said());
@@ -47,7 +47,7 @@ fn kill(node: &Program) {
     assert!(wait_until(SOON, || !node.is_running()).is_some());
 }
 
-/// The files of deployments that a reboot would find.
+/// Returns the files of deployments that a reboot would find.
 fn kept(here: &Host, node: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(here.state().join(node).join("running")).into_iter().flatten();
     entries.map(|entry| entry.expect("it can be read").path()).collect()
@@ -64,7 +64,7 @@ fn a_mission_that_says_so_is_begun_again_and_a_stop_is_for_good() {
     let here = cluster.here();
     let (c1, _c2) = (here.node("c1", &["--boot-id", "first"]), here.node("c2", &[]));
     let before = deploy(&here, &spec(&cluster, "on_boot { resume }"));
-    // The same boot: running programs are adopted.
+    // It is still the same boot, so running programs are adopted.
     kill(&c1);
     let c1 = here.node("c1", &["--boot-id", "first"]);
     assert_eq!(here.pids(), before);
@@ -82,7 +82,7 @@ fn a_mission_that_says_so_is_begun_again_and_a_stop_is_for_good() {
     assert_eq!(names(&here), Vec::<String>::new());
 }
 
-/// A deployment that waits to be resumed is listed, and a stop ends the waiting, also after a further kill of the node.
+/// A deployment that waits to be resumed is listed. A stop ends the waiting, even after another kill of the node.
 #[test]
 fn what_waits_is_listed_and_a_stop_ends_it() {
     let cluster = Cluster::new();
@@ -108,7 +108,7 @@ fn what_waits_is_listed_and_a_stop_ends_it() {
     assert_eq!((waiting.len(), here.pids().len()), (0, 0));
 }
 
-/// Without `on_boot` in the spec a reboot ends the mission, which is reported.
+/// Without `on_boot` in the spec, a reboot ends the mission, and this is reported.
 #[test]
 fn a_mission_that_says_nothing_is_told_as_over() {
     let cluster = Cluster::new();
@@ -123,7 +123,7 @@ fn a_mission_that_says_nothing_is_told_as_over() {
     assert!(wait_until(SOON, || here.pids().is_empty()).is_some(), "{:?}", here.pids());
 }
 
-/// A user stops it while its home is away: the home hears of that from the others, and begins nothing.
+/// A user stops a deployment while its home is away. The home hears of the stop from the others, and begins nothing.
 #[test]
 fn what_was_stopped_while_its_home_was_away_does_not_come_back() {
     let cluster = Cluster::new();
@@ -139,7 +139,7 @@ fn what_was_stopped_while_its_home_was_away_does_not_come_back() {
     assert!(unknown.err.contains("knows of a deployment `other` with its home on `c1`"), "{unknown}");
     let stopped = wait_until(SOON, || here.ask(&["stop", "endless", "--away", "c1"]).code == Some(0));
     assert!(stopped.is_some(), "{}", here.ask(&["stop", "endless", "--away", "c1"]));
-    // The holder of the tombstone keeps it over its own restart as well.
+    // The holder of the tombstone also keeps it when it restarts.
     kill(&c2);
     let _c2 = here.node("c2", &[]);
     let _c1 = here.node("c1", &["--boot-id", "second"]);

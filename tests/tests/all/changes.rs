@@ -1,4 +1,4 @@
-//! A mission whose spec changes while it runs, on real processes of two nodes.
+//! A mission with changes to its spec while it runs, with real processes of two nodes.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use dca_tests::hit_detector;
@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A visitor pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
+/// A visitor pushes the hand repeatedly with up to 60 N, until the push is noticed. A plain program waits beside it.
 const SPEC: &str = concat!(
     r#"
 module Beside(host, way: Text) { exec "sh -c 'eval ${0#way=}'"; plain; done; }
@@ -28,7 +28,7 @@ process main(){
 "#
 );
 
-/// Two nodes, with the mission on them.
+/// Starts two nodes, and deploys the mission on them.
 fn deploy(cluster: &Cluster) -> (Host, [Program; 2], Program, BTreeMap<String, u32>) {
     let here = cluster.here();
     let nodes = [here.node("c3", &[]), here.node("c2", &[])];
@@ -40,7 +40,7 @@ fn deploy(cluster: &Cluster) -> (Host, [Program; 2], Program, BTreeMap<String, u
     (here, nodes, mission, pids)
 }
 
-/// Returns the programs that are others now.
+/// Returns the paths of programs with a different process.
 fn others(here: &Host, before: &BTreeMap<String, u32>) -> Vec<String> {
     let now = here.pids();
     assert!(now.keys().eq(before.keys()), "{now:?}");
@@ -68,10 +68,11 @@ fn a_changed_spec_changes_what_differs_and_nothing_else() {
     assert!(replaced.code == Some(0) && replaced.out.contains("revision 2"), "{replaced}");
     assert_eq!(others(&here, &before), ["main/hit/force"]);
 
-    // With this threshold the push is felt, over the wire made during the run, from the restarted program.
+    // With this threshold, the restarted program notices the push. It does so over the wire made during the run.
     assert!(mission.is_running());
     let felt = here.ask(&["deploy", "--probation", "0", &cluster.file("push.dca", &latched.replace("150 N", "5 N"))]);
-    // A hand that pushes already is felt at once: then all may be over before the hosts have confirmed the change.
+    // A hand that is already pushing is noticed at once. In this case, everything may have ended before the hosts
+    // have confirmed the change.
     let is_over = felt.code == Some(1) && felt.err.contains("the deployment ended before every host had confirmed");
     assert!((felt.code == Some(0) || is_over) && felt.err.contains("`threshold` is 5, was 150"), "{felt}");
     let ended = mission.ended(Duration::from_secs(60));
@@ -93,7 +94,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
     assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");
 
-    // A program that cannot be started is found before anything makes place for it.
+    // A program that cannot be started is found before another makes place for it.
     let pids_before = here.pids();
     for (exec, why) in
         [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is not a regular file")]
@@ -104,7 +105,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
         assert_eq!(others(&here, &pids_before), Vec::<String>::new());
     }
 
-    // A change that supervisors cannot take over changes nothing.
+    // If supervisors cannot take over a change, nothing changes.
     let other = SPEC.replace("# hit # beside", "# (hit , beside)");
     let planned = here.ask(&["plan", &cluster.file("push.dca", &other)]);
     assert!(planned.code == Some(0) && planned.out.contains("act        main: its event actions"), "{planned}");
@@ -141,8 +142,8 @@ fn what_is_planned_before_anything_runs_is_a_start() {
     assert_eq!((json.code, &told["start"]), (Some(0), &serde_json::json!(4)), "{json}");
 }
 
-/// A program comes, runs beside the others with its wire, and goes; no other program is touched, and the mission goes
-/// on.
+/// A program is added, runs beside the others with its wire, and is removed again. The other programs stay untouched,
+/// and the mission continues.
 #[test]
 fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let cluster = Cluster::new();
@@ -167,7 +168,7 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     assert!(removed.code == Some(0) && removed.out.contains("revision 2"), "{removed}");
     assert!(wait_until(SOON, || here.pids() == before).is_some(), "{:?} {before:?}", here.pids());
 
-    // Types of the spec are known with the spec.
+    // The types of the spec are known together with the spec.
     let another = ["add", "push", "--optional", "--probation", "0.5", "more instof Beside(c2, \"sleep 1000\")"];
     let unknown = here.ask(&another);
     let told = ["`Beside`", "types that a spec declares are known with `--spec FILE`"];
@@ -182,7 +183,7 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     assert_eq!(here.pids(), BTreeMap::new());
 }
 
-/// One host changes first. If the rest cannot follow, it is as before again.
+/// One host changes first. If the others cannot follow, it returns to its earlier state.
 #[test]
 fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     let cluster = Cluster::new();
@@ -210,7 +211,7 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     assert_eq!(stop.code, Some(0), "{stop}");
 }
 
-/// A caller that does not wait for the end of a change is told that the change goes on.
+/// A caller that does not wait for the end of a change is told that the change continues.
 #[test]
 fn who_leaves_a_change_is_told_that_it_goes_on() {
     let cluster = Cluster::new();
@@ -219,7 +220,7 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     let change = here.dca(&["deploy", "--probation", "600", &file]);
     let is_another = || here.pids().get("main/beside").is_some_and(|pid| *pid != before["main/beside"]);
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
-    // In the meantime, `dca plan` shows the plan that is in its probation, and says so.
+    // In the meantime, `dca plan` shows the plan in its probation, and says so.
     let probed = here.ask(&["plan", &file]);
     let told = "`push@1`, as revision 1 by ";
     let stage = "which is in its probation; until then it is revision 0:\n  keep       4 programs";

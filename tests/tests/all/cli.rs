@@ -1,4 +1,4 @@
-//! The output of `dca check` on specs, and its exit codes.
+//! The output and exit codes of `dca` on specs.
 
 use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec, wait_until};
 use rustix::process::Signal;
@@ -12,7 +12,7 @@ fn check(file: &str) -> Ended {
     Cluster::new().here().ask(&["check", &path])
 }
 
-/// The paper's own listings, as printed, are accepted with warnings and fixes, and no error.
+/// The listings of the paper are accepted as they were printed, with warnings and fixes and without errors.
 #[test]
 fn the_papers_listings_are_accepted() {
     for (file, programs) in [("paper_appendix_a", "19 programs"), ("paper_compliant_motion", "4 programs")] {
@@ -24,7 +24,7 @@ fn the_papers_listings_are_accepted() {
     assert!(check("paper_appendix_a").err.contains("= fix: replace with `motionctrl`"));
 }
 
-/// The fixes of a listing leave nothing to fix, and `--deny lenient-names` takes the rest as errors.
+/// After all fixes of a listing, nothing is left to fix. With `--deny lenient-names`, every remaining lenient name is an error.
 #[test]
 fn fixes_make_the_listing_exact() {
     let cluster = Cluster::new();
@@ -38,7 +38,7 @@ fn fixes_make_the_listing_exact() {
     assert_eq!(exact.code, Some(0), "{exact}");
 }
 
-/// A misspelt instance, an unknown label and a recursive group are errors, each with a suggestion.
+/// A misspelt instance, an unknown label and a recursive group are errors. Each comes with a suggestion.
 #[test]
 fn mistakes_are_errors_with_a_suggestion() {
     let cases = [
@@ -54,7 +54,7 @@ fn mistakes_are_errors_with_a_suggestion() {
     }
 }
 
-/// A root with a host and an argument that differ from robot to robot.
+/// A root whose host and argument differ between robots.
 const PATROL: &str = r#"
 module Say(host: Host, word: Text) { exec "true"; plain; done; }
 process main(robot: Host = c1, word: Text = "old") {
@@ -64,7 +64,8 @@ process main(robot: Host = c1, word: Text = "old") {
 }
 "#;
 
-/// `--set` gives parameters of `main` other values: for a check, a proof and a run, and its record has them.
+/// `--set` gives parameters of `main` other values for a check, a proof and a run. The record of the run contains
+/// them.
 #[test]
 fn parameters_of_the_root_are_set_for_one_robot() {
     let cluster = Cluster::new();
@@ -146,7 +147,7 @@ fn proofs_have_their_exit_codes() {
     assert_eq!(wrong.code, Some(2), "{wrong}");
 }
 
-/// A part of a spec that cannot be read may have held a type, so nothing is printed.
+/// An unreadable part of a spec may contain a type, so nothing is printed.
 #[test]
 fn types_are_those_of_a_text_that_can_be_read() {
     let cluster = Cluster::new();
@@ -161,7 +162,7 @@ fn types_are_those_of_a_text_that_can_be_read() {
     }
 }
 
-/// A wrong command is answered with its usage, and exit code 2.
+/// A wrong command results in its usage, and exit code 2.
 #[test]
 fn wrong_usage_has_its_own_code() {
     let cluster = Cluster::new();
@@ -179,7 +180,7 @@ fn wrong_usage_has_its_own_code() {
     }
 }
 
-/// Each program describes itself and its use, on standard output.
+/// Each program prints its version and its help on standard output.
 #[test]
 fn every_program_has_a_version_and_a_help() {
     for program in ["dca", "dca-node", "dca-shim", "dca-controller"] {
@@ -193,7 +194,7 @@ fn every_program_has_a_version_and_a_help() {
     }
 }
 
-/// An import is done, has missing parts or is refused, and it never writes over a file.
+/// An import succeeds, has missing parts or is refused. It never overwrites a file.
 #[test]
 fn imports_have_their_exit_codes_and_write_over_nothing() {
     let cluster = Cluster::new();
@@ -214,7 +215,7 @@ fn imports_have_their_exit_codes_and_write_over_nothing() {
     assert!(ended.code == Some(1) && ended.out.is_empty() && ended.err.contains("line 1, column 10"), "{ended}");
 }
 
-/// Included files are read, an installed package is found, and arguments of the user count.
+/// Included files are read, an installed package is found, and the user's arguments apply.
 #[test]
 fn a_launch_file_is_imported_with_the_files_that_it_includes() {
     let cluster = Cluster::new();
@@ -242,7 +243,7 @@ fn a_launch_file_is_imported_with_the_files_that_it_includes() {
     assert!(ended.code == Some(1) && ended.err.contains("in XML and YAML"), "{ended}");
 }
 
-/// Programs that were copied without their companions name the missing one.
+/// Programs that were copied without their companions name the missing companion.
 #[test]
 fn a_missing_companion_is_named() {
     let cluster = Cluster::new();
@@ -273,13 +274,13 @@ fn a_missing_companion_is_named() {
     }
 }
 
-/// Runs `dca` with a text on its standard input.
+/// Runs `dca` with a text as its standard input.
 fn piped(arguments: &[&str], text: &str) -> (Option<i32>, String, String) {
     let mut command = Command::new(executable("dca"));
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("it can be executed");
     let written = child.stdin.take().expect("it is piped").write_all(text.as_bytes());
-    // A command that refuses may do so before it reads.
+    // A command may refuse before it reads its input.
     assert!(written.is_ok() || written.is_err_and(|error| error.kind() == ErrorKind::BrokenPipe), "it takes its input");
     let output = child.wait_with_output().expect("it ends");
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -316,7 +317,8 @@ module Idle(host) { exec \"sh -c 'echo here I am; exec sleep 3600'\"; plain; }
 process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
 ";
 
-/// The other verbs find the processes of `dca run`, as if nodes had them; two runs at once are each for itself.
+/// The other verbs find the processes of `dca run`, just as if a node had them. Two runs at the same time are
+/// independent of each other.
 #[test]
 fn what_runs_in_a_command_is_found_from_elsewhere() {
     let cluster = Cluster::new();
@@ -345,7 +347,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(one.ended(SOON).code, Some(1));
     assert!(two.is_running(), "the other goes on");
-    // A suspended node is there, and no answer may deny it.
+    // A suspended node exists, and no answer may deny this.
     two.signal(Signal::STOP);
     for verb in [&["nodes"][..], &["status"], &["stop", "two"]] {
         let silent = here.ask(verb);
@@ -369,7 +371,8 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     cluster.expect_nothing_left(std::time::Duration::from_secs(2));
 }
 
-/// A member that has aborted while the others of `a , b` go on is not shown like a member that waits for its turn.
+/// A member may abort while the others of `a , b` continue. It then looks different from a member that waits for its
+/// turn.
 #[test]
 fn a_member_that_has_aborted_is_not_merely_idle() {
     let cluster = Cluster::new();

@@ -1,4 +1,5 @@
-//! `dca clock` on real nodes. All of them read the clock of one machine, so the true difference is zero, and the bound can be checked.
+//! `dca clock` on real nodes. All of them read the clock of one machine, so the true difference is zero. This makes it possible to
+//! check the bound.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Hosts, NAMES, SOON, wait_until};
 use rustix::process::Signal;
@@ -8,7 +9,7 @@ fn clocks(ended: &Ended) -> Value {
     serde_json::from_str(&ended.out).unwrap_or_else(|why| panic!("{why}: {ended}"))
 }
 
-/// Asks until each of these hosts has answered; then each clock is within the reported bound.
+/// Asks until each of these hosts has answered. Then it checks that each clock is within the reported bound.
 #[track_caller]
 fn check(host: &Host, expected: &[&str]) {
     let mut last = None;

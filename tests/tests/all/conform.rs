@@ -1,4 +1,5 @@
-//! Runs with crashes, compared with the verified plan: simulated and real runs, and runs with a planted mistake.
+//! Compares runs with crashes with the verified plan. There are simulated and real runs, and runs with a deliberate
+//! mistake.
 
 use cli::io::recorder::{self, Recorder};
 use cli::logic::record::{Entry, Run};
@@ -27,7 +28,7 @@ fn door() -> (String, Sites) {
     (text, sites.expect("the door has a plan"))
 }
 
-/// Opens the door once; `seed` chooses the program that dies, and when.
+/// Opens the door once. `seed` chooses the program that dies, and its time.
 fn opened(text: &str, sites: &Sites, seed: u64, loses: Option<fn(&Command) -> bool>) -> (bool, Conformance) {
     let plan = plan("door_opening", text).unwrap_or_else(|error| panic!("{error}"));
     let mut simulation =
@@ -36,20 +37,20 @@ fn opened(text: &str, sites: &Sites, seed: u64, loses: Option<fn(&Command) -> bo
         simulation.lose(loses);
     }
     let leaves: Vec<String> = simulation.leaves().map(str::to_owned).collect();
-    // Neighbouring seeds are far from each other.
+    // Neighbouring seeds result in very different numbers.
     let random = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let victim = leaves[usize::try_from(random >> 40).expect("24 bits") % leaves.len()].clone();
     let at = Time::from_nanos((random >> 16) % 36_000 * 1_000_000);
     let mut has_crashed = false;
     simulation.run(MISSION_MAX, &mut |simulation| {
-        // A program that is not active dies as soon as it becomes active.
+        // An inactive program dies as soon as it becomes active.
         has_crashed = has_crashed || simulation.now() >= at && simulation.crash(&victim);
     });
     let records: Vec<_> = simulation.steps().iter().map(|steps| vec![steps.clone()]).collect();
     (has_crashed, verify::conform(&plan, sites, &records, &LIMITS))
 }
 
-/// `DCA_TEST_ROUNDS=200` makes as many runs as the acceptance asks for.
+/// `DCA_TEST_ROUNDS=200` makes the number of runs that the acceptance requires.
 #[test]
 fn simulated_doors_with_crashes_conform() {
     let (text, sites) = door();
@@ -89,7 +90,7 @@ const ROUNDS: &str = "
         verify{ home only after cell.ended; }
     }";
 
-/// Writes a record again with other entries.
+/// Writes a record again with changed entries.
 fn rewritten(run: &Run, folder: &Path, change: impl Fn(&mut Report)) {
     let recorder = Recorder::create(folder, &run.header).expect("a test can write in its own folder");
     for entry in &run.entries {
@@ -138,11 +139,11 @@ fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
     assert!(compared.code == Some(1) && compared.err.contains("`main/cell` differs"), "{compared}");
 }
 
-/// The kind of the part of a record that ends its data.
+/// The kind of the part that ends the data of a record.
 const END_OF_DATA: u8 = 0x0f;
 
-/// Where the parts of a record begin, where it ends, and where its data does: each part has a byte for its kind and
-/// eight for its length.
+/// Returns where the parts of a record begin and where the record ends, and where its data ends. Each part has one
+/// byte for its kind and eight bytes for its length.
 fn boundaries(bytes: &[u8]) -> (Vec<usize>, usize) {
     let (mut at, mut all, mut data) = (8, vec![0, 8], bytes.len());
     while let Some(length) = bytes.get(at + 1..at + 9).and_then(|length| <[u8; 8]>::try_from(length).ok()) {
@@ -157,7 +158,7 @@ fn boundaries(bytes: &[u8]) -> (Vec<usize>, usize) {
     (all, data)
 }
 
-/// A record that was cut, or in which a bit was turned, is never called compared, and never a deviation.
+/// A damaged record was cut, or has a wrong bit. It is never called compared, and never counts as a deviation.
 #[test]
 fn a_damaged_record_is_not_decided() {
     let cluster = Cluster::new();
@@ -179,7 +180,7 @@ fn a_damaged_record_is_not_decided() {
     let (mut without_steps, mut reasons) = (0, 0);
     for cut in thinned(&cuts) {
         let compared = conform(&bytes[..cut]);
-        // Behind its data it has a table of contents, which belongs to a whole record.
+        // A table of contents after its data belongs to a whole record.
         assert_eq!(compared.code, Some(4), "cut at {cut}, where the data ends at {data}: {compared}");
         assert!(!compared.err.contains("earlier version") && !compared.out.contains("earlier version"), "{compared}");
         without_steps += usize::from(compared.out.contains("not decided: the record has no step of a supervisor"));
@@ -196,13 +197,13 @@ fn a_damaged_record_is_not_decided() {
     assert_eq!(conform(b"another file").code, Some(1));
 }
 
-/// Not all of many: each is a program that is run.
+/// Selects some of many, since each one means running a program.
 fn thinned(cuts: &[usize]) -> impl Iterator<Item = usize> {
     let step = (cuts.len() / rounds(30)).max(1);
     cuts.iter().copied().step_by(step)
 }
 
-/// Another host, program, argument or policy is another version of the spec.
+/// A different host, program, argument or policy makes a different version of the spec.
 #[test]
 fn a_record_of_another_deployment_is_told_by_what_differs() {
     let cluster = Cluster::new();
@@ -230,7 +231,7 @@ fn a_record_of_another_deployment_is_told_by_what_differs() {
     assert_eq!(cluster.here().ask(&["conform", &record, &file]).code, Some(0));
 }
 
-/// A spec that is not proved does not run.
+/// A spec without a proof does not run.
 #[test]
 fn a_spec_that_is_not_proved_is_not_started() {
     let cluster = Cluster::new();
@@ -241,7 +242,7 @@ fn a_spec_that_is_not_proved_is_not_started() {
     let proved = ROUNDS.replace(" { restart transient; }", ";");
     let done = cluster.here().ask(&["run", "--require-verified", &cluster.file("proved.dca", &proved)]);
     assert!(done.code == Some(0), "{done}");
-    // The text that is proved is the text that runs: it is read once.
+    // The proved text is also the text that runs, since it is read only once.
     let done = cluster.here().ask_given(&["run", "--require-verified", "-"], proved.as_bytes());
     assert!(done.code == Some(0), "{done}");
 }

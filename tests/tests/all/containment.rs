@@ -1,12 +1,12 @@
-//! Nothing of a program is left after a stop, on every rung of the ladder that this machine has: with and without a
-//! control group around the node, with and without one for the program.
+//! After a stop, nothing of a program is left. The tests cover every level of containment that this machine has: with
+//! and without a control group around the node, and with and without one for the program.
 
 use dca_tests::cluster::{Cluster, Host, SOON, wait_until};
 use node::logic::protocol::Containment;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// The mount points of control groups: of version 2, and of the process controller of version 1.
+/// The mount points of control groups, of version 2 and of the process controller of version 1.
 const UNIFIED: [&str; 2] = ["/sys/fs/cgroup/unified", "/sys/fs/cgroup"];
 const PIDS: &str = "/sys/fs/cgroup/pids";
 
@@ -23,7 +23,7 @@ for _ in range(20):
 while True:
     signal.pause()
 ";
-/// Each of its processes makes another one, again and again.
+/// Each of its processes repeatedly makes another one.
 const BOMB: &str = "
 import os, signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -35,13 +35,13 @@ while True:
         time.sleep(0.01)
 ";
 
-/// 20 daemons that do not heed SIGTERM, and a fork bomb where a limit holds it.
+/// Starts 20 daemons that ignore SIGTERM, and a fork bomb if a limit contains it.
 fn run(on: impl FnOnce(Host) -> Host, policy: &str) -> Containment {
     let cluster = Cluster::new();
     let host = on(cluster.here());
     let node = host.node("c1", &[]);
     let daemons = cluster.file("daemons.py", DAEMONS);
-    // Without a limit a bomb would be the end of this machine.
+    // Without a limit, a fork bomb would bring this machine down.
     let first = if policy.is_empty() { daemons.clone() } else { cluster.file("bomb.py", BOMB) };
     let text = format!(
         "module First(host) {{ exec \"python3 {first}\"; plain; service; stop within 200 ms; }}
@@ -60,7 +60,7 @@ fn run(on: impl FnOnce(Host) -> Host, policy: &str) -> Containment {
     let most = if policy.is_empty() { 42 } else { 60 + 21 };
     wait_until(SOON, || running() == most).unwrap_or_else(|| panic!("{policy}: {} of {most}", running()));
     let containment = host.statuses(&[])[0].containment;
-    // A node writes down which group it is in.
+    // A node writes down the name of its group.
     let has_group = host.run_dir().join("c1/cgroup").is_file();
     assert_eq!(containment == Containment::ControlGroup, has_group);
     let shown = host.ask(&["status"]).out;
@@ -100,7 +100,7 @@ fn nothing_is_left_on_any_rung() {
     refuses(&hidden);
 }
 
-/// A host that cannot hold a limit reports this, and starts nothing.
+/// A host that cannot enforce a limit reports this, and starts nothing.
 fn refuses(hidden: &[&str]) {
     let cluster = Cluster::new();
     let bare = cluster.here().without_mounts(hidden);

@@ -1,4 +1,4 @@
-//! The database of a team: three hosts on a network that is cut and mended, one node in each.
+//! The database of a team: three hosts with one node each, on a network that is cut and repaired.
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
@@ -22,16 +22,16 @@ use tokio::runtime::Runtime;
 
 const NAMES: [&str; 3] = ["r1", "r2", "r3"];
 
-/// Three robots, and a way to query each of them in any state of the network.
+/// Three robots, and a way to query each of them, whatever the state of the network.
 struct Robots {
-    // Dropped in this order: the ways, the processes, their folder, the network.
+    // The fields are dropped in this order: the ways, the processes, their folder, the network.
     ways: Vec<Way>,
     nodes: Vec<Program>,
     cluster: Cluster,
     network: Network,
 }
 
-/// A connection to one node over its own socket.
+/// A connection to one node over the node's own socket.
 struct Way {
     host: String,
     session: Session,
@@ -51,7 +51,7 @@ impl Way {
         Self { host: name.to_owned(), session, runtime }
     }
 
-    /// Asks; returns every answer, or nothing if the node does not answer.
+    /// Asks a question. Returns all answers, or nothing if the node does not answer.
     fn ask(&self, question: Question) -> Option<Vec<Reply>> {
         self.runtime.block_on(async {
             let bytes = codec::encode(&Request::Database(question)).expect("it is as the test has made it");
@@ -74,7 +74,7 @@ impl Way {
         }
     }
 
-    /// Returns the nodes that this one reaches.
+    /// Returns the nodes that this node reaches.
     fn sees(&self) -> Vec<String> {
         let bytes = codec::encode(&Request::Status).expect("it is as the test has made it");
         let answer = self
@@ -87,7 +87,7 @@ impl Way {
         }
     }
 
-    /// Writes all of these in one transaction; returns its name once it is acknowledged.
+    /// Writes all of these in one transaction. Returns the name of the transaction once it is acknowledged.
     fn write(&self, writes: &[(&str, &str)]) -> Option<Dot> {
         let write = |(key, value): &(&str, &str)| Write {
             key: Key::new(*key).expect("it is as the test has made it"),
@@ -120,7 +120,7 @@ impl Way {
 }
 
 impl Robots {
-    /// Starts three robots; `apart` cannot reach each other.
+    /// Starts three robots. The robots in `apart` cannot reach each other.
     fn start(apart: &[usize]) -> Option<Self> {
         let (cluster, network) = (Cluster::new(), Network::new(3)?);
         network.keep_apart(apart);
@@ -140,7 +140,7 @@ impl Robots {
         self.host(number).ask(&[&["db"], arguments].concat())
     }
 
-    /// Runs a verb that must succeed; returns its output.
+    /// Runs a verb that must succeed, and returns its output.
     #[track_caller]
     fn db(&self, number: usize, arguments: &[&str]) -> String {
         let ended = self.ask(number, arguments);
@@ -148,7 +148,8 @@ impl Robots {
         ended.out
     }
 
-    /// Waits until all have all data of the others, and `members` of them are members; returns how long it took.
+    /// Waits until all robots have all data of the others, and `members` of them are members. Returns how long it
+    /// took.
     #[track_caller]
     fn expect_agreement(&self, members: usize) -> Duration {
         let agreed = || {
@@ -164,7 +165,7 @@ impl Robots {
         took.unwrap_or_else(|| panic!("no agreement: {:#?}", self.ways.iter().map(Way::status).collect::<Vec<_>>()))
     }
 
-    /// Asserts that values written together are seen together.
+    /// Asserts that values which were written together are seen together.
     fn check_whole(&self) {
         for way in &self.ways {
             let entries = way.list("team/pair/");
@@ -176,8 +177,9 @@ impl Robots {
     }
 }
 
-/// Each writes while it is cut off. When the links are back all have the same state, each transaction whole, every
-/// overwrite listed with all its values. A conflict settled on one robot is settled on all.
+/// Each robot writes while it is cut off. When the links are back, all have the same state. Each transaction is
+/// whole, and every overwrite is listed with all its values. A conflict that is settled on one robot is settled on
+/// all.
 #[test]
 fn three_robots_agree_after_each_was_alone() {
     let Some(robots) = Robots::start(&[]) else { return };
@@ -243,8 +245,8 @@ fn three_robots_agree_after_each_was_alone() {
     }
 }
 
-/// Two robots that never meet get each other's data through a third. A robot that alone writes a key is asked by any
-/// robot that reaches it.
+/// Two robots that never meet get each other's data through a third robot. If only one robot writes a key, every
+/// robot that reaches it asks it.
 #[test]
 fn data_goes_through_the_one_who_meets_both() {
     let Some(robots) = Robots::start(&[1, 3]) else { return };
@@ -267,7 +269,7 @@ fn data_goes_through_the_one_who_meets_both() {
     assert_eq!(robots.db(1, &["get", "team/late"]), "1\n");
 }
 
-/// Nothing that was acknowledged is lost when a node is killed.
+/// Killing a node loses no acknowledged write.
 #[test]
 fn a_killed_node_has_lost_nothing() {
     let cluster = Cluster::new();
@@ -298,7 +300,7 @@ fn a_killed_node_has_lost_nothing() {
     assert!(acknowledged.len() > 10);
 }
 
-/// A write that cannot be found again is not acknowledged; an acknowledged write can still be read.
+/// A write is acknowledged only if it can be found again. An acknowledged write can still be read.
 #[test]
 fn a_store_whose_folder_is_deleted_takes_no_writes() {
     let cluster = Cluster::new();
@@ -316,8 +318,8 @@ fn a_store_whose_folder_is_deleted_takes_no_writes() {
     check(&["status"], 0, "was deleted or moved");
 }
 
-/// A node on a read-only disk starts, answers, and says why it takes no writes. It was killed before, so the disk has
-/// to be recovered first.
+/// A node on a read-only disk starts, answers, and says why it accepts no writes. It was killed before, so the disk
+/// first needs a recovery.
 #[test]
 fn a_node_on_a_read_only_disk_reads_and_reports() {
     if !getuid().is_root() {
@@ -341,8 +343,8 @@ fn a_node_on_a_read_only_disk_reads_and_reports() {
     }
 }
 
-/// A command on a machine without a node finds the robot that it names, however long the discovery takes. It does not
-/// get data that is local to that robot.
+/// A command on a machine without a node finds the robot that it names, even if the discovery takes long. It does not
+/// receive data that is local to that robot.
 #[test]
 fn a_robot_is_asked_from_a_machine_without_a_node() {
     let (cluster, Some(network)) = (Cluster::new(), Network::new(2)) else { return };
@@ -363,7 +365,7 @@ fn a_robot_is_asked_from_a_machine_without_a_node() {
     assert_eq!(nobody.code, Some(3), "{nobody}");
 }
 
-/// A robot that has not heard yet of the team of another begins none of the same name.
+/// A robot that has not yet heard of another robot's team does not begin a team of the same name.
 #[test]
 fn a_team_is_begun_once() {
     let cluster = Cluster::new();
@@ -381,7 +383,7 @@ fn a_team_is_begun_once() {
     assert!(wait_until(SOON, is_one).is_some(), "{}", here.ask(&["db", "status", "--robot", "r3"]));
 }
 
-/// With `--json` every output is JSON, even that of a failure.
+/// With `--json`, every output is JSON, even for a failure.
 #[test]
 fn json_is_never_prose() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! The commands that the README gives to newcomers, and the wheel of Python, build each crate once.
+//! The README's commands for newcomers, and the wheel of Python, build each crate once.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -6,13 +6,14 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::process::Command;
 
-/// Returns the units that a command of cargo compiles: their keys, which cover all their dependencies, and their names.
+/// Returns the units that a command of cargo compiles: their names and their keys. A key covers all dependencies of its
+/// unit.
 fn units(arguments: &[&str]) -> BTreeMap<u64, String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
     command.args(arguments).args(["--locked", "--offline", "--unit-graph", "-Zunstable-options"]);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests have a folder of their own");
-    // A stable cargo refuses the option without this variable.
+    // A stable cargo refuses the option unless this variable is set.
     let asked = command.env("RUSTC_BOOTSTRAP", "1").current_dir(folder).output().expect("cargo has started this test");
     assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
     let graph: Value = serde_json::from_slice(&asked.stdout).expect("cargo prints JSON");
@@ -25,7 +26,7 @@ fn name(unit: &Value) -> String {
     format!("{} {} {} {}", unit["pkg_id"], unit["target"]["name"], unit["mode"], unit["features"])
 }
 
-/// Returns the key of a unit: equal units have equal names, profiles and dependencies.
+/// Returns the key of a unit. Equal units have equal names, profiles and dependencies.
 fn key(units: &[Value], at: usize, known: &mut BTreeMap<usize, u64>) -> u64 {
     if let Some(found) = known.get(&at) {
         return *found;
@@ -36,7 +37,7 @@ fn key(units: &[Value], at: usize, known: &mut BTreeMap<usize, u64>) -> u64 {
     let mut below: Vec<u64> = dependencies.into_iter().map(|dependency| key(units, dependency, known)).collect();
     below.sort_unstable();
     let (mut hasher, mut profile) = (DefaultHasher::new(), unit["profile"].clone());
-    // The profile of tests is that of development under another name.
+    // The profile of tests is the development profile under another name.
     profile["name"].take();
     (name(unit), unit["target"]["crate_types"].to_string(), profile.to_string(), below).hash(&mut hasher);
     known.insert(at, hasher.finish());

@@ -1,5 +1,5 @@
-//! The door on two levels, by real processes: its hardware is a separate deployment. In whatever way a mission ends,
-//! the wheels stop and the next mission can use them.
+//! The door on two levels, with real processes: its hardware is a separate deployment. In whatever way a mission ends,
+//! the wheels stop, and the next mission can use them.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -9,16 +9,16 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
 
-/// A mission may wait for a busy machine.
+/// The time for a mission. It includes waiting for a busy machine.
 const MISSION: Duration = Duration::from_secs(150);
 /// How long a command counts.
 const WATCHDOG: Duration = Duration::from_millis(100);
-/// How often the plant looks at its drives.
+/// The interval at which the plant checks its drives.
 const PERIOD: Duration = Duration::from_millis(4);
-/// The program that moves the base, in a mission.
+/// The program of a mission that moves the base.
 const DRIVER: &str = "main/dooropensyst/motionctrl/xr4000";
 
-/// One node, and the specs of the example on it; all hosts are one.
+/// One node with the specs of the example. All hosts are this one.
 struct Door {
     cluster: Cluster,
     host: Host,
@@ -35,7 +35,7 @@ impl Door {
         Self { cluster, host, _node: node, _turn: turn }
     }
 
-    /// Returns a spec of the example under another name, changed.
+    /// Returns a changed spec of the example under another name.
     fn spec(&self, example: &str, name: &str, change: impl FnOnce(String) -> String) -> String {
         let path = format!("{}/../examples/door/{example}.dca", env!("CARGO_MANIFEST_DIR"));
         let text = std::fs::read_to_string(path).unwrap().replace("\"c2\"", "\"c1\"").replace("\"c3\"", "\"c1\"");
@@ -46,7 +46,7 @@ impl Door {
         self.spec("door_mission", name, |text| text)
     }
 
-    /// Deploys a spec, and returns when it runs.
+    /// Deploys a spec, and returns once it runs.
     fn deploy(&self, file: &str) -> Program {
         let deploy = self.host.dca(&["deploy", "--no-record", file]);
         deploy.wait_for(Stream::Err, "▸", SOON);
@@ -67,14 +67,14 @@ impl Door {
         serde_json::from_str(got.out.trim()).unwrap_or_else(|why| panic!("{why}: {got}"))
     }
 
-    /// Waits until the base is driven.
+    /// Waits until the base moves.
     #[track_caller]
     fn moves(&self) {
         assert!(wait_until(SOON, || speed(&self.base()) > 0.02).is_some(), "it stands: {}", self.base());
     }
 }
 
-/// The speed of the base along the floor (m/s).
+/// Returns the speed of the base along the floor (m/s).
 fn speed(base: &Value) -> f64 {
     let along = |axis: usize| base["velocity"][axis].as_f64().unwrap_or_else(|| panic!("no velocity in {base}"));
     along(0).hypot(along(1))
@@ -84,8 +84,8 @@ fn number(base: &Value, name: &str) -> f64 {
     base[name].as_f64().unwrap_or_else(|| panic!("no `{name}` in {base}"))
 }
 
-/// Two missions in turn open the door on the same hardware, which is not restarted; between them the door is shut by
-/// hand.
+/// Two missions, one after the other, open the door with the same hardware. The hardware is not restarted. Between the
+/// missions, a person shuts the door.
 #[test]
 fn the_hardware_outlives_missions_that_open_the_door() {
     let door = Door::new();
@@ -107,8 +107,8 @@ fn the_hardware_outlives_missions_that_open_the_door() {
     assert_eq!(door.host.pids()["main/robot"], pid, "the hardware was never started again");
 }
 
-/// The program that moves the base is killed or suspended: the watchdog stops the wheels, and after the lease the base
-/// is free.
+/// The program that moves the base is killed or suspended. The watchdog stops the wheels, and the base is free after
+/// the lease.
 #[test]
 fn the_wheels_stop_when_a_mission_is_killed_in_the_middle() {
     let door = Door::new();
@@ -140,8 +140,8 @@ fn the_wheels_stop_when_a_mission_is_killed_in_the_middle() {
     }
 }
 
-/// A second mission is told the holder of the robot. A mission with a greater priority takes it, and the first one says
-/// why it ends.
+/// A second mission is told who holds the robot. A mission with a greater priority takes the robot, and the first
+/// mission says why it ends.
 #[test]
 fn a_second_mission_is_refused_and_one_with_a_greater_priority_is_not() {
     let door = Door::new();

@@ -1,11 +1,11 @@
-//! The environment and the folder of a program, on real processes.
+//! The environment and the folder of a program, with real processes.
 
 use dca_tests::cluster::{Cluster, executable};
 use std::fs;
 use std::process::Command;
 
-/// Programs of `dca run` have the environment of the command, programs of a node only the variables that it or the module names. Other users
-/// cannot read it.
+/// Programs of `dca run` have the environment of the command. Programs of a node have only the variables that the node or the module names.
+/// Other users cannot read the environment.
 #[test]
 fn a_program_has_the_environment_that_is_said() {
     let cluster = Cluster::new();

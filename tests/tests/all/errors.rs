@@ -1,4 +1,4 @@
-//! Every mistake is reported in one clear sentence, with the right exit code, and leaves nothing behind.
+//! Every mistake is reported in one clear sentence with the right exit code. It leaves nothing behind.
 
 use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, executable, spec};
 use rustix::fs::{CWD, FileType, Gid, Mode, Uid, mknodat};
@@ -14,13 +14,13 @@ module Idle(host) { exec \"sleep 3600\"; plain; }
 process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
 ";
 
-/// Checks the end of a command: its exit code, and a sentence in one line of its output.
+/// Checks the end of a command: its exit code, and the presence of a sentence in one line of its output.
 #[track_caller]
 fn check(cluster: &Cluster, ended: &Ended, code: i32, sentence: &[&str]) {
     assert_eq!(ended.code, Some(code), "{ended}");
     let mut lines = ended.err.lines().chain(ended.out.lines());
     assert!(lines.any(|line| sentence.iter().all(|part| line.contains(part))), "expected {sentence:?}\n{ended}");
-    // A cause that is printed twice, or in a programmer's form.
+    // Signs that a cause is printed twice, or in a programmer's form.
     for noise in ["(os error 2): No such", "panicked", "Error {", "RUST_BACKTRACE"] {
         assert!(!ended.err.contains(noise), "{ended}");
     }
@@ -40,7 +40,7 @@ fn end(node: Program) {
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
-/// Wherever a folder is expected, a file is refused by its name with the option that names another.
+/// If a folder is expected, a file is refused by its name, together with the option for another folder.
 #[test]
 fn a_file_where_a_folder_is_expected() {
     let cluster = Cluster::new();
@@ -79,7 +79,7 @@ fn a_file_that_cannot_be_read() {
     };
     check_run(&binary, 1, &["cannot read the spec `binary.dca`", "UTF-8"]);
     if getuid().is_root() {
-        return; // Root may read everything.
+        return; // Root can read everything.
     }
     let secret = |cluster: &Cluster| {
         let path = cluster.file("secret.dca", IDLE);
@@ -89,7 +89,7 @@ fn a_file_that_cannot_be_read() {
     check_run(&secret, 1, &["cannot read the spec", "Permission denied"]);
 }
 
-/// Nothing is waited for, and nothing is read without an end.
+/// No command waits for such a file, and none reads it endlessly.
 #[test]
 fn a_name_that_belongs_to_no_regular_file() {
     let cluster = Cluster::new();
@@ -111,8 +111,8 @@ fn a_name_that_belongs_to_no_regular_file() {
     check(&cluster, &used, 1, &["cannot read `/dev/zero`: it is a device"]);
 }
 
-/// A file of a node's folders whose name is taken by something else: refused at once, by its path, with the option that
-/// names another folder.
+/// If the name of a node's file belongs to something else, the node refuses at once. It names the path, and the option
+/// for another folder.
 #[test]
 fn what_is_no_file_in_the_folders_of_a_node() {
     let cluster = Cluster::new();
@@ -200,8 +200,8 @@ fn a_program_that_does_not_exist() {
     check_run(&too_long, 1, &["its arguments and environment are longer than the system takes"]);
 }
 
-/// A program that fails says so itself: its last lines stand with the abort, all of them in the report and in the
-/// record, where `dca logs` finds them when the nodes are gone.
+/// A failed program explains itself. Its last lines are part of the abort, and all of its lines are in the report and
+/// in the record. `dca logs` finds them there after the nodes have gone.
 #[test]
 fn a_program_that_fails() {
     let cluster = Cluster::new();
@@ -221,7 +221,7 @@ fn a_program_that_fails() {
     assert!(logs.err.contains("by the record in `runs/fails-1`"), "{logs}");
 }
 
-/// The output of a program that took too long is all that explains why it did.
+/// Only the output of a program that took too long explains why it did.
 #[test]
 fn a_program_that_a_deadline_ends() {
     let cluster = Cluster::new();
@@ -235,7 +235,7 @@ fn a_program_that_a_deadline_ends() {
     }
 }
 
-/// The node keeps the output of a program when its deployment is over.
+/// The node keeps a program's output after the end of the deployment.
 #[test]
 fn the_output_of_a_program_that_has_failed_on_a_node() {
     let cluster = Cluster::new();
@@ -267,7 +267,7 @@ fn a_program_that_offers_no_controllers() {
 #[test]
 fn a_folder_that_cannot_be_used() {
     let cluster = Cluster::new();
-    // A file is in the place of the folder, which stops even root.
+    // A file in the place of the folder stops even root.
     let file = cluster.file("file", "");
     let node = cluster.here().with_run_dir(format!("{file}/n")).start_node("c1", &[]);
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
@@ -292,7 +292,7 @@ fn check_node(cluster: &Cluster, node: Program, sentence: &[&str]) {
     check(cluster, &node.ended(SOON), 1, sentence);
 }
 
-/// A relative path is not a mistake.
+/// A relative path is not an error.
 #[test]
 fn a_folder_with_a_relative_path() {
     let cluster = Cluster::new();
@@ -349,14 +349,14 @@ fn a_deployment_that_is_already_there() {
     check(&cluster, &logs, 1, &["no process `nothing`"]);
 }
 
-/// A spec with an error is refused before anything is started.
+/// A spec with an error is refused before anything starts.
 #[test]
 fn a_spec_with_errors() {
     let misspelt = |cluster: &Cluster| cluster.file("misspelt.dca", &IDLE.replace("{ idle }", "{ idel, idel }"));
     check_run(&misspelt, 1, &["error[E0201]: unknown process `idel`"]);
 }
 
-/// A name is printed on one line whatever its characters, in the errors of all verbs.
+/// The errors of all verbs print a name on one line, whatever its characters.
 #[test]
 fn a_name_with_a_line_break() {
     let cluster = Cluster::new();
@@ -390,20 +390,20 @@ fn a_name_with_a_line_break() {
     end(node);
 }
 
-/// A process whose stack is limited does not die from that.
+/// A process with a limited stack does not die from this limit.
 #[test]
 fn a_small_stack() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let spec = cluster.file("one.dca", &IDLE.replace("sleep 3600", "true").replace("plain;", "plain; done;"));
     let run_dir = here.run_dir().display().to_string();
-    // It starts by asking the programs of controllers for their interfaces.
+    // The node starts by asking the controllers' programs for their interfaces.
     let node = here.node_under(&["prlimit", "--stack=65536"], "c1");
     for size in [16384, 65536] {
         for verb in [&["--help"][..], &["status", "--run-dir", &run_dir], &["check", &spec]] {
             let mut limited = Command::new("prlimit");
             limited.arg(format!("--stack={size}")).arg(executable("dca")).args(verb);
-            // The environment also lies on the stack, and it may be large.
+            // The environment also lies on the stack, and can be large.
             let limited = limited.env_clear().output().expect("util-linux is there");
             assert_eq!(limited.status.code(), Some(0), "{verb:?} with {size} B: {limited:?}");
         }

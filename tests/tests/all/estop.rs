@@ -1,12 +1,12 @@
-//! `dca estop` on real processes: everything on every host ends at once, nothing begins before the release, and hosts
-//! that do not answer are named.
+//! `dca estop` with real processes: everything on every host ends at once, and nothing begins before the release.
+//! Hosts that do not answer are named.
 
 use dca_tests::cluster::{Cluster, Host, Network, SOON, Stream, wait_until};
 use dca_tests::made_team::MadeTeam;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
-/// A program on each of two hosts. The event action at the end would leave a file.
+/// A program on each of two hosts. If the event action at the end ran, it would leave a file.
 fn endless(mark: &str) -> String {
     format!(
         r#"
@@ -54,7 +54,7 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert!(format!("{}{}", refused.out, refused.err).contains(why), "{refused}");
     let status = here.ask(&["status"]);
     assert!(status.out.contains("c1: everything was stopped by ") && status.out.contains(why), "{status}");
-    // A node that ends as requested and a node that is killed both know of the stop when they are restarted.
+    // Both nodes know of the stop when they are restarted: one that ended on request, and one that was killed.
     nodes[0].signal(Signal::TERM);
     nodes[1].signal(Signal::KILL);
     assert!(wait_until(SOON, || nodes.iter().all(|node| !node.is_running())).is_some());
@@ -72,13 +72,13 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert!(mark.exists(), "an ordinary stop does what the plan says");
 }
 
-/// A stop that holds only until the node ends cannot be relied on.
+/// A stop that lasts only until the end of the node is not reliable.
 #[test]
 fn a_disk_that_does_not_have_it_is_told() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
-    // A folder in the way has the same effect as a full disk.
+    // A folder in the place of the file has the same effect as a full disk.
     let file = here.state().join("c1").join("estop");
     std::fs::create_dir(&file).expect("the node has made its folder");
     let all = here.ask(&["estop"]);
@@ -95,7 +95,7 @@ fn a_disk_that_does_not_have_it_is_told() {
     assert!(here.ask(&["status"]).out.contains("c1: everything was stopped by "));
 }
 
-/// A suspended node has not answered, so it is not reported as stopped.
+/// A suspended node has not answered, so it does not count as stopped.
 #[test]
 fn who_does_not_answer_is_named() {
     let cluster = Cluster::new();
@@ -111,7 +111,7 @@ fn who_does_not_answer_is_named() {
     assert!(wait_until(SOON, || estop_json(&here, &[]).0 == Some(0)).is_some());
 }
 
-/// In a team every user can stop everything, without a key; only an operator can release it.
+/// In a team, every user can stop everything without a key, but only an operator can release it.
 #[test]
 fn in_a_team_everybody_stops_and_an_operator_releases() {
     let Some(network) = Network::new(1) else { return };

@@ -1,4 +1,4 @@
-//! Every example, run as described on its page, by real processes.
+//! Each example runs with real processes, as its page describes.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -7,14 +7,14 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;
 
-/// A mission may wait for a busy machine.
+/// The time for a mission. It includes waiting for a busy machine.
 const MISSION: Duration = Duration::from_secs(120);
 
 fn folder(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "..", "examples", name].iter().collect()
 }
 
-/// Runs the spec of an example, changed in the test's own folder; the files beside it are copied.
+/// Runs a changed spec of an example in the test's own folder. The files beside the spec are copied.
 fn run(name: &str, change: impl FnOnce(String, &Cluster) -> String) -> Ended {
     let cluster = Cluster::new();
     for entry in std::fs::read_dir(folder(name)).unwrap() {
@@ -37,7 +37,7 @@ fn check_done(ended: &Ended, name: &str) {
     assert!(!ended.err.contains("error["), "{ended}");
 }
 
-/// `text` has to be there, or the test would test something else.
+/// The old text must occur. Otherwise, the test would test something else.
 #[track_caller]
 fn changed(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "no `{from}` in\n{text}");
@@ -47,7 +47,7 @@ fn changed(text: &str, from: &str, to: &str) -> String {
 #[test]
 fn a_pid_loop_brings_a_motor_to_its_speeds() {
     check_done(&run("pid", |text, _| text), "pid");
-    // Without any gain the motor does not move, and the deadline reports it.
+    // Without gain, the motor does not move, and the deadline reports this.
     let stands = run("pid", |text, _| {
         let text = changed(&text, "kp = 0.05, ki = 0.5", "kp = 0, ki = 0, kd = 0");
         changed(&text, "slow[goal] within 10 s", "slow[goal] within 1 s")
@@ -55,7 +55,7 @@ fn a_pid_loop_brings_a_motor_to_its_speeds() {
     assert_eq!(stands.code, Some(1), "{stands}");
 }
 
-/// Each question has its own answer; and the reasons why one has none, by real processes.
+/// Each question gets its own answer, or a reason why it has none, with real processes.
 #[test]
 fn questions_have_their_answers() {
     check_done(&run("requests", |text, _| text), "requests");
@@ -73,13 +73,14 @@ fn questions_have_their_answers() {
     assert!(unasked.code == Some(1) && unasked.err.contains("there is no queue"), "{unasked}");
 }
 
-/// The queue is smaller than the number of orders: rejected orders are handed in again, and each is taken once.
+/// The queue is smaller than the number of orders. Rejected orders are sent again, and each order is carried out once.
 #[test]
 fn orders_wait_in_a_queue() {
     check_done(&run("post", |text, _| text), "post");
 }
 
-/// A guest hears an answer to each word, and the bell has a receipt of the activity. Without a wire for the answers the guest waits.
+/// A guest hears an answer to each word, and the bell gets a receipt from the activity. Without a wire for the answers, the guest
+/// waits.
 #[test]
 fn programs_talk_to_an_activity() {
     check_done(&run("talk", |text, _| text), "talk");
@@ -90,7 +91,7 @@ fn programs_talk_to_an_activity() {
     check_done(&unheard, "talk");
 }
 
-/// A program built on the exports of another takes its place; other programs notice only the speed.
+/// A program built on the exports of another program takes its place. Other programs notice only the speed.
 #[test]
 fn a_guard_takes_the_place_of_the_wheels() {
     check_done(&run("levels", |text, _| text), "levels");
@@ -112,7 +113,7 @@ fn a_guard_takes_the_place_of_the_wheels() {
 #[test]
 fn what_jams_is_cleared_and_tried_again() {
     check_done(&run("machines", |text, _| text), "machines");
-    // A try and four more: the sixth would have done it.
+    // This makes one attempt and four repetitions. The sixth attempt would have succeeded.
     let jammed = run("machines", |text, _| changed(&text, "jams = 2", "jams = 5"));
     assert_eq!(jammed.code, Some(1), "{jammed}");
     assert!(jammed.out.contains("it was jammed"), "{jammed}");
@@ -145,13 +146,13 @@ fn a_driver_reads_a_serial_port() {
 fn a_base_patrols_until_its_battery_is_low() {
     let ended = run("patrol", |text, _| text);
     check_done(&ended, "patrol");
-    // It went further than the first place, and came back: the last row of the summary is the way to the dock.
+    // The robot went farther than the first place and came back. The last row of the summary is the way to the dock.
     let flat = run("patrol", |text, _| changed(&text, "threshold = 55", "threshold = 1"));
     assert_eq!(flat.code, Some(1), "{flat}");
     assert!(flat.out.contains("the battery is empty"), "{flat}");
 }
 
-/// Each example has a page, and the manual lists it.
+/// Each example has a page, and the manual lists the page.
 #[test]
 fn the_manual_lists_every_example() {
     let manual = include_str!("../../../docs/src/examples.md");

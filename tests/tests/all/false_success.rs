@@ -1,4 +1,4 @@
-//! The door mission never ends well with the door shut: a small part of the door survey, every trigger included.
+//! The door mission never ends with success while the door is shut: a small part of the door survey, with every trigger.
 
 use controllers::sdk::harness::Disturbance;
 use dca_tests::simulation::Finish;
@@ -6,13 +6,13 @@ use dca_tests::survey::{Disruption, Group, Meddling, Mission, Outcome, Row, acti
 use std::time::Duration;
 
 const DOOR: &str = include_str!("../../../specs/door_opening.dca");
-/// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
+/// The largest error of the angle (deg). A sweep is 50 ms old, and a door may turn by 10 degrees a second.
 const WRONG_MAX: f64 = 2.0;
 /// Rows whose world deceives the laser: half of the leaf has no echo, a wall stands beside the leaf, or a push turns the base.
-/// There the end rests on the path of the hand and the estimate of the hinge.
+/// In these worlds, the end depends on the path of the hand and on the estimate of the hinge.
 const DECEIVED: [&str; 3] = ["half without echo", "side wall by the latch", "the base is turned from outside"];
 const LIMIT: Duration = Duration::from_secs(90);
-/// The greatest force in any run, whatever goes wrong (N).
+/// The greatest force in any run, whatever fails (N).
 const FORCE_MAX: f64 = 100.0;
 const RECOVERY: &str = include_str!("../../../specs/door_recovery.dca");
 
@@ -28,8 +28,8 @@ fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
         .collect()
 }
 
-/// One world of each kind in which something goes wrong, and of each fifth of those in which a program is killed or
-/// started again.
+/// One world of each kind in which something fails. Of the worlds with a killed or restarted program, it takes only every
+/// fifth.
 #[test]
 fn a_mission_of_each_kind_does_not_end_well_with_the_door_shut() {
     let mut meddled = 0;
@@ -61,7 +61,7 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
         let row = flown.iter().find(|(row, _)| row.name == name);
         &row.unwrap_or_else(|| panic!("there is no row `{name}`")).1
     };
-    // Wheels that slip disturb the estimate of the hinge, but not the angle that the laser sees.
+    // Slipping wheels disturb the estimate of the hinge, but not the angle that the laser sees.
     let slipped =
         || flown.iter().filter(|(row, _)| row.name.starts_with("base slips")).flat_map(|(_, outcomes)| outcomes);
     let done = slipped().filter(|outcome| outcome.finish == Finish::Done).count();
@@ -74,14 +74,14 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
     let wrong: Vec<String> =
         flown.iter().filter(|(row, _)| !DECEIVED.contains(&row.name.as_str())).filter_map(wrong).collect();
     assert!(wrong.is_empty(), "{}\n{text}\n{failures}", wrong.join("\n"));
-    // Not by refusing everything: the nominal world is strict, and a lost handle is reported.
+    // The mission does not simply refuse everything: the nominal world is strict, and a lost handle is reported.
     assert!(named("nominal").iter().all(Outcome::is_strict), "{text}\n{failures}");
     let told = |outcome: &Outcome| outcome.reason().contains("lost the handle");
     assert!(named("handle lost").iter().all(told), "{text}\n{failures}");
 }
 
-/// Doors and networks that the laws were not tuned for, each of which failed once. `swing push` is not among them: the
-/// hand stays square to the leaf, so the forearm would have to pass through the jamb.
+/// Doors and networks for which the laws were not tuned. Each of them failed once. `swing push` is not among them: the hand
+/// stays square to the leaf, so the forearm would have to pass through the jamb.
 const UNTUNED: [&str; 11] = [
     "side right",
     "lever_length",
@@ -115,8 +115,8 @@ fn check_untuned(worlds: u32) {
     assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
 }
 
-/// All parameters far from the design values at once: noise three times as large, grasps eight times as stiff, closers
-/// that take 60 N. 37 of 48 opened before noise and stiffness were measured, 24 of them gently.
+/// All parameters are far from the design values at the same time: noise is three times as large, grasps are eight times as
+/// stiff, and closers need 60 N. Before noise and stiffness were measured, 37 of 48 doors opened, 24 of them gently.
 #[test]
 #[ignore = "long: a share of 20 worlds"]
 fn wide_worlds_open() {
@@ -128,7 +128,7 @@ fn wide_worlds_open() {
     assert!(!outcomes().any(|outcome| outcome.is_false() || outcome.worst > FORCE_MAX), "{text}\n{failures}");
 }
 
-/// A `model` that was restarted at 33 degrees once took the leaf for the wall, and went on to 120 degrees and 333 N.
+/// A restarted `model` at 33 degrees once mistook the leaf for the wall, and continued to 120 degrees and 333 N.
 #[test]
 fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     for after in [5.2, 6.4, 8.0].map(Duration::from_secs_f64) {
@@ -141,8 +141,8 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     }
 }
 
-/// Wheels that turn on the spot for 7 to 11 s from 58 degrees on, while the laser did not see the wall, made three of
-/// these doors look open at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the
+/// From 58 degrees on, wheels turned on the spot for 7 to 11 s while the laser did not see the wall. This made three of these
+/// doors look open at 58.4 and 59.3 degrees. At that time the base turned. Now the base is steady, and the hand feels that the
 /// hinge is elsewhere.
 #[test]
 fn wheels_that_spin_shortly_before_the_end_open_no_door() {
@@ -166,8 +166,8 @@ fn check_spins(worlds: u32) {
     assert!(told > worlds as usize, "{text}\n{failures}");
 }
 
-/// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9
-/// degrees, 8 short.
+/// Sliding wheels turn the base without turning themselves. Before this had a bound, this mission ended with success at 61.9
+/// degrees, 8 degrees short.
 #[test]
 fn wheels_that_slide_open_no_door() {
     for (closer, traction) in [(20, 60), (25, 80), (15, 50)] {
@@ -179,8 +179,8 @@ fn wheels_that_slide_open_no_door() {
     }
 }
 
-/// The law had ended with these doors open at 68 degrees. Then the arm that came to rest swung with a stiff grasp, up to
-/// the 78 N at which the lever slips out, and the mission was done with the door shut.
+/// The law ended with these doors open at 68 degrees. With a stiff grasp, the arm then swung as it came to rest, up to the 78
+/// N at which the lever slips out. So the mission once ended with success while the door was shut.
 #[test]
 fn an_arm_that_comes_to_rest_keeps_a_stiff_grasp() {
     for (seed, number) in [(9107, 3), (9109, 1)] {
@@ -192,8 +192,8 @@ fn an_arm_that_comes_to_rest_keeps_a_stiff_grasp() {
     }
 }
 
-/// A visitor pushes the hand more and more, and the lever slips out shortly before the end of the mission. The law had
-/// said by then that the door was open, and the closer shut the door before the arm had come to rest.
+/// A visitor pushes the hand more and more, and the lever slips out shortly before the end of the mission. By then, the law
+/// had reported the door as open. The closer shut the door before the arm had come to rest.
 #[test]
 fn a_lever_that_slips_out_before_the_end_of_the_mission_is_lost() {
     let mut lost = 0;
@@ -209,7 +209,7 @@ fn a_lever_that_slips_out_before_the_end_of_the_mission_is_lost() {
     assert!(lost > 6, "{lost}");
 }
 
-/// Each sensor fails at 67 degrees, before the door is known to stay open.
+/// Each sensor fails at 67 degrees, before it is known whether the door stays open.
 #[test]
 fn a_sensor_that_fails_at_the_end_opens_no_door() {
     for sensor in ["arm", "base", "force", "gripper", "laser"] {
@@ -222,7 +222,7 @@ fn a_sensor_that_fails_at_the_end_opens_no_door() {
     }
 }
 
-/// With a sensor that is 23 N off after it was set to zero the laws pulled with 105 N.
+/// With a sensor that is 23 N wrong after it was set to zero, the laws once pulled with 105 N.
 #[test]
 fn a_force_sensor_that_is_not_at_zero_is_refused() {
     let mission = Mission { arguments: "seed = 1, force_bias = 20 N".to_owned(), ..Mission::nominal() };

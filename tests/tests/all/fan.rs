@@ -1,5 +1,5 @@
-//! One writer with 20 readers, and 20 writers with one reader, at 100 Hz. Values that may be lost are counted, all
-//! others arrive, and a reader that is suspended or killed delays no other. A killed program leaves nothing behind.
+//! One writer with 20 readers, and 20 writers with one reader, at 100 Hz. Values that may be lost are counted, and all
+//! others arrive. A suspended or killed reader delays no other reader. A killed program leaves nothing behind.
 
 #![expect(clippy::print_stdout, reason = "a test says what was lost, and what was late")]
 
@@ -13,36 +13,35 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::time::Duration;
 
-/// How many there are on the side of the many.
+/// The number of programs on the side with many.
 const MANY: usize = 20;
-/// The period of all loops, as in `dca-counting`.
+/// The period of all loops. It is the one in `dca-counting`.
 const BEAT: Duration = Duration::from_millis(10);
-/// How many beats are waited for.
+/// The number of beats for which a test waits.
 const SOME: usize = 50;
-/// TCP repeats the data that such a cut delays.
+/// After such a short cut, TCP repeats the delayed data.
 const SHORT_CUT: Duration = Duration::from_millis(500);
-/// Long enough to lose links, too short to lose hosts.
+/// This cut is long enough to lose links, but too short to lose hosts.
 const LONG_CUT: Duration = Duration::from_secs(3);
-/// How often it is cut for so long at most, until something was lost: a busy machine may notice late that a link is
-/// cut.
+/// The largest number of long cuts until something is lost. A busy machine may notice a cut link late.
 const LONG_CUTS_MAX: usize = 5;
-/// How long a reader is suspended: too short for its node to report a hang.
+/// How long a reader is suspended. Its node does not yet report a hang after this time.
 const SUSPENDED: Duration = Duration::from_secs(3);
-/// No busy machine delays a loop for this long, but a blocking write to a suspended reader would.
+/// A busy machine never delays a loop for this long, but a blocking write to a suspended reader would.
 const HELD_UP_MAX: Duration = Duration::from_secs(2);
 
-/// A beat that a reader has received.
+/// A beat received by a reader.
 #[derive(Clone, Debug)]
 struct Heard {
     at: Time,
     age: Duration,
     from: String,
     number: u64,
-    /// The loss counter of its port at that time.
+    /// The loss counter of the reader's port at that time.
     lost: u64,
 }
 
-/// Returns the lines of a log, by activation, each as words.
+/// Returns the lines of a log by activation. Each line is a list of words.
 fn lives(cluster: &Cluster, name: &str) -> Vec<Vec<Vec<String>>> {
     let text = std::fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
@@ -54,7 +53,7 @@ fn nanos(word: &str) -> u64 {
     word.parse().expect("it is a number")
 }
 
-/// Returns the received beats of a reader, by activation.
+/// Returns the beats received by a reader, by activation.
 fn heard(cluster: &Cluster, name: &str) -> Vec<Vec<Heard>> {
     let beat = |words: &Vec<String>| match &words[..] {
         [at, age, from, number, lost] => Heard {
@@ -69,8 +68,8 @@ fn heard(cluster: &Cluster, name: &str) -> Vec<Vec<Heard>> {
     lives(cluster, name).iter().map(|life| life.iter().map(beat).collect()).collect()
 }
 
-/// Looks whether the numbers of each writer come in order. Returns how many are missing between the first and the last
-/// one, and how many were counted as lost.
+/// Checks that the numbers of each writer are in order. Returns how many numbers are missing between the first and the
+/// last one, and how many were counted as lost.
 fn missing_and_counted(name: &str, life: &[Heard]) -> (u64, u64) {
     let (mut last, mut missing) = (BTreeMap::new(), 0);
     for beat in life {
@@ -83,14 +82,14 @@ fn missing_and_counted(name: &str, life: &[Heard]) -> (u64, u64) {
     (missing, counted)
 }
 
-/// Returns how many are missing of one writer: all of them were counted.
+/// Returns how many beats of one writer are missing. All of them were counted.
 fn missing(name: &str, life: &[Heard]) -> u64 {
     let (missing, counted) = missing_and_counted(name, life);
     assert_eq!(missing, counted, "{name}: so many are missing, and so many were counted");
     missing
 }
 
-/// Deploys a spec of hearts, ears and eyes; each is `(type, name, host, after its declaration)`.
+/// Deploys a spec of hearts, ears and eyes. Each is `(type, name, host, after its declaration)`.
 fn deploy(
     (cluster, here): (&Cluster, &Host),
     all: &[(&str, String, &str, &str)],
@@ -121,7 +120,7 @@ fn deploy(
     mission
 }
 
-/// Waits until each of them has `SOME` more lines than now.
+/// Waits until each of these logs has `SOME` more lines than now.
 #[track_caller]
 fn wait_for_more(cluster: &Cluster, names: &[String]) {
     let count = |name: &String| lives(cluster, name).last().map_or(0, Vec::len);
@@ -131,7 +130,7 @@ fn wait_for_more(cluster: &Cluster, names: &[String]) {
     assert!(waited.is_some(), "{before:?}, then {:?} of {names:?}", names.iter().map(count).collect::<Vec<_>>());
 }
 
-/// Cuts host 2 off for a moment, then until its links are lost and one of these readers has lost something. `again`
+/// Cuts host 2 off for a short time, then until its links are lost and one of these readers has lost something. `again`
 /// waits until data flows again.
 fn cut(hosts: &Hosts, readers: &[&String], again: impl Fn()) {
     let here = hosts.host(1);
@@ -141,7 +140,7 @@ fn cut(hosts: &Hosts, readers: &[&String], again: impl Fn()) {
         pass(time);
         hosts.network.heal(2);
         again();
-        // Nodes that have not met since the cut before would take the next one for the same.
+        // Nodes that have not met since the previous cut would consider both cuts as one.
         let all_meet = || here.statuses(&[]).iter().all(|node| node.peers.len() == 2);
         assert!(wait_until(SOON, all_meet).is_some(), "the nodes do not meet again");
     };
@@ -157,7 +156,7 @@ fn host_of(number: usize) -> &'static str {
     ["c1", "c2", "c3"][number % 3]
 }
 
-/// Most readers are sent each beat, some fetch the newest one.
+/// Most readers receive each beat, and some fetch the newest one.
 #[test]
 fn one_writer_and_many_readers_over_a_link_that_is_cut() {
     let Some(hosts) = Hosts::start(3, None) else { return };
@@ -191,7 +190,7 @@ fn one_writer_and_many_readers_over_a_link_that_is_cut() {
     hosts.end();
 }
 
-/// One reader has room for all beats, the other one for three.
+/// One reader has room for all beats, and the other one has room for three.
 #[test]
 fn many_writers_and_one_reader_over_a_link_that_is_cut() {
     let Some(hosts) = Hosts::start(3, None) else { return };
@@ -216,7 +215,7 @@ fn many_writers_and_one_reader_over_a_link_that_is_cut() {
         let [life] = &heard(cluster, name)[..] else { panic!("`{name}` was started again") };
         let (missing, counted) = missing_and_counted(name, life);
         println!("{name}: {} heard, {missing} missing, {counted} counted", life.len());
-        // Losses before the first beat from a writer and after its last are counted by the port, but cannot be seen
+        // The port also counts losses before the first beat from a writer and after its last, but these are not visible
         // here.
         let sent = |name: &String| u64::try_from(lives(cluster, name).concat().len()).unwrap_or_default();
         let at_ends = |name: &String| {
@@ -235,14 +234,14 @@ fn many_writers_and_one_reader_over_a_link_that_is_cut() {
     hosts.end();
 }
 
-/// Returns the median, the 99th percentile and the longest of some times.
+/// Returns the median, the 99th percentile and the maximum of some times.
 fn figures(mut times: Vec<Duration>) -> [Duration; 3] {
     times.sort_unstable();
     [50, 99, 100].map(|percent| times.get((times.len().saturating_sub(1)) * percent / 100).copied().unwrap_or_default())
 }
 
-/// Compares the times before a disturbance with those during it, by their median, since others use this machine as
-/// well.
+/// Compares the times before a disturbance with those during it. It compares medians, since this machine also has other
+/// users.
 #[track_caller]
 fn expect_no_later(what: &str, before: Vec<Duration>, meanwhile: Vec<Duration>) {
     assert!(!before.is_empty() && !meanwhile.is_empty(), "{what}: nothing to compare");
@@ -252,8 +251,8 @@ fn expect_no_later(what: &str, before: Vec<Duration>, meanwhile: Vec<Duration>) 
     assert!(max < HELD_UP_MAX, "{what}: held up for {max:?}");
 }
 
-/// Of 20 readers, one is suspended for 3 s, which is longer than the link can buffer, and another one is killed during
-/// this time. The writer and all others go on as before, and lose nothing.
+/// Of 20 readers, one is suspended for 3 s, which is longer than the buffer of the link. Another one is killed during
+/// this time. The writer and all other readers continue as before, and lose nothing.
 #[test]
 fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     let cluster = Cluster::new();
@@ -311,26 +310,26 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     }
 }
 
-/// Checks the beats from one writer that was restarted so often: its numbers go up, and restart with each of its lives;
-/// missing numbers between two beats were counted. Returns how many there were.
+/// Checks the beats from one writer that was restarted this number of times. Its numbers rise, and start again in each
+/// of its lives. Missing numbers between two beats were counted. Returns the number of missing beats.
 #[track_caller]
 fn missing_over_lives(name: &str, life: &[Heard], restarts: usize) -> u64 {
     let runs: Vec<&[Heard]> = life.chunk_by(|one, next| next.number > one.number).collect();
     assert!(runs.len() <= 1 + restarts, "{name}: {} runs of numbers, {restarts} restarts", runs.len());
     let missing: u64 = runs.iter().map(|run| run[run.len() - 1].number + 1 - run[0].number - run.len() as u64).sum();
-    // Values sent before a writer's first received number are missing only if the wire was heard by then.
+    // Values before a writer's first received number are missing only if the reader was already on the wire.
     let unsure: u64 = runs.iter().map(|run| run[0].number - 1).sum();
     let counted = life.last().map_or(0, |beat| beat.lost) - life.first().map_or(0, |beat| beat.lost);
     assert!((missing..=missing + unsure).contains(&counted), "{name}: {missing} missing, {counted} counted");
     missing
 }
 
-/// Two writers, one with short values and one with values in shared memory, and two readers of each are killed in turn,
-/// at any time.
+/// Two writers, one with short values and one with values in shared memory, and two readers of each. They are killed in
+/// turn, at arbitrary times.
 #[test]
 fn whoever_is_killed_leaves_nothing_behind() {
     const KILLS: usize = 4;
-    // A benchmark may have files there.
+    // A benchmark may have files there, and they do not count.
     let others = shared_memory();
     let cluster = Cluster::new();
     let here = cluster.here();
@@ -365,7 +364,7 @@ fn whoever_is_killed_leaves_nothing_behind() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// Returns the names in shared memory that may belong to DCA.
+/// Returns the names in shared memory that could belong to DCA.
 fn shared_memory() -> BTreeSet<OsString> {
     let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     entries.map(|entry| entry.file_name()).filter(|name| name.to_string_lossy().contains("dca")).collect()

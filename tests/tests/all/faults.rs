@@ -1,4 +1,5 @@
-//! Cases of the table in `docs/src/faults.md` that no other file has: files run out, links flap, two want one name.
+//! Cases from the table in `docs/src/faults.md` that no other test file has: files run out, links flap, two nodes
+//! claim one name.
 
 use dca_tests::cluster::{
     Cluster, Freezer, Hosts, Network, Program, SOON, Stream, descriptors, executable, memory, rounds, wait_until,
@@ -9,20 +10,20 @@ use rustix::process::Signal;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// How many open files the node that runs out of files may have: few programs fit.
+/// The limit of open files of the node that runs out of files. Only few programs fit.
 const FILES: u32 = 160;
-/// Programs that do not fit into that.
+/// More programs than fit into this limit.
 const CROWD: usize = 200;
-/// How long a flapping link is up, and down.
+/// How long a flapping link is up, and how long it is down.
 const FLAP: Duration = Duration::from_millis(200);
-/// How many times the link is cut before a message has to come through.
+/// The number of cuts after which a message has to arrive.
 const HEARD_EVERY: usize = 5;
-/// How much a node may grow while a link flaps, in bytes.
+/// The largest growth of a node while a link flaps, in bytes.
 const GROWTH_MAX: u64 = 20 << 20;
-/// How long a node may take to have its links again.
+/// The longest time until a node has its links again.
 const SETTLE: Duration = Duration::from_secs(20);
 
-/// Returns a spec of programs that wait.
+/// Returns a spec of waiting programs.
 fn crowd(host: &str, count: usize) -> String {
     let leaves: Vec<String> = (1..=count).map(|leaf| format!("idle{leaf}")).collect();
     let declared: String = leaves.iter().map(|leaf| format!("{leaf} instof Idle(\"{host}\"); ")).collect();
@@ -33,8 +34,8 @@ fn crowd(host: &str, count: usize) -> String {
     )
 }
 
-/// A node without free file descriptors refuses further deployments, with a message, and goes on; running deployments
-/// can be stopped.
+/// A node without free file descriptors refuses further deployments with a message, and continues. Running
+/// deployments can be stopped.
 #[test]
 fn a_node_without_free_files_refuses_and_goes_on() {
     let cluster = Cluster::new();
@@ -43,7 +44,7 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     let mut command = Command::new("sh");
     command.args(["-c", &limited, "sh"]).arg(executable("dca-node")).args(["--name", "c1", "--run-dir"]);
     command.arg(here.run_dir()).arg("--state").arg(here.state()).current_dir(cluster.folder());
-    // It becomes the node; the cluster ends it.
+    // The shell becomes the node, and the cluster ends it.
     let mut node = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("there is a shell");
     let is_ready = || here.ask(&["nodes"]).code == Some(0);
     wait_until(SOON, is_ready).expect("the node starts");
@@ -52,7 +53,7 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     let many = here.dca(&["deploy", "--no-record", &cluster.file("many.dca", &crowd("c1", CROWD))]).ended(2 * SOON);
     assert_eq!(many.code, Some(1), "{many}");
     assert!(many.out.contains("many: refused") && many.out.contains("oo many open files"), "{many}");
-    // Running programs go on, and can be stopped; then there are free descriptors again.
+    // Running programs continue, and can be stopped. This frees descriptors again.
     assert_eq!(here.pids().len(), 2);
     let stop = here.ask(&["stop", "few"]);
     assert_eq!(stop.code, Some(0), "{stop}");
@@ -64,8 +65,8 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     node.wait().expect("it was started here");
 }
 
-/// A program in an uninterruptible sleep, as behind a dead disk. `dca stop` says that it could not be stopped, and no
-/// program of its name is started beside it. Once it has ended after all, its end is reported.
+/// A program is in an uninterruptible sleep, as with a dead disk. `dca stop` says that it could not be stopped, and
+/// no program with its name is started beside it. When it ends at last, its end is reported.
 #[test]
 fn what_cannot_be_killed_is_told_and_not_started_again() {
     let Some(freezer) = Freezer::new() else { return };
@@ -95,8 +96,8 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// The same while its mission goes on: a program that wants its resources waits, people are told why and what to do,
-/// and it goes on once the other has ended.
+/// The same happens while its mission continues. A program that wants its resources waits, and people are told why
+/// and what to do. The waiting program continues once the other has ended.
 #[test]
 fn what_cannot_be_killed_keeps_what_it_has_taken() {
     let Some(freezer) = Freezer::new() else { return };
@@ -130,7 +131,7 @@ process main() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// A node starts at once whatever lies in its folders, and reports the damage.
+/// A node starts at once whatever its folders contain, and reports any damage.
 #[test]
 fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     let cluster = Cluster::new();
@@ -159,7 +160,7 @@ fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     again.wait_for(Stream::Err, "1 program on 1 host", SOON);
     let status = here.ask(&["status"]);
     assert!(!status.out.contains("few@1 ") && !status.out.contains("few@2 "), "no epoch is given twice: {status}");
-    // An overwritten record ends nothing either: the program's shim is there.
+    // An overwritten record also ends nothing, since the program's shim still runs.
     wait_until(SOON, || here.pids().len() == 1).expect("it runs");
     let before = here.pids();
     second.kill();
@@ -176,7 +177,7 @@ fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// A node that could not live within its limits reports this, and does not begin.
+/// A node that could not run within its limits reports this, and does not begin.
 #[test]
 fn a_node_refuses_limits_that_it_could_not_live_with() {
     let cluster = Cluster::new();
@@ -199,8 +200,8 @@ fn a_node_refuses_limits_that_it_could_not_live_with() {
     }
 }
 
-/// A link between two hosts is cut, in one direction or in both, while a third one reaches both. No host is lost,
-/// programs go on, and a stop ends them on both hosts.
+/// A link between two hosts is cut, in one or both directions, while a third host reaches both. No host is lost,
+/// programs continue, and a stop ends them on both hosts.
 #[test]
 fn two_hosts_that_a_third_reaches_are_not_lost() {
     for both_ways in [false, true] {
@@ -234,8 +235,8 @@ fn two_hosts_that_a_third_reaches_are_not_lost() {
     }
 }
 
-/// A link that comes and goes every 200 ms; 60 s of it with `DCA_TEST_ROUNDS=150`. Nothing is started again, nothing
-/// grows, and afterwards all see each other.
+/// A link fails and returns every 200 ms. With `DCA_TEST_ROUNDS=150`, this lasts 60 s. Nothing is restarted, nothing
+/// grows, and afterwards all nodes see each other.
 #[test]
 fn a_flapping_link_restarts_nothing() {
     let Some(network) = Network::new(2) else { return };
@@ -259,7 +260,8 @@ fn a_flapping_link_restarts_nothing() {
         dca_tests::cluster::pass(FLAP);
         network.heal(2);
         dca_tests::cluster::pass(FLAP);
-        // On a busy machine no message may come through in 200 ms, and a host that is silent for 5 s is lost rightly.
+        // On a busy machine, possibly no message arrives within 200 ms. A host that is silent for 5 s is rightly
+        // lost.
         if round % HEARD_EVERY == 0 {
             wait_until(SOON, answer_both).expect("both nodes answer while the link is there");
         }
@@ -275,8 +277,8 @@ fn a_flapping_link_restarts_nothing() {
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Two nodes of one name on two sides of a cut, with one deployment each. When the two meet, a deployment goes on on
-/// one of them, all hosts are told, and nothing begins under the name while both are there.
+/// Two nodes with the same name are on two sides of a cut, with one deployment each. When they meet, a deployment
+/// continues on one of them, and all hosts are told. Nothing begins under the name while both nodes are there.
 #[test]
 fn two_nodes_of_one_name_that_meet_after_a_cut() {
     let Some(network) = Network::new(3) else { return };
@@ -300,7 +302,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     assert!(goes_on.is_running() && kept.is_running(), "what runs on one of them goes on");
     node.wait_for(Stream::Err, "`few@1` also runs on another node of this one's name", SOON);
     namesake.wait_for(Stream::Err, "it is ended here", SOON);
-    // A third host works with one of them, and knows of both.
+    // A third host works with one of them, and knows both.
     let third_node = other.node("c2", &["--lan"]);
     let shown = || other.ask(&["nodes"]);
     wait_until(SOON, || shown().out.contains("second of its name: on `")).unwrap_or_else(|| panic!("{}", shown()));
@@ -311,7 +313,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
         let said = format!("{}{}", refused.out, refused.err);
         assert!(refused.code == Some(1) && said.contains("node") && said.contains("called `c1`"), "{refused}");
     }
-    // Once it has left the name has one node again.
+    // Once one has left, the name has only one node again.
     namesake.signal(Signal::TERM);
     drop((kept.ended(SOON), namesake.ended(SOON)));
     let is_free = || !other.ask(&["status"]).err.contains("two nodes are called");
@@ -322,8 +324,9 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One user wins. The other
-/// is told so, or came so late that its deployment changed the running one. The running deployment is one of the two.
+/// Two users deploy the same name at the same time. With `DCA_TEST_ROUNDS=100`, this happens 100 times. One user
+/// wins. The other is told so, or was so late that its deployment changed the running one. The running deployment is
+/// one of the two.
 #[test]
 fn two_users_of_one_name_are_one_winner_and_one_refusal() {
     let cluster = Cluster::new();

@@ -1,11 +1,11 @@
 //! The rows of `dca fmea specs/door_opening.dca --json`, on the real system. Each row named here is reproduced with
-//! real programs, supervisors and nodes. Compared are the immediate effects, the programs that still run, the time
-//! until none does, and the result for the mission.
+//! real programs, supervisors and nodes. The tests compare the immediate effects, the programs that still run, the time
+//! until none runs, and the result for the mission.
 //!
 //! A row includes the story before the fault. The driver plays this story, causes the fault, and compares. Most rows
-//! are played with stand-ins (`dca-fakes`), which have the interfaces of the door's controllers and no physics: the
+//! are played with stand-ins (`dca-fakes`). These have the interfaces of the door's controllers, but no physics. The
 //! spec, the supervisors, the shims and the nodes are the real ones, and a step ends when the test says so. The rows of
-//! `own` are played with the door's own programs, those of `hosts` on three nodes in namespaces.
+//! `own` are played with the door's own programs, and those of `hosts` on three nodes in namespaces.
 
 #![expect(clippy::print_stdout, reason = "a test says how long what it has seen took")]
 
@@ -21,7 +21,7 @@ use play::{Strike, play};
 use row::{Row, rows};
 use rustix::process::Signal;
 
-/// A row by its first three columns, without `dooropensyst/`, and how it is brought about.
+/// A row by its first three columns, without `dooropensyst/`, and the way to cause its fault.
 type Case = (&'static str, &'static str, &'static str, Strike);
 
 #[track_caller]
@@ -32,7 +32,7 @@ fn check(cases: &[Case]) {
     }
 }
 
-/// One row of each kind; the long tests play the others.
+/// One row of each kind. The long tests play the others.
 #[test]
 fn a_crash_a_hang_and_a_limit() {
     check(&[
@@ -77,8 +77,7 @@ fn crashes_of_the_later_phases() {
     ]);
 }
 
-/// Two of the three operands of a race are a join: a failure there is noticed once the other operand is done, and not
-/// before.
+/// Two of the three operands of a race are a join. A failure there is noticed only once the other operand is done.
 #[test]
 #[ignore = "long: rows of the table, with real programs"]
 fn what_a_race_forgives_for_a_while() {
@@ -122,7 +121,7 @@ fn another_stop_that_nobody_confirms() {
     check(&[("closegrip/force", "stop unanswered", "alone", Strike::Freeze)]);
 }
 
-/// With the door's own programs and its physics.
+/// This row is played with the door's own programs and its physics.
 #[test]
 #[ignore = "long: rows of the table, with real programs"]
 fn the_doors_own_programs_while_it_servos() {

@@ -1,4 +1,4 @@
-//! Programs that hang: in a calculation, in `Init`, at their start, or suspended as a whole.
+//! Hanging programs: in a calculation, in `Init`, at their start, or as a whole while suspended.
 
 use dca_tests::cluster::{Busy, Cluster, Host, Program, SOON, Stream, executable, pass, wait_until};
 use node::logic::protocol::{Change, ProcessStatus};
@@ -7,7 +7,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A spec with these instances, whose controllers hang in the named place.
+/// Returns a spec with these instances. Their controllers hang in the named place.
 fn spec(cluster: &Cluster, instances: &[(&str, &str, &str)], expression: &str) -> String {
     let program = executable("dca-hanging").display().to_string();
     let instance = |(name, place, policy): &(&str, &str, &str)| {
@@ -61,7 +61,8 @@ fn a_loop_that_hangs_is_a_fault_that_says_so() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// Suspended with the usual bound; then its `restart` is heeded as for any other death, and the record has it.
+/// A program is suspended for longer than the default bound. Then its `restart` is followed as after any other death, and the record
+/// shows this.
 #[test]
 fn a_suspended_program_is_found_and_started_again() {
     let cluster = Cluster::new();
@@ -93,7 +94,7 @@ fn a_suspended_program_is_found_and_started_again() {
     end(&cluster, node);
 }
 
-/// The shim measures: a hang is found without a node as well, and no healthy program is reported.
+/// The shim measures, so it also finds a hang without a node. It never reports a healthy program.
 #[test]
 fn a_hang_is_found_while_the_node_is_away() {
     let cluster = Cluster::new();
@@ -113,7 +114,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let told = || states(&here).get("main/hangs").is_some_and(|process| process.state == hung);
     wait_until(SOON, told).unwrap_or_else(|| panic!("{:?}", states(&here)));
     assert_eq!(states(&here)["main/well"].pid, before);
-    // `dca deploy` gives up a node that is away for too long, and on a busy machine this one may be.
+    // `dca deploy` gives up a node that is away for too long. On a busy machine this may happen here.
     let mission = here.dca(&["attach", "hanging"]);
     mission.wait_for(Stream::Err, "hangs aborted", SOON);
     let stop = here.ask(&["stop", "hanging"]);
@@ -125,7 +126,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     end(&cluster, node);
 }
 
-/// A program that is ended because its own agent is gone is reported with that reason, and not with its exit code.
+/// A program may be ended because its own agent is gone. The report contains this reason instead of its exit code.
 #[test]
 fn a_stop_by_the_loss_of_the_node_is_told_as_such() {
     let cluster = Cluster::new();
@@ -144,7 +145,8 @@ fn a_stop_by_the_loss_of_the_node_is_told_as_such() {
     end(&cluster, node);
 }
 
-/// Has this thread and the processes that it starts use one processor. The other processors stay free for the tests beside this one.
+/// Restricts this thread, and the processes that it starts, to one processor. The other processors stay free for the tests that run
+/// at the same time.
 fn use_one_processor() {
     let allowed = sched_getaffinity(None).expect("a thread may ask for its own processors");
     let first = (0..CpuSet::MAX_CPU).find(|processor| allowed.is_set(*processor)).expect("it runs on one");

@@ -1,5 +1,5 @@
-//! Hardware in a separate deployment: missions come and go, the server of the base stays. However a pilot ends, the
-//! wheels stop 100 ms after its last command.
+//! Hardware in a separate deployment. Missions come and go, and the server of the base stays. In whatever way a pilot
+//! ends, the wheels stop 100 ms after its last command.
 
 #![expect(clippy::print_stdout, reason = "a test says how long it took")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
@@ -11,12 +11,12 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
 
-/// How long the wheels turn after the last command.
+/// How long the wheels continue to turn after the last command.
 const WATCHDOG: Duration = Duration::from_millis(100);
-/// How often the base looks at them.
+/// The interval at which the base checks the wheels.
 const PERIOD: Duration = Duration::from_millis(5);
 
-/// The files of the example; a mission that runs until it is stopped has a long way.
+/// The files of the example. A mission that runs until it is stopped has a long way.
 struct Example {
     hardware: String,
     mission: String,
@@ -46,7 +46,7 @@ impl Example {
     }
 }
 
-/// The state of the base, under a name that the mission also has for it.
+/// Returns the state of the base, under the name that the mission has for it.
 fn motion(host: &Host) -> Value {
     let got = host.ask(&["get", "base.motion", "--within", "60"]);
     assert_eq!(got.code, Some(0), "{got}");
@@ -71,8 +71,8 @@ fn moves(host: &Host) {
     assert!(wait_until(SOON, moves).is_some(), "it stands: {}", motion(host));
 }
 
-/// Does something to a pilot that drives: the wheels stop after the watchdog's time and one of its looks at the last
-/// command. A busy machine may keep the loop of the base waiting; then it looks later, and reports the delay. A command
+/// Disturbs a pilot while it drives. The wheels stop after the time of the watchdog plus at most one check of the last
+/// command. A busy machine may delay the loop of the base. The base then checks later, and reports the delay. A command
 /// in transit at that moment still counts.
 fn stops(what: &str, host: &Host, act: impl FnOnce()) {
     moves(host);
@@ -98,7 +98,7 @@ fn pilot(cluster: &Cluster) -> Process {
     cluster.expect_leaf("main/pilot")
 }
 
-/// Missions end, are stopped, and begin again; the hardware is the same program all the while.
+/// Missions end, are stopped, and begin again, while the hardware always remains the same program.
 #[test]
 fn missions_come_and_go_and_the_hardware_stays() {
     let cluster = Cluster::new();
@@ -109,12 +109,12 @@ fn missions_come_and_go_and_the_hardware_stays() {
     assert!(early.code == Some(1) && early.out.contains(why), "{early}");
     let _hardware = example.deploy(&here, &example.hardware);
     let pid = here.pids()["main/base"];
-    // A pilot that ends by itself.
+    // A pilot ends on its own.
     let done =
         here.dca(&["deploy", "--no-record", "--controllers", &example.program, &example.mission]).ended(SOON * 2);
     assert_eq!(done.code, Some(0), "{done}");
     assert!(number(&motion(&here), "travelled") >= 1.0);
-    // A pilot that is stopped, while the next one waits for the lock.
+    // A pilot is stopped while the next one waits for the lock.
     let endless = example.deploy(&here, &example.endless);
     moves(&here);
     let lock = |name: &str| json(&here.ask(&["lock", name, "--json", "--within", "60"]).out);
@@ -133,7 +133,7 @@ fn missions_come_and_go_and_the_hardware_stays() {
     assert_eq!(next.ended(SOON * 2).code, Some(0), "it has the lock, and drives");
     assert!(number(&motion(&here), "travelled") >= before + 1.0 - 1e-9);
     assert_eq!(here.pids()["main/base"], pid, "the hardware was never started again");
-    // The hardware ends: a mission that watches it aborts, and reports the reason.
+    // The hardware ends. A mission that watches it aborts, and reports the reason.
     let last = example.deploy(&here, &example.endless);
     moves(&here);
     let stop = here.ask(&["stop", "hardware"]);
@@ -145,8 +145,8 @@ fn missions_come_and_go_and_the_hardware_stays() {
     );
 }
 
-/// A pilot that is killed, and one that is suspended. The next pilot gets the wheels after the lease; later commands of
-/// the suspended one are refused.
+/// One pilot is killed, and another is suspended. The next pilot gets the wheels after the lease. Later commands of the
+/// suspended pilot are refused.
 #[test]
 fn the_wheels_stop_whatever_becomes_of_who_drives() {
     let cluster = Cluster::new();
@@ -162,7 +162,7 @@ fn the_wheels_stop_whatever_becomes_of_who_drives() {
     moves(&here);
     let asleep = pilot(&cluster);
     stops("suspended", &here, || asleep.signal(Signal::STOP));
-    // The next mission drives while it sleeps, and is done.
+    // The next mission drives while the first pilot sleeps, and is done.
     let next = cluster.file("next.dca", &std::fs::read_to_string(&example.mission).unwrap());
     let done = here.dca(&["deploy", "--no-record", "--controllers", &example.program, &next]).ended(SOON * 2);
     assert_eq!(done.code, Some(0), "{done}");
@@ -171,7 +171,7 @@ fn the_wheels_stop_whatever_becomes_of_who_drives() {
     drop(suspended);
 }
 
-/// The pilot is on another host, and the link is cut.
+/// The pilot is on another host, and the link to it is cut.
 #[test]
 fn the_wheels_stop_when_the_pilot_is_cut_off() {
     let cluster = Cluster::new();

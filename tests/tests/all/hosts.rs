@@ -1,4 +1,4 @@
-//! Three hosts on a network: namespaces on a bridge, one node in each, found by scouting.
+//! Three hosts on a network: namespaces on a bridge, with one node each, found by scouting.
 
 use comms::io::clock::{Wakeup, now};
 use comms::logic::random::Random;
@@ -10,18 +10,17 @@ use rustix::process::Signal;
 use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(120);
-/// How long the agents are stopped for.
+/// How long the agents are suspended.
 const AGENTS_STOPPED: Duration = Duration::from_secs(2);
-/// From one beat of a `RateSource` to the next, in milliseconds.
+/// The time between two beats of a `RateSource`, in milliseconds.
 const PERIOD_MS: f64 = 10.0;
 
-/// Three hosts with a node each, and a fourth without.
+/// Starts three hosts with a node each, and a fourth host without a node.
 fn four_hosts() -> Option<Hosts> {
     Hosts::start(4, None)
 }
 
-/// The mission over three hosts, deployed from one of them; every node sees the others, and a fourth host
-/// sees all three.
+/// The mission on three hosts, deployed from one of them. Every node sees the others, and a fourth host sees all three.
 #[test]
 fn the_door_opens_across_hosts() {
     let _turn = Turn::take();
@@ -55,7 +54,7 @@ fn the_door_opens_across_hosts() {
     hosts.end();
 }
 
-/// Deployed from a host without a node, stopped from another, in the middle: it ends everywhere.
+/// A mission is deployed from a host without a node, and stopped from another in the middle. It ends on all hosts.
 #[test]
 fn a_stop_reaches_every_host() {
     let _turn = Turn::take();
@@ -97,7 +96,7 @@ fn logs_come_from_any_host() {
     assert!(silent.code == Some(0) && silent.out.is_empty() && silent.err.contains("written nothing"), "{silent}");
     let all = hosts.host(3).ask(&["logs"]);
     assert!(all.code == Some(0) && all.out.contains("main/talker") && all.out.contains("main/silent"), "{all}");
-    // Both wait for a line; it goes to both, as it comes while they read.
+    // Both readers wait for a line. Each line goes to both, since it arrives while they read.
     std::fs::write(&gate, "go\ngo\n").expect("a pipe with readers takes a line");
     follower.wait_for(Stream::Out, "second\n", SOON);
     follower.signal(Signal::INT);
@@ -108,15 +107,15 @@ fn logs_come_from_any_host() {
     hosts.end();
 }
 
-/// With all agents stopped for 2 s, data from controller to controller keeps its rate, within a host and
-/// between hosts: a wire that needed an agent would stand still for 2 s. A gap may be a quarter of that longer than the machine shows
-/// without the stop, or than a thread of the test sees during it, because other tests take the processors. This mission goes on to its end.
+/// While all agents are stopped for 2 s, data from controller to controller keeps its rate, within a host and between hosts. A wire that
+/// needed an agent would stop for 2 s. Other tests also use the processors. So a gap may be a quarter of that time longer than the gaps
+/// without the stop, or longer than those of a thread of the test during it. The mission continues to its end.
 #[test]
 fn data_flows_while_the_agents_are_stopped() {
     let Some(hosts) = four_hosts() else { return };
     let deployed = hosts.host(1).dca(&["deploy", &hosts.cluster.file("rates.dca", RATES)]);
     deployed.wait_for(Stream::Err, "▸", SOON);
-    // The first second is left out: links are new, and programs still start.
+    // The first second does not count, since links are new and programs are still starting.
     pass(Duration::from_secs(1));
     let mut machine_ms = 0.0;
     let quiet = window(|| machine_ms = beat(AGENTS_STOPPED));
@@ -148,7 +147,7 @@ fn data_flows_while_the_agents_are_stopped() {
     hosts.end();
 }
 
-/// The agents are stopped for 2 s while the door is being opened, and it opens.
+/// The agents are suspended for 2 s while the door opens, and the door still opens.
 #[test]
 #[ignore = "long: a real door"]
 fn the_door_opens_although_the_agents_were_stopped() {
@@ -171,7 +170,7 @@ fn the_door_opens_although_the_agents_were_stopped() {
     hosts.end();
 }
 
-/// However links are cut, and nodes suspended: once all is well again each sees all others, for good and soon.
+/// Links are cut and nodes are suspended in many ways. Once everything is well again, each node soon sees all others, and this remains so.
 #[test]
 fn whatever_happens_to_links_and_nodes_all_see_each_other_again() {
     let Some(hosts) = four_hosts() else { return };
@@ -229,7 +228,7 @@ process main() {
 }
 ";
 
-/// Wakes up once a period for this time, like a control loop; returns the largest gap, in milliseconds.
+/// Wakes up once in each period for this time, like a control loop. Returns the largest gap, in milliseconds.
 fn beat(time: Duration) -> f64 {
     let (began, wakeup) = (now(), Wakeup::default());
     let (mut last, mut largest, mut due) = (began, Duration::ZERO, began);
@@ -242,7 +241,7 @@ fn beat(time: Duration) -> f64 {
     largest.as_secs_f64() * 1e3
 }
 
-/// Returns the largest value published in a window; the first tenths look back to before it.
+/// Returns the largest value published in a window. The first tenths are left out, since they include the time before it.
 fn largest(samples: &[Sample], window: Window) -> f64 {
     let window = Window { from: window.from + Duration::from_millis(200), ..window };
     let within = samples.iter().filter(|sample| window.contains(sample));

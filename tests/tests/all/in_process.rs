@@ -1,5 +1,4 @@
-//! Controllers that share a process: nothing is lost between them, the node sees one program, and a kill ends all of
-//! them.
+//! Controllers in one process. No value is lost between them, the node sees one program, and a kill ends all of them.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, executable, pass, wait_until};
 use rustix::process::Signal;
@@ -45,8 +44,8 @@ fn a_source_eight_stages_and_eight_sinks_are_one_program_that_loses_nothing() {
     assert!(all.iter().all(|runs| runs.len() == 1 && runs[0].0 == 1 && *runs == all[0]), "{all:?}");
 }
 
-/// Values between members are in no spec, and can still be watched: by name and type, and value by value. This also
-/// holds for a group without ports, and watching loses the group nothing.
+/// No spec contains the values between members, but they can still be watched: by name and type, and value by value.
+/// This also holds for a group without ports, and the group loses nothing through watching.
 #[test]
 fn what_members_send_each_other_is_listed_and_echoed() {
     let cluster = Cluster::new();
@@ -99,7 +98,7 @@ fn what_members_send_each_other_is_listed_and_echoed() {
     assert!(runs.iter().all(|runs| runs.len() == 1 && runs[0].0 == 1), "{runs:?}");
 }
 
-/// The ports that a group exposes are wires like others; a kill ends all members, and they come back together.
+/// The exposed ports of a group are wires like others. A kill ends all members, and they come back together.
 #[test]
 fn a_group_is_wired_and_restarted_as_one_program() {
     let cluster = Cluster::new();
@@ -121,7 +120,7 @@ fn a_group_is_wired_and_restarted_as_one_program() {
     let stop = here.ask(&["stop", "count"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert!(wait_until(SOON, || !mission.is_running()).is_some());
-    // Only the values sent while it was away are lost.
+    // Only the values sent during its absence are lost.
     let runs = cluster.counted("sink");
     assert!(runs.len() == 2 && runs[0].1 < runs[1].0, "{runs:?}");
 }

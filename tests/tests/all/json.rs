@@ -1,4 +1,4 @@
-//! The form of every answer with `--json`: one value a line, and nothing else on standard output.
+//! The form of every answer with `--json`: one value on each line, and nothing else on standard output.
 
 use dca_tests::cluster::{Cluster, Ended, SOON, Stream};
 use serde_json::Value;
@@ -9,7 +9,7 @@ module Sleep(host) { exec \"sleep 600\"; plain; done; }
 process main() { host { c1 } instantiated_processes { p instof Sleep(c1); } internal_event_actions { p } }
 ";
 
-/// Checks the form of an answer, and returns its values.
+/// Checks the form of an answer, and returns the values in it.
 fn values(ended: &Ended) -> Vec<Value> {
     let read = |line: &str| serde_json::from_str(line).unwrap_or_else(|why| panic!("{why}: {line}\n{ended}"));
     let values: Vec<Value> = ended.out.lines().map(read).collect();

@@ -1,11 +1,11 @@
-//! A kernel, or a container, without the calls by which a node ends programs.
+//! A kernel, or a container, without the system calls by which a node ends programs.
 
 use dca_tests::cluster::{Cluster, SOON, executable};
 use std::fs;
 use std::process::Command;
 
-/// Refuses two system calls, as the seccomp filter of an old container runtime does (ENOSYS), and executes the
-/// remaining command. Sources: seccomp(2), linux/filter.h; the numbers are the same on x86-64 and AArch64.
+/// Refuses two system calls, like the seccomp filter of an old container runtime (ENOSYS), and executes the remaining
+/// command. Sources: seccomp(2), linux/filter.h. The numbers are the same on x86-64 and AArch64.
 const OLD: &str = r#"
 import ctypes, os, struct, sys
 def code(code, jt, jf, k):

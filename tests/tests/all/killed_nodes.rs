@@ -1,4 +1,4 @@
-//! A node that is killed and restarted adopts the running programs: the mission goes on, and no program is started
+//! A node is killed and restarted, and adopts the running programs. The mission continues, and no program is started
 //! twice.
 
 use comms::io::clock::now;
@@ -10,22 +10,22 @@ use std::ops::Range;
 use std::process::{Child, Command};
 use std::time::Duration;
 
-/// How soon a node that was started again has everything.
+/// The time until a restarted node has adopted everything.
 const ADOPTED_WITHIN: Duration = Duration::from_secs(1);
-/// The same on a machine that runs other tests beside. With a scan of all processes for each program it took 4.8 s at
-/// the least.
+/// The same on a machine that runs other tests at the same time. With a scan of all processes for each program, it
+/// took at least 4.8 s.
 const ADOPTED_WITHIN_BUSY: Duration = Duration::from_secs(4);
 const PROGRAMS: usize = 200;
-/// How many of them end while there is no node.
+/// The number of programs that end while no node runs.
 const ENDING: usize = 100;
 
-/// Kills a node; returns when the kernel has removed it.
+/// Kills a node. Returns once the kernel has removed it.
 fn kill(node: Program) {
     node.signal(Signal::KILL);
     assert_eq!(node.ended(SOON).signal, Some(9));
 }
 
-/// The process id of each program of a deployment, by its instance path.
+/// Returns the process id of each program of a deployment, by its instance path.
 fn programs(cluster: &Cluster) -> BTreeMap<String, i32> {
     let path = |process: &Process| {
         let mark = process.environment.iter().find_map(|entry| entry.strip_prefix("DCA_INSTANCE="));
@@ -34,7 +34,7 @@ fn programs(cluster: &Cluster) -> BTreeMap<String, i32> {
     cluster.left().into_iter().filter_map(|process| Some((path(&process)?, process.pid))).collect()
 }
 
-/// Stops the programs of these numbers, each with a different exit code.
+/// Stops the programs with these numbers, each with a different exit code.
 fn end(programs: &BTreeMap<String, i32>, numbers: Range<usize>) {
     for number in numbers {
         let pid = Pid::from_raw(programs[&format!("main/p{number}")]).expect("it is a number");
@@ -46,7 +46,7 @@ fn states(host: &Host) -> BTreeMap<String, String> {
     host.processes(&[]).into_iter().map(|(_, process)| (process.path.clone(), process.state.clone())).collect()
 }
 
-/// Each node of the door in turn, its home included, at a moment when much happens.
+/// Kills each node of the door in turn, including its home, at a moment with many events.
 #[test]
 #[ignore = "long: a real door, the next test opens one on a network"]
 fn the_door_opens_although_every_node_is_killed() {
@@ -76,8 +76,8 @@ fn the_door_opens_although_every_node_is_killed() {
     wait_until(SOON, || left() == 0).unwrap_or_else(|| panic!("left: {:#?}", cluster.left()));
 }
 
-/// On three hosts of a network each node is killed once, at a moment that the seed draws; `DCA_DOORS` says how often
-/// (20 doors take a quarter of an hour).
+/// On three hosts of a network, each node is killed once, at a moment drawn from the seed. `DCA_DOORS` is the number
+/// of doors (20 doors take a quarter of an hour).
 #[test]
 fn the_door_opens_on_a_network_although_every_node_is_killed() {
     let _turn = Turn::take();
@@ -116,7 +116,7 @@ fn the_door_opens_on_a_network_although_every_node_is_killed() {
     }
 }
 
-/// 200 programs, 100 of which end while there is no node.
+/// There are 200 programs, and 100 of them end while no node runs.
 #[test]
 fn every_program_is_found_again_and_every_end_is_told() {
     let cluster = Cluster::new();
@@ -139,13 +139,13 @@ fn every_program_is_found_again_and_every_end_is_told() {
     end(&before, 0..ENDING);
     wait_until(SOON, || programs(&cluster).len() == PROGRAMS - ENDING).expect("half of them end without a node");
     let node = here.node("c1", &[]);
-    // The time of one query on this machine at its present load.
+    // The time of one query on this machine under its present load.
     let began = now();
     running(&here);
     let asked = 4 * (now() - began);
     let took = wait_until(SOON, || running(&here) == PROGRAMS - ENDING + 1).expect("all are found again");
-    // The first answer to a question comes later than that on a busy machine; a program is told to be found by its
-    // node.
+    // On a busy machine, the first answer to a query comes later than that. The test learns from the node which
+    // programs have been found.
     assert!(took <= ADOPTED_WITHIN_BUSY.max(asked), "{took:?}");
     println!("{PROGRAMS} programs, {ENDING} of them ended: known {took:.1?} after the node was ready");
     let told = states(&here);
@@ -156,8 +156,8 @@ fn every_program_is_found_again_and_every_end_is_told() {
     let after = programs(&cluster);
     assert!(after.iter().all(|(path, process)| before.get(path) == Some(process)), "a program was started again");
     end(&before, ENDING..PROGRAMS);
-    // A watching command gives the node up after 5 s, which all of this may take on a busy machine. The mission goes
-    // on.
+    // A watching command gives up the node after 5 s. On a busy machine all of this may take as long. The mission
+    // continues.
     let watched = mission.ended(SOON);
     assert!(matches!(watched.code, Some(0 | 3)), "{watched}");
     let finished = || here.ask(&["events", "many"]).out.contains("finished: done");
@@ -165,12 +165,13 @@ fn every_program_is_found_again_and_every_end_is_told() {
     drop(node);
 }
 
-/// How many deployments of [`PROGRAMS`] have ended before the node is killed: as many as keep their output.
+/// The number of deployments of [`PROGRAMS`] that have ended before the node is killed. So many deployments keep
+/// their output.
 const ENDED: usize = 8;
-/// How many processes the machine has besides.
+/// The number of other processes on the machine.
 const OTHERS: usize = 100;
 
-/// The programs that have ended cost the next node nothing, however many processes the machine has.
+/// Programs that have ended cost the next node nothing, even if the machine has many processes.
 #[test]
 #[ignore = "long: 1,800 programs are started"]
 fn a_node_is_soon_back_beside_many_programs_that_have_ended() {

@@ -1,5 +1,5 @@
-//! `kill -9` of any one controller, each of the twenty-two once: the mission ends according to the rules, reports the
-//! reason, and leaves nothing.
+//! `kill -9` of any one controller, once for each of the twenty-two. The mission ends according to the rules, reports
+//! the reason, and leaves nothing behind.
 //!
 //! `mission::killing_any_controller_ends_the_mission_with_its_name` kills each of them on virtual time. Here they are
 //! real programs: two in the quick tests, the others in the long ones.
@@ -13,8 +13,8 @@ const MISSION_MAX: Duration = Duration::from_secs(90);
 const SERVO: &str = "▸ (visualserv # distdetect)";
 const APPROACH: &str = "▸ ((opengrip, approach) # hit)";
 
-/// Starts the mission; kills the program of `leaf` when standard error has had `line` for `times` times (the first is
-/// the beginning of a phase, the next one comes 2 s later).
+/// Starts the mission. It kills the program of `leaf` once `line` has appeared on standard error `times` times. The
+/// first line is at the beginning of a phase, and the next one comes 2 s later.
 fn kill(cluster: &Cluster, leaf: &str, line: &str, times: usize) -> Program {
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, line, times, MISSION_MAX);
@@ -98,9 +98,9 @@ fn while_its_laws_open_the_door() {
     opening(&["compliant", "model", "config", "add"]);
 }
 
-/// The last case: a hand that does not open is noticed by `opengrip , approach` only once `approach` has ended as well,
-/// and `hit` comes first: the rules let the mission go on. If the hand was open by then, the door opens; if the program
-/// was killed before that, the grasp reports that it holds nothing.
+/// In the last case, the hand does not open. `opengrip , approach` notices this only once `approach` has also ended,
+/// and `hit` comes first, so by the rules the mission continues. If the hand was already open, the door opens. If the
+/// program was killed before, the grasp reports that it holds nothing.
 #[test]
 #[ignore = "long: real doors"]
 fn while_the_hand_opens() {
@@ -115,7 +115,7 @@ fn while_the_hand_opens() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// The death of a program that is not yet active is noticed when its turn comes: the mission ends then, and not before.
+/// The death of a program that is not yet active is noticed only at its turn. Then the mission ends.
 #[test]
 fn before_its_turn() {
     let _turn = Turn::take();
@@ -131,7 +131,7 @@ fn before_its_turn() {
     assert!(changes.contains(&&Change::Died(FailureCause::Signal(9))), "{changes:?}");
 }
 
-/// A program whose turn is over is not needed any more: the door opens.
+/// A program is no longer needed after its turn, so the door opens.
 #[test]
 #[ignore = "long: real doors"]
 fn after_its_turn() {

@@ -1,5 +1,5 @@
-//! A mission that fails while the machine is very busy: the arm does not count as at rest before its load is off, or it
-//! says that the load may be left. On virtual time, judged by the plant.
+//! A mission that fails while the machine is very busy. The arm does not count as at rest before its load is off, or it
+//! says that the load may remain. The tests run on virtual time, and the plant judges them.
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
@@ -11,11 +11,11 @@ const OPENING: &str = include_str!("../../../specs/door_opening.dca");
 const WORLD: &str = "main/world";
 const PLACE: &str = "DoorWorld(\"c3\"";
 const LIMIT: Duration = Duration::from_secs(120);
-/// A lever that is not quite up pushes back with less (N); the sensor has an error of a few newtons.
+/// The greatest force of a lever that is not quite up (N). The sensor has an error of a few newtons.
 const LEFT_MAX: f64 = 24.0;
 const UNKNOWN: &str = "its stop could not be confirmed: the hand may still press";
 
-/// How long calculations are held up, at the most (ms), and how many of them.
+/// The longest delays of calculations (ms), and the share of delayed calculations.
 const HOLDS: [(u64, f64); 4] = [(50, 0.4), (150, 0.1), (300, 0.05), (300, 0.15)];
 
 fn late(seed: u64) -> Disturbance {
@@ -24,18 +24,18 @@ fn late(seed: u64) -> Disturbance {
     Disturbance { transfer_jitter, hold_chance, hold_max, drop_chance: 0.02, seed, ..Disturbance::NONE }
 }
 
-/// The reason for which a mission ends.
+/// The reason why a mission ends.
 #[derive(Clone, Copy, Debug)]
 enum Trouble {
     /// Nothing but the door.
     Door,
     /// A leaf dies.
     Dies(&'static str),
-    /// A user stops it.
+    /// A user stops the mission.
     Stop,
 }
 
-/// A mission that ends this long after a phase has begun (s), on a machine that is busy after that.
+/// A mission that ends this long after the beginning of a phase (s). The machine is busy after that.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     spec: &'static str,
@@ -44,7 +44,7 @@ struct Case {
     trouble: Trouble,
 }
 
-/// The remaining force on the hand (N), the largest speed of a joint (rad/s), and the reason of the end.
+/// Returns the remaining force on the hand (N), the largest speed of a joint (rad/s), and the reason for the end.
 fn end(case: &Case, seed: u64) -> (f64, f64, String) {
     let world = format!("{PLACE}, seed = {seed}, closer = 0 Nm, closer_rate = 0");
     let plan = plan("late.dca", &case.spec.replace(PLACE, &world)).unwrap_or_else(|why| panic!("{why}"));
@@ -98,7 +98,7 @@ fn check(cases: &[Case], seeds: std::ops::Range<u64>) {
 
 const DOOR_IS_LOCKED: Case = Case { spec: LOCKED, phase: "/dooropen/model", after: 0.0, trouble: Trouble::Door };
 
-/// An arm whose sensor was late for 100 ms counted as at rest: 64.9 N were left on the handle.
+/// An arm with a sensor that was late for 100 ms once counted as at rest, with 64.9 N left on the handle.
 #[test]
 fn a_locked_door_is_let_go_of() {
     check(&[DOOR_IS_LOCKED], 1..5);

@@ -1,4 +1,4 @@
-//! Tests that need more than one room, on real processes and on virtual time.
+//! Tests that need more than one room, with real processes and on virtual time.
 
 mod absent;
 mod activities;

@@ -1,10 +1,10 @@
-//! A page of the manual for newcomers: each of its commands is run, and prints exactly the text of the page.
+//! A page of the manual for newcomers: each of its commands runs, and prints exactly the text of the page.
 
 use dca_tests::cluster::Cluster;
 use std::path::Path;
 
-/// The pages: what stands in a block `dca,FILE` is written to FILE; what stands behind `$ dca …` in a block `console`
-/// is printed.
+/// The pages. The text of a block `dca,FILE` is written to FILE, and the text after `$ dca …` in a block `console` is
+/// printed.
 const PAGES: [&str; 1] = ["first_proof.md"];
 
 #[test]
@@ -17,7 +17,7 @@ fn each_command_prints_what_the_page_says() {
     }
 }
 
-/// The page, with the present output of its commands.
+/// Returns the page with the present output of its commands.
 fn made(page: &str) -> String {
     let cluster = Cluster::new();
     let (mut made, mut commands) = (String::new(), 0);
@@ -44,14 +44,14 @@ fn made(page: &str) -> String {
     made
 }
 
-/// The output of a command: `dca …`, or `cat FILE`.
+/// Returns the output of a command: `dca …`, or `cat FILE`.
 fn run(cluster: &Cluster, command: &str) -> String {
     let words: Vec<&str> = command.split(' ').collect();
     let printed = match words.as_slice() {
         ["dca", arguments @ ..] => {
             let ended = cluster.here().ask(arguments);
             assert!(ended.code == Some(0) || ended.code == Some(1), "{command}: {ended}");
-            // The time of a proof differs from run to run, and the page says so in words.
+            // The time of a proof differs between runs, and the page says so.
             let said = ended.err.lines().filter(|line| !line.starts_with("it took "));
             ended.out + &said.map(|line| format!("{line}\n")).collect::<String>()
         }

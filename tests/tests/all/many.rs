@@ -1,4 +1,4 @@
-//! A large spec, again and again: nothing is left of it, and the node does not grow.
+//! A large spec is deployed repeatedly. Nothing is left of it, and the node does not grow.
 
 use dca_tests::cluster::{Cluster, Process, SOON, Stream, descriptors, rounds, threads, wait_until};
 use node::logic::protocol::NodeStatus;
@@ -7,17 +7,18 @@ use std::time::Duration;
 
 const GROUPS: usize = 5;
 const LEAVES_PER_GROUP: usize = 40;
-/// How many programs one `dca stop` has to end.
+/// The number of programs that one `dca stop` has to end.
 const PROGRAMS: usize = 500;
-/// How long the node's sockets, and ending shims, may take to settle after a round.
+/// The longest time until sockets of the node, and ending shims, have settled after a round.
 const SETTLE: Duration = Duration::from_secs(5);
-/// How many threads pools of the network's library may start late, and keep. A thread that is left over in each round is one more.
+/// The number of threads that pools of the network library may start late and keep. One leftover thread in each round would be
+/// more.
 const LATE: usize = 3;
-/// How long threads of a pool may stay without work: tokio keeps them for 10 s.
+/// How long the threads of a pool may stay without work. Tokio keeps them for 10 s.
 const POOL: Duration = Duration::from_secs(30);
 
-/// 200 leaves in 5 nested groups deploy and stop on one machine; no thread, descriptor or process is left over four
-/// rounds.
+/// 200 leaves in 5 nested groups are deployed and stopped on one machine. After four rounds, no thread, descriptor or process is
+/// left over.
 #[test]
 fn two_hundred_leaves_come_and_go() {
     come_and_go(4);
@@ -34,7 +35,7 @@ fn come_and_go(times: usize) {
     let here = cluster.here();
     let node = here.node("local", &[]);
     let file = cluster.file("many.dca", &nested());
-    // The network's library starts its threads with the first caller.
+    // The network library starts its threads with the first caller.
     assert_eq!(here.ask(&["nodes"]).code, Some(0));
     let limit = threads(node.pid()) + LATE;
     let mut descriptors_first = None;
@@ -42,7 +43,7 @@ fn come_and_go(times: usize) {
         let deployed = here.dca(&["deploy", "--no-record", &file]);
         deployed.wait_for(Stream::Err, "200 programs on 1 host, started in", SOON);
         if round == 1 {
-            // GO is given to all at once, and each shim reports when its program runs.
+            // All programs receive GO at once, and each shim reports when its program runs.
             let all_run = || running(&here.statuses(&[])) == GROUPS * LEAVES_PER_GROUP;
             assert!(wait_until(SETTLE, all_run).is_some(), "{:#?}", here.statuses(&[]));
         }
@@ -67,7 +68,7 @@ fn come_and_go(times: usize) {
     assert!(took.is_some(), "at most {limit} threads expected, {} after the last round", threads(node.pid()));
 }
 
-/// 500 programs on one machine end at a `dca stop`, which reports it with exit code 0.
+/// `dca stop` ends 500 programs on one machine, and reports this with exit code 0.
 #[test]
 fn five_hundred_programs_stop_when_asked() {
     let cluster = Cluster::new();
@@ -85,7 +86,7 @@ fn five_hundred_programs_stop_when_asked() {
     wait_until(SETTLE, || left().is_empty()).unwrap_or_else(|| panic!("left: {:?}", left()));
 }
 
-/// Returns a spec of [`PROGRAMS`] plain programs at once.
+/// Returns a spec of [`PROGRAMS`] simultaneous plain programs.
 fn crowd() -> String {
     let leaves: Vec<String> = (1..=PROGRAMS).map(|leaf| format!("idle{leaf}")).collect();
     let declared: String =
@@ -103,7 +104,7 @@ fn running(statuses: &[NodeStatus]) -> usize {
     processes.filter(|process| process.pid.is_some() && process.state == "running").count()
 }
 
-/// Returns a spec of groups within each other, each with plain programs and one pair of controllers.
+/// Returns a spec of nested groups. Each group has plain programs and one pair of controllers.
 fn nested() -> String {
     let mut text = "module Idle(host) { exec \"sleep 3600\"; plain; service; }\n".to_owned();
     for group in 1..=GROUPS {

@@ -1,13 +1,13 @@
-//! Messages between programs and activities, on real processes and two hosts.
+//! Messages between programs and activities, with real processes on two hosts.
 
 use dca_tests::cluster::{Cluster, Network, Program, SOON, executable, wait_until};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// A mission may wait for a busy machine.
+/// The time for a mission. It includes waiting for a busy machine.
 const MISSION: Duration = Duration::from_secs(120);
 
-/// An activity on the other host that repeats each word.
+/// Returns a mission with an activity on the other host that repeats each word.
 fn mission(cluster: &Cluster, count: usize, has_receipts: bool) -> String {
     let file = cluster.folder().join("heard.txt").display().to_string();
     let way = if has_receipts { "talker.Orders -> echo.words;" } else { "talker.Words -> echo.words queue 1000;" };
@@ -31,12 +31,12 @@ fn mission(cluster: &Cluster, count: usize, has_receipts: bool) -> String {
     cluster.file("talk.dca", &text)
 }
 
-/// The talker has written what became of its words.
+/// Returns what the talker has written about its words.
 fn heard(cluster: &Cluster) -> String {
     std::fs::read_to_string(cluster.folder().join("heard.txt")).expect("the talker has written its file")
 }
 
-/// 1,000 words at 100 Hz between two hosts, over wires: none is lost.
+/// Sends 1,000 words at 100 Hz between two hosts, over wires. No word is lost.
 #[test]
 fn a_thousand_words_go_to_another_host_and_back() {
     let cluster = Cluster::new();
@@ -51,7 +51,7 @@ fn a_thousand_words_go_to_another_host_and_back() {
     assert_eq!(heard(&cluster), "accepted 0\nrejected []\nmissing []\ntwice {}\n", "{ended}");
 }
 
-/// The node of the activity is killed and started again, again and again: each word that has a receipt is answered once.
+/// The node of the activity is repeatedly killed and restarted. Each word with a receipt is answered once.
 #[test]
 fn a_killed_node_loses_no_word_that_it_has_confirmed() {
     let cluster = Cluster::new();
@@ -62,7 +62,7 @@ fn a_killed_node_loses_no_word_that_it_has_confirmed() {
     let spec = mission(&cluster, 300, true);
     let deploy = here.dca(&["deploy", "--no-record", "--controllers", &talking, &spec]);
     for word in [20, 100, 180] {
-        // The terminal leaves lines out when there are many.
+        // The terminal leaves lines out if there are many.
         let is_said = || here.ask(&["events", "talk"]).out.contains(&format!("sends through `say`: {word}"));
         wait_until(SOON, is_said).expect("it is said");
         kill(second);

@@ -1,7 +1,8 @@
 //! The specs, run to their end in one thread on virtual time by the real algebra and the real controllers.
 //!
-//! Targets: the door at 60 degrees or more within 40 s, at most 30 N when the hand hits the handle, at most 60 N while
-//! the door opens, the hand at most 10 mm beside the handle after servoing, at most 4000 samples a second.
+//! The targets are: the door at 60 degrees or more within 40 s, at most 30 N when the hand hits the handle, at most 60
+//! N while the door opens, the hand at most 10 mm beside the handle after servoing, and at most 4000 samples each
+//! second.
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
@@ -72,7 +73,7 @@ fn simulation(text: &str, disturbance: Disturbance) -> Simulation {
     Simulation::new(plan, disturbance).expect("the plan fits the controllers")
 }
 
-/// Flies a spec; `meddle` may do something to it every 4 ms.
+/// Flies a spec. `meddle` may interfere every 4 ms.
 fn fly_with(mut simulation: Simulation, meddle: &mut dyn FnMut(&mut Simulation)) -> Seen {
     let mut seen = Seen::nothing();
     seen.finish = simulation.run(Time::ZERO + Duration::from_secs(60), &mut |simulation| {
@@ -88,7 +89,7 @@ fn fly(text: &str, disturbance: Disturbance) -> Seen {
     fly_with(simulation(text, disturbance), &mut |_| {})
 }
 
-/// The door spec with more arguments for its world.
+/// Returns the door spec with additional arguments for its world.
 fn world(arguments: &str) -> String {
     DOOR.replace("DoorWorld(\"c3\"", &format!("DoorWorld(\"c3\", {arguments}"))
 }
@@ -119,7 +120,7 @@ fn the_door_opens_and_twice_the_same() {
 #[test]
 fn the_door_opens_on_a_busy_machine() {
     for seed in 1..=2 {
-        // Hold-ups of 30 ms let the hand run on into the handle: 0.018 m/s · 30 ms · 8 kN/m are 4 N each.
+        // Delays of 30 ms let the hand continue into the handle: 0.018 m/s · 30 ms · 8 kN/m are 4 N each.
         check_open(&fly(&world(&format!("seed = {seed}")), Disturbance::busy(seed)));
     }
 }
@@ -148,14 +149,14 @@ fn a_locked_door_aborts() {
         let seen = fly(LOCKED, disturbance);
         let why = "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door moves neither when it is pulled nor when it is pushed";
         check_abort(&seen, &format!("main/dooropensyst/dooropen/model: {why}"));
-        // Three times either way, harder each time.
+        // The robot tries three times in each direction, with more force each time.
         assert!(seen.open_seconds <= 17.0 && seen.open_peak <= 80.0 && seen.angle_deg < 0.5, "{seen:?}");
     }
 }
 
 #[test]
 fn a_hand_that_was_pushed_closes_on_nothing() {
-    // A visitor pushes while the hand is on its way. The gripper then closes beside the handle, and notices.
+    // A visitor pushes while the hand approaches. The gripper then closes beside the handle, and notices this.
     let seen = fly(&world("push_at = 12 s"), Disturbance::NONE);
     check_abort(&seen, "main/dooropensyst/closegrip/fingers: the gripper closed on nothing");
 }
@@ -176,7 +177,8 @@ fn half_a_second_of_silence_is_survived() {
         }
     });
     check_open(&seen);
-    // 100 ms of watchdog, then 1 m/s² and five lags of 80 ms: after half a second hardly anything moves.
+    // The watchdog takes 100 ms, followed by 1 m/s² and five lags of 80 ms. After half a second, hardly anything
+    // moves.
     assert!(speeds.first().is_some_and(|speed| *speed > 0.05), "{speeds:?}");
     assert!(speeds.last().is_some_and(|speed| *speed < 0.005), "{speeds:?}");
 }
@@ -188,19 +190,19 @@ fn killing_any_controller_ends_the_mission_with_its_name() {
         let mut active: u32 = 0;
         let seen = fly_with(simulation(DOOR, Disturbance::NONE), &mut |simulation| {
             active += u32::from(simulation.is_active(&leaf));
-            // Each in its tenth look, 40 ms into its work.
+            // Each dies at its tenth observation, 40 ms after its start.
             if active == 10 {
                 simulation.crash(&leaf);
             }
         });
         if leaf.ends_with("/opengrip") {
-            // The one exception: `,` waits for `approach`, and before it ends, the hit decides.
+            // There is one exception: `,` waits for `approach`, and the hit decides before `approach` ends.
             assert_eq!(seen.finish, Finish::Done);
             continue;
         }
         let Finish::Aborted(why) = &seen.finish else { panic!("{leaf}: {seen:?}") };
         assert_eq!(*why, format!("{leaf}: SIGKILL"));
-        // Without its world nothing can be seen.
+        // Without its world, no values are observable.
         assert!(seen.speed_at_end < 0.02 || leaf == WORLD, "{leaf}: {seen:?}");
     }
 }
@@ -209,7 +211,7 @@ fn killing_any_controller_ends_the_mission_with_its_name() {
 fn compliance_ends_with_a_hit() {
     let seen = fly(COMPLIANT, Disturbance::NONE);
     assert_eq!(seen.finish, Finish::Done);
-    // The push starts at 2 s and passes 40 N at 2 + 4 · 40/60 s; three samples, the sensor's filter and the stop
-    // follow. In its stop the arm gives way to the push, until that has grown by 12 N in 0.8 s.
+    // The push starts at 2 s, and exceeds 40 N at 2 + 4 · 40/60 s. Then come three samples, the sensor's filter and
+    // the stop. During its stop, the arm gives way to the push until the push has grown by 12 N in 0.8 s.
     assert!((4.66..5.9).contains(&seen.seconds), "{seen:?}");
 }

@@ -1,14 +1,14 @@
-//! The holders of names: `dca names`, and the fate of a name that two programs want or that has no holder.
+//! The holders of names: `dca names`, and the result if two programs want the same name or if a name has no holder.
 
 use comms::logic::key::HostName;
 use dca_tests::cluster::{Cluster, Host, SOON, Stream, Turn, wait_until};
 use serde_json::Value;
 use std::time::Duration;
 
-/// How long a host may be silent before the others count it as lost, and some time to look.
+/// How long a host may be silent before the others count it as lost, plus some time for checking.
 const LEASE: Duration = Duration::from_secs(6 + 6);
 
-/// A program on each of two hosts; the second holds an arm.
+/// A program on each of two hosts. The second program holds an arm.
 const ARM: &str = "
 module Hold(host) { exec \"sleep 600\"; plain; done; claims arm; }
 module Wait(host) { exec \"sleep 600\"; plain; done; }
@@ -25,13 +25,13 @@ fn names(host: &Host) -> Value {
     serde_json::from_str(&ended.out).unwrap_or_else(|why| panic!("{why}: {ended}"))
 }
 
-/// Returns one field of each entry of a list of the only partition.
+/// Returns one field of each entry in a list. There must be only one partition.
 fn all<'a>(names: &'a Value, list: &str, field: &str) -> Vec<&'a str> {
     assert_eq!(names.as_array().map(Vec::len), Some(1), "{names:#}");
     names[0][list].as_array().into_iter().flatten().filter_map(|one| one[field].as_str()).collect()
 }
 
-/// A spec names a host as its node takes it, and for the same reason no other name.
+/// A spec accepts the same host names as a node, and refuses others for the same reason.
 #[test]
 fn specs_and_nodes_take_the_same_names() {
     let long = ["a".repeat(63), "a".repeat(64)];
@@ -44,7 +44,8 @@ fn specs_and_nodes_take_the_same_names() {
     }
 }
 
-/// The second deployment wants the arm that the first has, on the same host: it is refused, and the holder is named.
+/// The second deployment wants the arm that the first one holds, on the same host. It is refused, and the holder is
+/// named.
 #[test]
 fn a_device_has_one_holder_across_deployments() {
     let cluster = Cluster::new();
@@ -59,7 +60,7 @@ fn a_device_has_one_holder_across_deployments() {
     assert_eq!(second.code, Some(1), "{second}");
     let held = "host `c2`: `arm` is held by `main/there` of `first@1`; `dca stop first` ends that";
     assert!(format!("{}{}", second.out, second.err).contains(held), "{second}");
-    // Then it is free.
+    // After the stop, the arm is free.
     assert_eq!(here.ask(&["stop", "first"]).code, Some(0));
     assert_eq!(all(&names(&here), "devices", "device"), [""; 0]);
     let third = here.dca(&["deploy", "--no-record", &cluster.file("second.dca", ARM)]);
@@ -67,7 +68,8 @@ fn a_device_has_one_holder_across_deployments() {
     assert_eq!(here.ask(&["stop", "second"]).code, Some(0));
 }
 
-/// A node dies: its names are no longer given out, and its host leaves the lists of the others within a lease.
+/// A node dies. Its names are no longer given out, and its host disappears from the lists of the others within a
+/// lease.
 #[test]
 fn names_of_a_host_that_is_gone_leave_within_a_lease() {
     let cluster = Cluster::new();
@@ -92,7 +94,7 @@ fn names_of_a_host_that_is_gone_leave_within_a_lease() {
     assert!(warned.err.contains("warning: `c2` "), "{warned}");
 }
 
-/// The ports that a wire joins have names, and the types that the programs declare.
+/// The ports at both ends of a wire have names, and the types that the programs declare.
 #[test]
 fn ports_have_types() {
     let _turn = Turn::take();
@@ -110,14 +112,15 @@ fn ports_have_types() {
     run.ended(SOON);
 }
 
-/// A program with a group around it, which prints a line.
+/// A program inside a group. It prints a line.
 const PATROL: &str = "
 module Say(host) { exec \"sh -c 'echo here I am; exec sleep 600'\"; plain; }
 process Round() { instantiated_processes { base instof Say(\"c1\"); } internal_event_actions { base } }
 process main() { host { \"c1\" } instantiated_processes { low instof Round(); } internal_event_actions { low } }
 ";
 
-/// Every verb takes the names that other verbs print. An unknown name is refused with the most similar one.
+/// Every verb accepts the names that other verbs print. An unknown name is refused, together with the most similar
+/// one.
 #[test]
 fn every_verb_takes_the_names_that_others_print() {
     let cluster = Cluster::new();

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// A mission may wait for a busy machine.
+/// The time for a mission. It includes waiting for a busy machine.
 const MISSION: Duration = Duration::from_secs(120);
 
 #[test]
@@ -22,8 +22,8 @@ fn a_new_spec_runs_with_nothing_else() {
     assert!(again.err.contains("`door` is there already"), "{again}");
 }
 
-/// The program is the same text, built with this workspace; so only its folder is looked at here, and it is built as a
-/// crate of its own below.
+/// The program has the same text as one of this workspace. So this test only checks its folder. Another test below
+/// builds it as a separate crate.
 #[test]
 fn a_new_program_runs() {
     let cluster = Cluster::new();
@@ -36,7 +36,7 @@ fn a_new_program_runs() {
     let path = read("Cargo.toml").lines().find_map(|line| Some(line.split_once("path = \"")?.1.to_owned())).unwrap();
     let path = Path::new(path.trim_end_matches("\" }"));
     assert!(path.is_absolute() && path.join("src/sdk.rs").is_file(), "{path:?}");
-    // The versions that are tested here, and how zenoh has to be built.
+    // The crate has the versions that are tested here, and the settings for building zenoh.
     let clone = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     for shared in ["Cargo.lock", ".cargo/config.toml"] {
         assert_eq!(read(shared), std::fs::read_to_string(clone.join(shared)).unwrap(), "{shared}");
@@ -47,8 +47,8 @@ fn a_new_program_runs() {
     assert!(ran.out.contains("robot: done"), "{ran}");
 }
 
-/// The new program is a crate outside of this workspace, which cargo builds with the versions and settings that came
-/// with it.
+/// The new program is a crate outside of this workspace. Cargo builds it with the versions and settings that came with
+/// it.
 #[test]
 #[ignore = "builds a hundred crates, which takes many minutes the first time: run it with `--ignored`"]
 fn a_new_program_is_a_crate_that_builds_on_its_own() {
@@ -57,12 +57,12 @@ fn a_new_program_is_a_crate_that_builds_on_its_own() {
     let made = here.ask(&["new", "--sdk", "robot"]);
     assert_eq!(made.code, Some(0), "{made}");
     let folder = cluster.folder().join("robot");
-    // The build is kept for the next time. A program by this name is found in no other folder.
+    // The build is kept for the next time. No other folder contains a program with this name.
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new-sdk");
     let cargo = |verb: &str| {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args([verb, "--offline", "--target-dir"]).arg(&target).current_dir(&folder);
-        // Variables that cargo sets for the tests of this workspace are not for another build.
+        // The variables that cargo sets for the tests of this workspace are not for another build.
         for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("CARGO_PKG_")) {
             cargo.env_remove(name);
         }
@@ -70,7 +70,7 @@ fn a_new_program_is_a_crate_that_builds_on_its_own() {
         assert!(ended.status.success(), "cargo {verb}: {}", String::from_utf8_lossy(&ended.stderr));
     };
     cargo("build");
-    // Its own test runs the controllers on virtual time.
+    // The crate's own test runs the controllers on virtual time.
     cargo("test");
     let program = target.join("debug/robot").display().to_string();
     let ran = here.dca(&["run", "--no-record", "--controllers", &program, "robot/robot.dca"]).ended(MISSION);

@@ -1,4 +1,4 @@
-//! The exports of running programs: `dca call` and `dca get`, from program to program and from the command line.
+//! The exports of running programs: `dca call` and `dca get`, from another program and from the command line.
 
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
@@ -38,7 +38,8 @@ fn deployed_spec(cluster: &Cluster, name: &str, text: &str) -> (Host, [Program; 
     (here, [node, deploy])
 }
 
-/// Procedures are called with values as in a spec, and states are read; a program drives another one through a third.
+/// Procedures are called with values in the form of a spec, and states are read. A program drives another one through a
+/// third.
 #[test]
 fn what_is_exported_is_called_and_read() {
     let cluster = Cluster::new();
@@ -54,7 +55,7 @@ fn what_is_exported_is_called_and_read() {
         assert!(cells.contains(&row.to_vec()), "{listed}");
     }
     assert!(listed.out.contains("Go { speed: Speed } -> Place { travelled: Length, speed: Speed }"), "{listed}");
-    // The trip wants 2 m/s, and the guard lets half a metre a second pass.
+    // The trip asks for 2 m/s, and the guard allows half a metre each second.
     let moves = |_: &Value| true;
     let read = || {
         let got = here.ask(&["get", "levels:main/wheels.place", "--within", "60"]);
@@ -66,7 +67,7 @@ fn what_is_exported_is_called_and_read() {
     assert!(later.is_some_and(|place| place["speed"].as_f64().unwrap() <= 0.5), "it does not move");
 }
 
-/// A failed call says why in one sentence, with the exit code of its cause.
+/// A failed call gives the reason in one sentence, with the exit code of its cause.
 #[test]
 fn what_cannot_be_called_says_why() {
     let cluster = Cluster::new();
@@ -88,16 +89,17 @@ fn what_cannot_be_called_says_why() {
         let asked = here.ask(arguments);
         assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");
     }
-    // The states of a program that is not active can still be read.
+    // The states of an inactive program can still be read.
     let idle = here.ask(&["get", "idle.place", "--within", "60"]);
     assert!(idle.code == Some(0) && idle.out.contains("\"speed\":0.0"), "{idle}");
 }
 
-/// The fate of a call whose program is suspended is unknown: this is reported, and not that nothing happened.
+/// The result of a call is unknown if its program is suspended. The command reports this, and does not claim that
+/// nothing happened.
 #[test]
 fn a_program_that_is_suspended_in_a_call() {
     let cluster = Cluster::new();
-    // No other program calls them: a trip gives up after a second, and then all of it is stopped.
+    // Other programs do not call the wheels. A trip gives up after a second, and then everything is stopped.
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.expect_leaf("main/wheels");
     let first = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
@@ -105,20 +107,20 @@ fn a_program_that_is_suspended_in_a_call() {
     wheels.signal(Signal::STOP);
     let late = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
     let told = "no answer within 1 s; it may have been carried out";
-    // A suspended program may also take no new link.
+    // A suspended program may also accept no new link.
     assert!(late.code == Some(3) && (late.err.contains(told) || late.err.contains("cannot reach")), "{late}");
     wheels.signal(Signal::CONT);
     let again = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
     assert_eq!(again.code, Some(0), "{again}");
 }
 
-/// A program that is dead while its mission goes on is not dialled.
+/// A dead program is not dialled while its mission continues.
 #[test]
 fn a_program_that_is_dead() {
     let cluster = Cluster::new();
     let (here, _running) = deployed(&cluster);
     cluster.expect_leaf("main/idle").signal(Signal::KILL);
-    // Its node may not have noticed yet.
+    // The node of the program may not have noticed yet.
     let call = || here.ask(&["call", "idle.Drive", "speed=0.1 m/s", "--within", "3600"]);
     wait_until(SOON, || call().err.contains("does not run"));
     let called = call();
@@ -127,7 +129,7 @@ fn a_program_that_is_dead() {
     assert!(listed.code == Some(0) && listed.out.contains("levels:main/wheels"), "{listed}");
 }
 
-/// A program that has only been started is not reported as having no exports; a caller that has the time waits for it.
+/// A program that has only just started is not reported as having no exports. A caller that has time waits for it.
 #[test]
 fn a_program_that_has_not_begun_yet() {
     let cluster = Cluster::new();
@@ -146,14 +148,14 @@ fn a_program_that_has_not_begun_yet() {
     assert_eq!(later.code, Some(0), "{later}");
 }
 
-/// A caller of a program that is suspended and then killed hears of its end as soon as the program's node knows it.
+/// The caller of a program that is suspended and then killed hears of its end as soon as the program's node knows it.
 #[test]
 fn a_program_that_is_killed_before_it_answers() {
     let cluster = Cluster::new();
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.expect_leaf("main/wheels");
     wheels.signal(Signal::STOP);
-    // A connection that is not yet accepted is listed under the name of the socket.
+    // The list shows a connection that is not yet accepted under the name of the socket.
     let folder = here.run_dir().display().to_string();
     let dialled = || {
         let sockets = std::fs::read_to_string("/proc/net/unix").expect("it can be read");
@@ -167,7 +169,7 @@ fn a_program_that_is_killed_before_it_answers() {
     assert!(ended.code == Some(1) && ended.err.contains("`main/wheels` ended before it could be asked"), "{ended}");
 }
 
-/// A program behind a link that is cut cannot be reached. The answer does not claim that nothing happened there.
+/// A program behind a cut link is unreachable. The answer does not claim that nothing happened there.
 #[test]
 fn a_program_behind_a_cut_link() {
     let cluster = Cluster::new();
@@ -191,15 +193,15 @@ fn a_program_behind_a_cut_link() {
     assert!(ended.code == Some(3) && ended.err.contains(told), "{ended}");
 }
 
-/// A command that runs until it is ended ends when its reader has gone, whether it has output or not, and also when it
-/// cannot write.
+/// A command without an end of its own ends when its reader has gone. This holds with and without output, and also if
+/// it cannot write.
 #[test]
 fn what_nobody_reads_ends() {
     let cluster = Cluster::new();
     let (here, _running) = deployed(&cluster);
     let dca = executable("dca").display().to_string();
     let ended = |arguments: &[&str], reader: &str| {
-        // The limit of `timeout` only matters for a command that does not end.
+        // The limit of `timeout` matters only for a command that does not end.
         let script = format!("timeout 60 \"$@\" {reader}; exit ${{PIPESTATUS[0]}}");
         let mut command = std::process::Command::new("bash");
         command.args(["-c", &script, "bash", &dca]).args(arguments).arg("--run-dir").arg(here.run_dir());

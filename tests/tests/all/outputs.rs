@@ -1,4 +1,4 @@
-//! The output of programs, in any amount and with any reader: it arrives whole, and blocks nothing else.
+//! The output of programs, in any amount and with any reader. It arrives whole, and blocks nothing else.
 
 use cli::io::recorder;
 use dca_tests::cluster::{Cluster, SOON, Stream, executable, wait_until};
@@ -6,11 +6,11 @@ use rustix::process::Signal;
 use std::process::Command;
 use std::time::Duration;
 
-/// How long a program writes that writes much.
+/// How long a program with much output writes.
 const WRITING: Duration = Duration::from_secs(60);
 
-/// A program on c2 that writes `count` times 50,000 bytes, a tenth of a second apart, each with its number, and is
-/// done.
+/// Returns a spec of a program on c2 that writes `count` times 50,000 bytes, each time with its number. Between them is
+/// a tenth of a second, and then the program is done.
 fn talker(count: u32) -> String {
     let line = "x".repeat(99);
     format!(
@@ -25,8 +25,8 @@ process main() {{ host {{ c1 }}
     )
 }
 
-/// A reader that takes no output for a while blocks neither the program, nor the mission, nor its record. A reader with
-/// a pager reads on after the pause; a suspended reader is told of the gap.
+/// A reader that takes no output for a while does not block the program, the mission or its record. A reader with a
+/// pager continues after the pause, and a suspended reader is told of the gap.
 #[test]
 fn a_reader_of_much_output_that_pauses_ends_no_mission() {
     let cluster = Cluster::new();
@@ -57,7 +57,7 @@ fn a_reader_of_much_output_that_pauses_ends_no_mission() {
     assert_eq!(std::fs::read_to_string(code).expect("it was written"), "0\n");
     let numbers: Vec<u32> = out.lines().filter_map(|line| line.strip_prefix("piece ")?.parse().ok()).collect();
     assert!(numbers.is_sorted() && numbers.last() == Some(&150), "{numbers:?}");
-    // It was away while more was written than is kept.
+    // During the reader's absence, more may be written than is kept.
     assert!(numbers.len() == 150 || out.contains("output may be missing here"), "{numbers:?}");
     for reader in suspended {
         reader.signal(Signal::CONT);
@@ -67,7 +67,7 @@ fn a_reader_of_much_output_that_pauses_ends_no_mission() {
 }
 
 /// Output of more than a megabyte is printed and recorded whole, and so is the output of another program beside it. It
-/// comes in two pieces that a shim holds, 1 MiB, however slow the disk is.
+/// comes in two pieces that a shim holds, 1 MiB, even if the disk is slow.
 #[test]
 fn much_output_is_printed_and_recorded_whole() {
     let cluster = Cluster::new();
@@ -110,7 +110,7 @@ process main() { host { c1 }
     assert!(talked == expected, "{} of {} bytes", talked.len(), expected.len());
 }
 
-/// A folder for sockets may be a relative path; and an incomplete record is not used as a complete one.
+/// A folder for sockets may be a relative path. An incomplete record is never used as a complete one.
 #[test]
 fn a_record_that_is_not_whole_is_told() {
     let cluster = Cluster::new();
@@ -126,7 +126,7 @@ process main() { host { c1 } instantiated_processes { once instof Once(c1); } in
     assert!(whole.code == Some(0) && whole.out.ends_with("\n20000\n"), "{whole}");
     let record = cluster.folder().join("runs/once-1").join(recorder::FILE);
     let bytes = std::fs::read(&record).expect("it is there");
-    // Changes a digit in the program's output.
+    // This changes a digit in the program's output.
     let mut flipped = bytes.clone();
     let place = bytes.windows(7).position(|window| window == b"n12345\\").expect("it wrote that");
     flipped[place + 3] = b'9';

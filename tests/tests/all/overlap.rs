@@ -1,4 +1,4 @@
-//! Programs that are replaced while a source counts at 1 kHz through them: with `replace overlap` no number is lost or
+//! Programs are replaced while a source counts at 1 kHz through them. With `replace overlap`, no number is lost or
 //! doubled.
 //!
 //! `DCA_TEST_ROUNDS=1000 cargo test --test all overlap:: -- --ignored` replaces a program 1,000 times.
@@ -14,13 +14,13 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
 use std::time::Duration;
 
-/// A source, a program that passes its numbers on, and a sink.
+/// Writes a spec of a source, a program that passes its numbers on, and a sink.
 fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String {
     let text = format!("through instof Pass({pass}{arguments}) {{ {policy} }}",);
     spec_with(cluster, &text, "source, Out -> through, In queue 8000; through, Out -> sink, In queue 8000;", "through")
 }
 
-/// A source and a sink, with further instances, wires and event actions between them.
+/// Writes a spec of a source and a sink, with other instances, wires and event actions between them.
 fn spec_with(cluster: &Cluster, between: &str, wires: &str, actions: &str) -> String {
     let program = executable("dca-counting").display().to_string();
     let file = cluster.folder().join("sink").display().to_string();
@@ -44,18 +44,18 @@ fn spec_with(cluster: &Cluster, between: &str, wires: &str, actions: &str) -> St
     cluster.file("count.dca", &text)
 }
 
-/// Returns the program of each process: one, once a change is over.
+/// Returns the program of each process. Once a change is over, each process has one.
 fn pids(here: &Host) -> BTreeMap<String, u32> {
     assert!(wait_until(SOON, || here.pids().len() == 3).is_some());
     here.pids()
 }
 
-/// Stops the mission. Returns the runs of numbers that the sink has received.
+/// Stops the mission. Returns the runs of numbers in the sink.
 fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
     end_with(cluster, here, mission, &[])
 }
 
-/// The same, with these options.
+/// Does the same as [`end`], with additional options.
 fn end_with(cluster: &Cluster, here: &Host, mission: &Program, options: &[&str]) -> Vec<(u64, u64)> {
     let stop = here.ask(&[&["stop", "count"], options].concat());
     assert_eq!(stop.code, Some(0), "{stop}");
@@ -67,7 +67,7 @@ fn replace(here: &Host) -> Ended {
     here.ask(&["replace", "count", "through", "--probation", "0.3"])
 }
 
-/// Replaces a program again and again, and once by a changed spec. Every number comes.
+/// Replaces a program repeatedly, and once by a changed spec. Every number arrives.
 fn overlaps(cluster: &Cluster, here: &Host, (host, what): (&str, &str), times: u32) {
     let mission = here.mission(&spec(cluster, host, "", "replace overlap;"));
     let mut before = pids(here);
@@ -115,7 +115,7 @@ fn nothing_is_lost_between_two_hosts() {
     overlaps(&cluster, &here, ("c2", "between two hosts"), 2);
 }
 
-/// A version that fails after a while returns its connections to the previous program, which still runs.
+/// A version fails after a while, and returns its connections to the previous program, which still runs.
 #[test]
 fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     let cluster = Cluster::new();
@@ -127,7 +127,7 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     let why = "`count@1` is not changed: the new program of `main/through` was not healthy: it was to fail";
     assert!(bad.code == Some(1) && bad.err.contains(why), "{bad}");
     assert_eq!(pids(&here), before, "the program of before was never ended");
-    // A version that cannot even begin takes nothing.
+    // A version that cannot even begin takes over nothing.
     let worse = here.ask(&["deploy", &spec(&cluster, "c1", ", fails_at = -1", "replace overlap;")]);
     assert_eq!(worse.code, Some(1), "{worse}");
     assert_eq!(pids(&here), before);
@@ -135,14 +135,14 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     assert_eq!(good.code, Some(0), "{good}");
     assert!(mission.is_running());
     let runs = end(&cluster, &here, &mission);
-    // Only the numbers that the bad version had received and not passed on are lost.
+    // Only numbers that the bad version had received and not yet passed on are lost.
     assert!(runs.len() <= 2 && runs.windows(2).all(|pair| pair[0].1 < pair[1].0), "{runs:?}");
     let lost: u64 = runs.windows(2).map(|pair| pair[1].0 - pair[0].1 - 1).sum();
     println!("a bad version: {lost} numbers lost until the one before was back");
 }
 
-/// The node is killed at any moment of a replacement: one of the two programs stays, with its connections, and the
-/// mission goes on.
+/// The node is killed at any moment of a replacement. Exactly one of the two programs stays with its connections, and
+/// the mission continues.
 #[test]
 fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
     kill_while_they_overlap(2);
@@ -177,7 +177,7 @@ fn kill_while_they_overlap(times: u32) {
         assert!(mission.is_running(), "round {round}: {}", mission.text(Stream::Err));
         println!("killed after {at:?}: exit code {:?}, {}", told.code, told.err.trim());
     }
-    // The pending change goes on under the next node, and until it is over nothing else is changed.
+    // The pending change continues under the next node. Until it is over, other changes are refused.
     let mut last = replace(&here);
     let is_over = wait_until(2 * SOON, || {
         let is_over = !last.err.contains("is changing `count` at this moment");
@@ -195,7 +195,7 @@ fn kill_while_they_overlap(times: u32) {
     println!("{lost} numbers lost of {}", runs.last().map_or(0, |last| last.1));
 }
 
-/// Without overlap there is a gap, of the stop of the one and the start of the other.
+/// Without overlap there is a gap: the time of one program's stop and of the other's start.
 #[test]
 fn without_overlap_there_is_a_gap() {
     let cluster = Cluster::new();
@@ -223,7 +223,7 @@ fn without_overlap_there_is_a_gap() {
     );
 }
 
-/// Numbers go through two programs, on two hosts.
+/// Writes a spec in which numbers pass through two programs on two hosts.
 fn chain(cluster: &Cluster, [first, second]: [&str; 2]) -> String {
     let between = format!(
         "through instof Pass(c2{first}) {{ replace overlap; }} second instof Pass(c1{second}) {{ replace overlap; }}"
@@ -233,8 +233,8 @@ fn chain(cluster: &Cluster, [first, second]: [&str; 2]) -> String {
     spec_with(cluster, &between, wires, "through, second")
 }
 
-/// One host changes first, its program overlapping with the next; then the other. If the second host cannot follow, the
-/// first change is also taken back by overlap. Every number arrives.
+/// One host changes first, and then the other one. Each program overlaps with the next. If the second host cannot
+/// follow, the first change is also taken back with an overlap. Every number arrives.
 #[test]
 fn a_canary_overlaps_and_so_does_its_way_back() {
     let cluster = Cluster::new();
@@ -255,7 +255,7 @@ fn a_canary_overlaps_and_so_does_its_way_back() {
     assert!(good.code == Some(0) && good.out.contains("revision 2"), "{good}");
     assert_eq!(others(&before), ["main/second", "main/through"]);
     let before = pids();
-    // The next of the other host cannot begin, so it takes nothing.
+    // The next program of the other host cannot begin, so it takes over nothing.
     let bad = deploy(&chain(&cluster, [", fails_at = 1000003", ", fails_at = -1"]));
     assert!(bad.code == Some(1) && bad.err.contains("so `c2` is taken back"), "{bad}");
     assert_eq!(others(&before), ["main/through"], "it was changed, and changed back");
@@ -266,7 +266,7 @@ fn a_canary_overlaps_and_so_does_its_way_back() {
     println!("a canary there, and there and back: {} numbers, none lost", runs[0].1 - runs[0].0 + 1);
 }
 
-/// Makes a team of the nodes of two hosts, and starts them. Returns the options with the keys.
+/// Makes a team of the nodes on two hosts, and starts the nodes. Returns the options with the keys.
 fn team(cluster: &Cluster, desk: &Host, hosts: [&Host; 2]) -> (Vec<String>, [Program; 2]) {
     let passphrase = cluster.file("passphrase", "correct horse battery\n");
     fs::set_permissions(&passphrase, Permissions::from_mode(0o600)).expect("a file of ours");
@@ -289,8 +289,8 @@ fn team(cluster: &Cluster, desk: &Host, hosts: [&Host; 2]) -> (Vec<String>, [Pro
     (keys, [hosts[0].node("c1", &[]), hosts[1].node("c2", &[])])
 }
 
-/// In a team, wires are sealed, between hosts and on one host. The next program has different keys, and nothing is lost
-/// either.
+/// In a team, wires are sealed between hosts and within a host. The next program has different keys, and still nothing
+/// is lost.
 #[test]
 fn nothing_is_lost_in_a_team() {
     let Some(network) = Network::new(2) else { return };

@@ -1,4 +1,4 @@
-//! Parameters of running controllers: values of the database take effect, and meaningless values are refused.
+//! Parameters of running controllers: values from the database take effect, and meaningless values are refused.
 
 use controllers::sdk::Quantity;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
@@ -8,10 +8,10 @@ use node::logic::protocol::Change;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// The documented key; also the name of the deployment, and of the instance.
+/// The documented key. It contains the names of the deployment and of the instance.
 const KEY: &str = "robot/c3/params/door_opening/hit/force/threshold";
 
-/// A visitor pushes the hand again and again, with up to 60 N, until it is felt.
+/// A visitor pushes the hand repeatedly with up to 60 N, until the push is noticed.
 const SPEC: &str = concat!(
     "\n",
     hit_detector!("2 N"),
@@ -29,21 +29,21 @@ process main(){
 "#
 );
 
-/// A node `c3` with the mission on it.
+/// Starts a node `c3` with the mission on it.
 fn deploy(cluster: &Cluster) -> (Host, Program, Program) {
     deploy_with(cluster, "150.0")
 }
 
-/// The same, with another threshold in the database.
+/// Starts them like [`deploy`], with another threshold in the database.
 fn deploy_with(cluster: &Cluster, threshold: &str) -> (Host, Program, Program) {
     let here = cluster.here();
     let node = here.node("c3", &[]);
     let file = cluster.file("door_opening.dca", SPEC);
-    // Before the program runs it is unknown whether such a parameter exists; the value counts anyway.
+    // Before the program runs, it is unknown whether such a parameter exists. The value takes effect anyway.
     let early = here.ask(&["db", "put", KEY, threshold]);
     assert_eq!(early.code, Some(0), "{early}");
     assert!(early.err.contains("note: `door_opening` does not run on `c3` now"), "{early}");
-    // A value that no program takes is refused as soon as this is known.
+    // A value that no program uses is refused as soon as this is known.
     let misspelt = KEY.replace("threshold", "treshold");
     let early = here.ask(&["db", "put", &misspelt, "5.0"]);
     assert_eq!(early.code, Some(0), "{early}");
@@ -68,10 +68,10 @@ fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
     let told =
         format!("`{KEY}` is 150.0 N in the database, the spec says 0 N; `dca param unset door_opening:hit/force");
     assert!(mission.text(Stream::Err).contains(&told), "{}", mission.text(Stream::Err));
-    // Another terminal sees the same.
+    // Another terminal shows the same.
     let attached = here.dca(&["attach", "door_opening"]);
     attached.wait_for(Stream::Err, "▸", SOON);
-    // A whole push, and the next one: nothing is felt below 150 N.
+    // This takes a whole push, and the next one. The threshold of 150 N is never exceeded.
     pass(Duration::from_secs(6));
     assert!(mission.is_running(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
     let changed = here.ask(&["db", "put", KEY, "5.0", "-m", "it has to feel a push"]);
@@ -81,7 +81,7 @@ fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
         assert_eq!(ended.code, Some(0), "{ended}");
         assert!(ended.out.contains("hit/force was told that `threshold` is 5.0"), "{ended}");
     }
-    // A change stays, and can be taken back when nothing runs.
+    // A change remains, and can be taken back while nothing runs.
     for (name, code, why) in [
         ("hit/forse", 1, "no program `hit/forse` runs"),
         ("door_opening/hit/force", 0, "is deleted"),
@@ -128,17 +128,17 @@ fn what_no_controller_takes_is_refused() {
         ["door_opening:main/hit/force", "threshold", "150.0 N", "0.0 N", "Force in 0 N..200 N"],
         "{list}"
     );
-    // The existing key is changed, not another one with a different precedence.
+    // This changes the existing key, and does not make another one with a different precedence.
     check(&["param", "set", "hit/force", "threshold", "140"], 0, KEY);
     check(&["db", "get", KEY], 0, "140.0");
     check(&["param", "unset", "hit/threshold", "threshold"], 1, "was not changed");
     check(&["param", "unset", "hit/force", "threshold"], 0, KEY);
-    // Without a threshold the push is felt.
+    // Without a threshold, the push is noticed.
     let ended = mission.ended(Duration::from_secs(60));
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
-/// The real door has the documented parameter, and an argument out of its range makes the spec invalid.
+/// The real door has the documented parameter. An argument out of the parameter's range makes the spec invalid.
 #[test]
 fn arguments_are_compared_with_the_interfaces() {
     let cluster = Cluster::new();
@@ -170,7 +170,7 @@ fn arguments_are_compared_with_the_interfaces() {
     assert_eq!(here.ask(&["check", &file]).code, Some(0));
 }
 
-/// A length is not a force, wherever it is written; a force arrives in newtons.
+/// A length is not a force, wherever it is written. A force arrives in newtons.
 #[test]
 fn a_quantity_of_another_kind_is_refused_everywhere() {
     let cluster = Cluster::new();
@@ -184,7 +184,7 @@ fn a_quantity_of_another_kind_is_refused_everywhere() {
         let refused = here.ask(&["check", &file]);
         assert!(refused.code == Some(1) && refused.err.contains(why), "{why}: {refused}");
     }
-    // Stored before its parameter is known, with a unit: the program gets newtons.
+    // The value is stored with a unit before its parameter is known. The program receives newtons.
     let (here, _node, mission) = deploy_with(&cluster, "0.15 kN");
     let why = "`threshold` cannot be `20 m`: expected a Force from 0 to 200 N, not a Length; write it in `N` or `kN`";
     let tx = cluster.file("tx", &format!("put {KEY} 20 m\n"));
@@ -204,7 +204,7 @@ fn a_quantity_of_another_kind_is_refused_everywhere() {
     }
     let value = || here.ask(&["param", "get", "hit/force", "threshold"]).out;
     assert_eq!(value(), "150.0\n");
-    // It does count: no push of 60 N is felt.
+    // The value takes effect: no push of 60 N is noticed.
     pass(Duration::from_secs(6));
     assert!(mission.is_running(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
     let set = here.ask(&["param", "set", "hit/force", "threshold", "0.14 kN"]);
@@ -230,7 +230,7 @@ fn the_quantities_of_the_sdk_are_those_of_the_language() {
     assert_eq!(declared["A"].as_deref().unwrap()[0].accepts, Accepts::Number, "an older interface means what it did");
 }
 
-/// A key is not a path of a file system; a key with `..` is a mistake.
+/// A key is not a path in a file system. A key with `..` is an error.
 #[test]
 fn a_key_that_walks_is_refused() {
     let cluster = Cluster::new();
@@ -258,7 +258,7 @@ fn a_key_that_walks_is_refused() {
     }
 }
 
-/// A parameter that is changed while a mission runs is in its record, where a viewer shows it.
+/// If a parameter is changed while a mission runs, the change is in the record, and a viewer shows it.
 #[test]
 fn a_change_of_a_parameter_is_in_the_record() {
     let cluster = Cluster::new();
@@ -292,7 +292,7 @@ fn a_change_of_a_parameter_is_in_the_record() {
     assert!(ended.out.contains("hit/force was told that `threshold` is 140"), "{ended}");
 }
 
-/// Whether a program runs on a host that does not answer is not known: it is not denied.
+/// It is unknown whether a program runs on a host that does not answer, so the answer does not deny it.
 #[test]
 fn a_program_on_a_host_that_does_not_answer_is_not_denied() {
     let cluster = Cluster::new();

@@ -1,5 +1,6 @@
-//! Numbers that are not finite at every input of every law, in every phase of the mission, on virtual time. Nothing
-//! panics, nothing hangs, no command with such a number reaches a device, and the reported end of the mission is true.
+//! Numbers that are not finite, at every input of every law, in every phase of the mission, on virtual time. Nothing
+//! panics and nothing hangs. No command with such a number reaches a device, and the reported end of the mission is
+//! true.
 
 use comms::logic::time::Time;
 use controllers::message::{
@@ -19,14 +20,14 @@ const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 const THROUGH: &str = include_str!("../../../specs/door_through.dca");
 const WORLD: &str = "main/world";
 const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
-/// The greatest force in any run, whatever is poisoned (N).
+/// The greatest force in any run, whatever the poison (N).
 const FORCE_MAX: f64 = 100.0;
-/// The time between two poisoned samples: each counts as one missing sample.
+/// The time between two poisoned samples. Each counts as one missing sample.
 const APART: Duration = Duration::from_millis(24);
-/// An input with at least this many samples in a phase was poisoned in it.
+/// If an input has at least this many samples in a phase, it was poisoned in this phase.
 const SAMPLES: u64 = 12;
 
-/// Returns `bytes` with `number` in one place of the message; as it was if it has no number.
+/// Returns `bytes` with `number` in one place of the message. A message without a number is unchanged.
 fn poisoned(type_name: &str, bytes: &[u8], number: f64) -> Vec<u8> {
     macro_rules! with {
         ($($message:ident: $($place:ident)+ $([$index:literal])?,)+) => {
@@ -98,7 +99,7 @@ impl<const N: usize> Put for [f64; N] {
     }
 }
 
-/// Returns whether a command to a device has finite numbers; anything else has.
+/// Returns whether a command to a device has only finite numbers. Anything else counts as finite.
 fn is_finite(type_name: &str, bytes: &[u8]) -> bool {
     let all = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
     match type_name {
@@ -120,15 +121,15 @@ struct Flight {
     finish: Finish,
     angle: f64,
     worst: f64,
-    /// By input and phase, how many samples there were and how many were poisoned.
+    /// For each input and phase, the number of samples and the number of poisoned ones.
     samples: BTreeMap<(String, &'static str), (u64, u64)>,
 }
 
-/// Which samples are poisoned.
+/// The samples that are poisoned.
 enum Which<'a> {
-    /// Of each input one in each phase, with `number`.
+    /// One sample of each input in each phase, with `number`.
     OneOfEach,
-    /// Of the input `path port`, all from this phase on.
+    /// All samples of the input `path port`, from this phase on.
     All(&'a str, &'a str),
 }
 
@@ -175,13 +176,13 @@ fn phases() -> Vec<&'static str> {
     PHASES.iter().map(|(part, _)| *part).collect()
 }
 
-/// One refused sample counts as one missing sample: the door opens as usual.
+/// One refused sample counts as one missing sample, so the door opens as usual.
 fn expect_one_of_each_does_no_harm(spec: &str, phases: &[&'static str], angle_min: f64) {
     for number in NOT_FINITE {
         let flight = fly((spec, phases), &Which::OneOfEach, number);
         assert_eq!(flight.finish, Finish::Done, "{number}");
         assert!(flight.angle >= angle_min && flight.worst <= FORCE_MAX, "{number}: {flight:?}");
-        // The sample that zeroes the force sensor has no number.
+        // The sample that zeroes the force sensor contains no number.
         let missed = flight
             .samples
             .iter()
@@ -201,7 +202,8 @@ fn nor_does_it_on_the_way_through_the_door() {
     expect_one_of_each_does_no_harm(THROUGH, &[phases(), vec!["/letgo", "/passage"]].concat(), 60.0);
 }
 
-/// A mission whose input has only poisoned samples from one phase on. It may end well if another sensor is enough.
+/// Flies a mission in which one input has only poisoned samples from one phase on. It may end well if another sensor
+/// is sufficient.
 fn expect_true_end(input: &str, phase: &str, number: f64) -> String {
     let flight = fly((DOOR, &phases()), &Which::All(input, phase), number);
     let what = format!("{number} at `{input}` from {phase} on");
@@ -216,7 +218,7 @@ fn expect_true_end(input: &str, phase: &str, number: f64) -> String {
     }
 }
 
-/// Sensors with only such values: the reason names the device.
+/// Sensors with only such values. The reason names the device.
 #[test]
 fn a_sensor_that_says_nothing_finite_is_named() {
     for (input, phase, number) in [

@@ -1,4 +1,4 @@
-//! The fate of programs that die, and of programs on a host that is cut off, under the policies of the spec.
+//! The consequences for programs that die, and for programs on a cut-off host, under the policies of the spec.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, Trace, Turn, spec, wait_until};
@@ -8,7 +8,7 @@ use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(120);
 
-/// Returns how often a program was started again, and how often it went on with its activation then.
+/// Returns how often a program was restarted, and how often it then continued its activation.
 fn restarts(trace: &Trace, leaf: &str) -> (usize, usize) {
     let changes = trace.changes(leaf);
     let count = |is: fn(&Change) -> bool| changes.iter().filter(|change| is(change)).count();
@@ -21,7 +21,7 @@ fn kill(cluster: &Cluster, leaf: &str) {
 }
 
 /// The laser, the servoing law, the law that moves the robot, and a hand that waits for its turn are killed while the
-/// robot servos. Three hosts run in one command; the wires cross two of them. The door still opens.
+/// robot servos. Three hosts run in one command, and wires cross two of them. The door still opens.
 #[test]
 fn the_door_opens_although_programs_died() {
     let _turn = Turn::take();
@@ -73,8 +73,8 @@ fn what_dies_too_often_is_given_up() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A source on one host feeds two monitors on another. The source is killed twice and one monitor in between. The other
-/// monitor keeps hearing the source, so programs that dial are told across hosts.
+/// A source on one host feeds two monitors on another. The source is killed twice, and one monitor in between. The
+/// other monitor continues to receive values, so dialling programs are informed across hosts.
 #[test]
 fn who_is_started_again_is_found_from_other_hosts() {
     let cluster = Cluster::new();
@@ -94,7 +94,7 @@ fn who_is_started_again_is_found_from_other_hosts() {
         }";
     let mission = hosts[0].dca(&["deploy", &cluster.file("beats.dca", text)]);
     mission.wait_for(Stream::Err, "▸", SOON);
-    // A program that is killed before it resumes its activation resumes it only once.
+    // A program that is killed before it resumes its activation still resumes it only once.
     let running = |leaf: &str| {
         let path = format!("main/{leaf}");
         let is_running =
@@ -115,7 +115,7 @@ fn who_is_started_again_is_found_from_other_hosts() {
         let first = received.iter().find(|sample| sample.stamp >= killed_at)?.value;
         Some((first, received.last()?.value))
     };
-    // The record shows the values so far while it is written.
+    // While the record is being written, it already shows the values so far.
     let runs = cluster.folder().join("runs/beats-1");
     let is_heard = || beats(&Trace::so_far(&runs)).is_some_and(|(first, last)| last > first + 50.0);
     wait_until(SOON, is_heard).unwrap_or_else(|| panic!("few beats: {:?}", beats(&Trace::so_far(&runs))));
@@ -127,7 +127,8 @@ fn who_is_started_again_is_found_from_other_hosts() {
     end(&cluster, nodes);
 }
 
-/// The host of three programs is cut off: one stops by its own policy, one with its host, one goes on until it is back.
+/// The host of three programs is cut off. One program stops by its own policy, one stops with its host, and one
+/// continues until the host is back.
 #[test]
 fn a_host_that_is_cut_off_does_as_its_programs_say() {
     let cluster = Cluster::new();
@@ -170,7 +171,7 @@ const SHORT: &str = "
         internal_event_actions { near }
     }";
 
-/// A host is cut off for longer than allowed, and returns: its group is restarted, and a wire across the cut carries
+/// A host is cut off for longer than allowed, and returns. Its group is restarted, and a wire across the cut carries
 /// data again.
 #[test]
 fn a_lost_host_takes_part_again() {
@@ -215,7 +216,7 @@ fn a_lost_host_takes_part_again() {
         nodes[1].text(Stream::Err)
     );
     assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "{}", hosts[0].ask(&["status"]));
-    // The folders of the last eight finished deployments are kept; the first part of this one counts as well.
+    // The folders of the last eight finished deployments are kept. The first part of this deployment is one of them.
     let short = cluster.file("short.dca", SHORT);
     for _ in 0..9 {
         let done = hosts[0].ask(&["deploy", "--no-record", &short]);
@@ -228,8 +229,8 @@ fn a_lost_host_takes_part_again() {
     end(&cluster, nodes);
 }
 
-/// The node of a host is killed, or suspended, for longer than allowed, and the program there dies in the meantime. It
-/// is not restarted for a mission that has gone on without it.
+/// The node of a host is killed or suspended for longer than allowed, and in the meantime the program there dies. It is
+/// not restarted for a mission that has continued without it.
 #[test]
 fn a_node_that_was_away_too_long_runs_nothing_again() {
     let cluster = Cluster::new();
@@ -280,8 +281,8 @@ fn a_node_that_was_away_too_long_runs_nothing_again() {
     end(&cluster, [home]);
 }
 
-/// The host of a program that holds the arm is cut off, and the program goes on there: the arm is not given to another
-/// program until that host is back and has ended it.
+/// The host of a program that holds the arm is cut off, and the program continues there. Another program gets the arm
+/// only after that host is back and has ended the first program.
 #[test]
 fn what_a_host_that_is_cut_off_may_use_is_given_to_nobody() {
     let cluster = Cluster::new();

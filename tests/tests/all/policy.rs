@@ -1,5 +1,5 @@
-//! The execution policy of a node, with real programs: admitted programs run within their limits. Others are refused
-//! before anything runs, with the rule, the file and the line.
+//! The execution policy of a node, with real programs. Admitted programs run within their limits. Other programs are
+//! refused before anything runs, with the rule, the file and the line.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, Trace, executable, wait_until};
 use rustix::process::Signal;
@@ -8,7 +8,8 @@ use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Returns a spec with one program on `c1`: its command, and more of its module and its instance.
+/// Returns a spec with one program on `c1`. The arguments are its command, and additions to its module and its
+/// instance.
 fn spec(command: &str, module: &str, instance: &str) -> String {
     format!(
         "module Tool(host) {{ exec \"{command}\"; plain; done; {module} }}
@@ -20,12 +21,12 @@ fn spec(command: &str, module: &str, instance: &str) -> String {
     )
 }
 
-/// The rule without which a test that is root starts nothing.
+/// Returns the rule that a test running as root needs to start anything.
 fn own_user() -> &'static str {
     if rustix::process::getuid().is_root() { "root = true" } else { "root = false" }
 }
 
-/// Gives the node a policy; returns its path.
+/// Gives a policy to the node, and returns its path.
 fn put(host: &Host, name: &str, text: &str) -> PathBuf {
     let folder = host.state().join(name);
     fs::create_dir_all(&folder).expect("a folder of ours");
@@ -34,7 +35,7 @@ fn put(host: &Host, name: &str, text: &str) -> PathBuf {
     file
 }
 
-/// The path of a program as a policy sees it.
+/// Returns the path of a program, as a policy sees it.
 fn real(program: &str) -> PathBuf {
     fs::canonicalize(program).expect("it is there")
 }
@@ -71,7 +72,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
         deploy(&cluster, &spec(&format!("sh -c 'ulimit -n > {limits}; ulimit -v >> {limits}'"), "claims arm;", ""));
     assert_eq!(admitted.code, Some(0), "{admitted}");
     let told = fs::read_to_string(&limits).expect("it ran");
-    // A control group limits memory where this host lets a program have one.
+    // If this host lets a program have a control group, the group limits its memory.
     let expected = [format!("77\n{}\n", 4_000_000_000_u64 / 1024), "77\nunlimited\n".to_owned()];
     assert!(expected.contains(&told), "what the spec does not limit, the node does: {told}");
 
@@ -96,7 +97,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     expect_refused(&camera, &format!("{why}no program may claim `camera` on this node (rule `devices`, {}", place(6)));
     assert!(!ran.exists(), "nothing has run");
 
-    // The file is read at each start, and a file with an error admits nothing.
+    // The file is read at each start. A file with an error admits nothing.
     put(&host, "c1", "hurry = true");
     expect_refused(&deploy(&cluster, &spec(&touch, "", "")), "cannot be used: line 1: unknown field `hurry`");
     assert!(!ran.exists(), "nothing has run");
@@ -109,7 +110,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     let shown = host.ask(&["status"]);
     assert!(shown.out.contains(&format!("policy {}, sandbox standard", file.display())), "{shown}");
     let in_use = host.statuses(&[])[0].policy.clone().expect("one holds");
-    // Its programs run as the user that owns it.
+    // The node's programs run as the user that owns it.
     let weak = format!("standard; `{}`, as whom programs run, could change it", own_name());
     assert_eq!((in_use.file, in_use.sandbox), (file.display().to_string(), weak));
     fs::remove_file(&file).expect("a file of ours");
@@ -150,19 +151,19 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
         let said = doctor();
         assert!(said.contains(&format!("ok       policy       `{}` limits the programs", file.display())), "{said}");
     }
-    // A file too long to be written by hand is reported, with the limit.
+    // A file that is too long to be handwritten is reported, with the limit.
     put(&host, "c1", &"# much\n".repeat(5_000_000));
     let said = doctor();
     assert!(said.contains("cannot be used: it is longer than 256 KiB"), "{said}");
 }
 
-/// The name of the user of this test.
+/// Returns the name of the user of this test.
 fn own_name() -> String {
     let name = Command::new("id").arg("-un").output().expect("it is part of every system");
     String::from_utf8_lossy(&name.stdout).trim().to_owned()
 }
 
-/// A root node starts programs as a user without rights; a program for which this is impossible is refused.
+/// A node with root rights starts programs as a user without rights. A program is refused if this is impossible.
 #[test]
 fn programs_run_as_the_user_of_the_policy_without_rights() {
     if !rustix::process::getuid().is_root() {
@@ -191,8 +192,8 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     assert_eq!(sandbox.as_deref(), Some("none; `root`, as whom programs run, could change it"));
 }
 
-/// Controllers and programs that report to the watchdog also run as the user of the policy. They talk to their node and
-/// to each other, return to a restarted node, and read nothing of the node.
+/// Controllers, and programs that report to the watchdog, also run as the user of the policy. They talk to their node
+/// and to each other, return to a restarted node, and read nothing of the node.
 #[test]
 fn controllers_run_as_the_user_of_the_policy() {
     if !rustix::process::getuid().is_root() {
@@ -204,7 +205,7 @@ fn controllers_run_as_the_user_of_the_policy() {
     for folder in [cluster.folder(), open.folder()] {
         fs::set_permissions(folder, Permissions::from_mode(0o711)).expect("a folder of ours");
     }
-    // Wherever this was built, `nobody` may execute it there.
+    // In this place `nobody` may execute it, wherever it was built.
     let library = open.folder().join("dca-controller");
     fs::copy(executable("dca-controller"), &library).expect("a folder of ours");
     put(&host, "c1", "user = \"nobody\"");
@@ -234,10 +235,10 @@ fn controllers_run_as_the_user_of_the_policy() {
         let found = fs::metadata(format!("/proc/{pid}")).expect("it runs").uid();
         assert_eq!(Some(found), nobody, "{path}");
     }
-    // The node's own folders are private, and the folder of its programs belongs to them.
+    // The node's own folders are private, and the folder of its programs belongs to the programs' user.
     let mode = |name: &str| fs::metadata(host.run_dir().join(name)).expect("it is there").mode() & 0o777;
     assert_eq!([mode("c1"), mode("c1+u"), mode("c1+u/beats.1")], [0o700, 0o710, 0o710]);
-    // A program that dies is restarted as the same user, and all return to a restarted node.
+    // A program that dies is restarted as the same user, and all programs return to a restarted node.
     node.kill();
     let _again = host.node("c1", &["--controllers", &library]);
     beats(50.0);
@@ -246,7 +247,7 @@ fn controllers_run_as_the_user_of_the_policy() {
     drop(mission.ended(SOON));
 }
 
-/// A program that runs keeps on running when the policy gets stricter, and is not started again.
+/// When the policy becomes stricter, a running program continues to run, but it is not restarted.
 #[test]
 fn a_stricter_policy_counts_from_the_next_start_on() {
     let cluster = Cluster::new();
@@ -263,7 +264,8 @@ fn a_stricter_policy_counts_from_the_next_start_on() {
     assert!(ended.code == Some(1) && format!("{ended}").contains(&why), "{ended}");
 }
 
-/// A link in another folder leads to a listed program while the node looks, and elsewhere when the program begins.
+/// A link in another folder leads to a listed program while the node checks it, and to another program when the program
+/// begins.
 #[test]
 fn a_link_that_is_turned_after_the_look_changes_nothing() {
     let cluster = Cluster::new();
@@ -304,7 +306,7 @@ fn a_link_that_is_turned_after_the_look_changes_nothing() {
     assert_eq!(ran, [Some(format!("{}\n", real(&good.display().to_string()).display())), None]);
 }
 
-/// In a team each refusal is a line of the audit log, although a deployer has signed the deployment.
+/// In a team, each refusal is a line in the audit log, even if a deployer has signed the deployment.
 #[test]
 fn each_refusal_is_in_the_audit_log() {
     let (cluster, Some(network)) = (Cluster::new(), Network::new(1)) else { return };

@@ -1,4 +1,4 @@
-//! The presence of nodes, through all changes of links, nodes and machines, and with other nodes of the same name.
+//! The presence of nodes through all changes of links, nodes and machines, and beside other nodes with the same name.
 
 use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
@@ -9,18 +9,18 @@ use node::logic::protocol::{NodeStatus, Ping};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// How long a node may hear another one before it lists it.
+/// The longest time from when a node first hears another until it lists it.
 const LISTED_WITHIN: Duration = Duration::from_secs(2);
-/// Rounds of disturbances; more with `DCA_TEST_ROUNDS`.
+/// The number of rounds of disturbances. `DCA_TEST_ROUNDS` can set a larger one.
 const ROUNDS: u64 = 4;
-/// Processes that want all of the machine, and are nicer than everybody else.
+/// The number of processes that ask for the whole machine. Their niceness is the highest.
 const BUSY: usize = 60;
-/// The log filter of the nodes, which also shows the nodes heard.
+/// The log filter of the nodes. It also shows which nodes they hear.
 const LOG: &str = "info,zenoh=error,node::logic::nameserver=debug";
-/// From one disturbance of a host to the next, at the most, in milliseconds.
+/// The longest time between two disturbances of a host, in milliseconds.
 const PAUSE_MAX_MS: u64 = 900;
 
-/// Starts so many hosts, the first three with a node that logs the nodes it hears.
+/// Starts this number of hosts. The first three have a node that logs which nodes it hears.
 fn start(hosts: usize) -> Option<Hosts> {
     Hosts::start(hosts, Some(LOG))
 }
@@ -40,7 +40,7 @@ fn carry_out(hosts: &mut Hosts, host: usize, act: Act) {
     }
 }
 
-/// Returns whether each node, asked at each host, is there and sees all others.
+/// Asks at each host, and returns whether each node is there and sees all others.
 fn all_see(hosts: &Hosts) -> bool {
     let sees = |number| {
         let ended = hosts.host(number).ask(&["status", "--json"]);
@@ -50,7 +50,7 @@ fn all_see(hosts: &Hosts) -> bool {
     (1..=NAMES.len()).all(sees)
 }
 
-/// Returns how long each node has heard another one, since a time, before it listed it.
+/// Returns for the time after `since` how long each node heard another node before it listed it.
 fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
     let mut delays = Vec::new();
     for (own, node) in NAMES.iter().zip(&hosts.nodes) {
@@ -58,7 +58,7 @@ fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
         for other in NAMES.iter().filter(|other| *other != own) {
             let heard = first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
             let Some(heard) = heard else { continue };
-            // This includes a node that is reached by way of the third.
+            // This includes a node that is reached through the third node.
             let listed = first(&log, heard, |line| {
                 ["is there:", "was started again:", "does not answer itself;"]
                     .iter()
@@ -70,14 +70,14 @@ fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
     delays
 }
 
-/// A disturbance of a host, or its end.
+/// A disturbance of a host, or the end of one.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     Cut,
     Heal,
     Down,
     Up,
-    /// Out of reach of all others that are kept apart.
+    /// The host cannot reach the others that are kept apart.
     Apart,
     Together,
     Kill,
@@ -86,7 +86,7 @@ enum Act {
     Go,
 }
 
-/// Returns when the first line of a log that is `wanted` was written at `since` or later, as the time of its day.
+/// Returns when a log first had a `wanted` line, at `since` or later, as the time of that day.
 fn first(log: &str, since: Duration, wanted: impl Fn(&str) -> bool) -> Option<Duration> {
     log.lines().filter(|line| wanted(line)).filter_map(stamp).find(|at| *at >= since)
 }
@@ -99,13 +99,13 @@ fn stamp(line: &str) -> Option<Duration> {
     Some(Duration::from_secs_f64(seconds))
 }
 
-/// Returns the time of the day as logs have it.
+/// Returns the time of day in the form of logs.
 fn time_of_day() -> Duration {
     let time = unix_time();
     Duration::new(time.as_secs() % 86_400, time.subsec_nanos())
 }
 
-/// Returns the disturbances of each host with their times, in milliseconds; at the end each host is as it was.
+/// Returns the disturbances of each host with their times, in milliseconds. At the end, each host is as before.
 fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
     let mut all = Vec::new();
     for host in 0..NAMES.len() {
@@ -119,7 +119,7 @@ fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
         for (begin, end, times_max) in kinds {
             let mut at = random.below(PAUSE_MAX_MS);
             for _ in 0..random.below(times_max) {
-                // Longer or shorter than the time to notice, without the range in between.
+                // Half of the disturbances are short. The others may last longer than the time for noticing them.
                 let longest = [200, 3000][usize::from(random.below(2) == 0)];
                 let time = 50 + random.below(longest);
                 all.extend([(at, host, begin), (at + time, host, end)]);
@@ -131,9 +131,9 @@ fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
     all
 }
 
-/// Links and interfaces that come and go, hosts that reach some others only, nodes that are suspended or killed, on a
-/// machine that is busy, in an order that is drawn: once all is well again each node lists each other that it hears
-/// within 2 s, and each answers when it is called.
+/// Links and interfaces come and go, hosts reach only some others, and nodes are suspended or killed, in a random order
+/// on a busy machine. Once everything is well again, each node lists each other node that it hears within 2 s, and each
+/// node answers calls.
 #[test]
 fn a_node_that_is_heard_is_listed_within_2_s() {
     let Some(mut hosts) = start(NAMES.len()) else { return };
@@ -159,7 +159,7 @@ fn a_node_that_is_heard_is_listed_within_2_s() {
     }
 }
 
-/// A mission on `c1` and `c2` that runs for ever.
+/// An endless mission on `c1` and `c2`.
 const TWICE: &str = "
 process main() {
     host { c1 }
@@ -175,7 +175,7 @@ fn deployed(hosts: &Hosts) -> Program {
     mission
 }
 
-/// Stops a mission that must not have been disturbed.
+/// Stops a mission. It must not have been disturbed.
 #[track_caller]
 fn undisturbed(hosts: &Hosts, mission: Program) {
     assert!(mission.is_running(), "{}", mission.text(Stream::Err));
@@ -189,8 +189,8 @@ fn undisturbed(hosts: &Hosts, mission: Program) {
     assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
 }
 
-/// Two people have a `c2` in one laboratory: the second node is refused and told, and so are the nodes that were there.
-/// The mission on the first one goes on, and can be stopped as usual.
+/// Two people have a `c2` in one laboratory. The second node is refused and told so, and the earlier nodes are also
+/// told. The mission on the first node continues, and can be stopped as usual.
 #[test]
 fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     let Some(hosts) = start(4) else { return };
@@ -202,18 +202,18 @@ fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     let told = "another node has this one's name, and is not dealt with";
     hosts.nodes[1].wait_for(Stream::Err, told, SOON);
     hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
-    // Longer than it takes to lose a node.
+    // This is longer than the time for losing a node.
     pass(Duration::from_secs(6));
     undisturbed(&hosts, mission);
 }
 
-/// The second comes up while the first is suspended: it does not take its place, and the mission goes on with the
-/// first.
+/// The second node comes up while the first is suspended. It does not take the first node's place, and the mission
+/// continues with the first.
 #[test]
 fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
     let Some(hosts) = start(4) else { return };
     let mission = deployed(&hosts);
-    // It waits for a network, so no node hears of it yet.
+    // The node waits for a network, so the other nodes do not yet hear of it.
     hosts.network.set(4, "link set eth0 down");
     let second = hosts.host(4).start_node("c2", &["--lan"]);
     second.wait_for(Stream::Err, "no network interface is up", SOON);
@@ -238,8 +238,8 @@ fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
     assert!(mission.ended(SOON).out.starts_with("twice: stopped after"));
 }
 
-/// Any client can make a token, or ask under another name: neither changes who can be reached, during the attempt and
-/// after.
+/// Any client can make a token, or ask under another name. Neither changes which nodes are reachable, during the
+/// attempt and afterwards.
 #[test]
 fn a_forged_token_does_not_disturb_a_mission() {
     if !alone("presence::a_forged_token_does_not_disturb_a_mission") {
@@ -263,7 +263,7 @@ fn a_forged_token_does_not_disturb_a_mission() {
     });
     forging.join().expect("the forger does not panic");
     hosts.nodes[0].wait_for(Stream::Err, "the node `c2` is heard, and not there", SOON);
-    // Longer than it takes to lose a node.
+    // This is longer than the time for losing a node.
     pass(Duration::from_secs(6));
     undisturbed(&hosts, mission);
 }

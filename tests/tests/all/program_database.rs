@@ -1,4 +1,4 @@
-//! Programs use the database of their robot: they write 100 keys/s, watch, and count with expected versions, while they
+//! Programs use the database of their robot. They write 100 keys/s, watch, and count with expected versions, while they
 //! are killed, cut off, or without a node.
 
 #![expect(clippy::print_stdout, reason = "a test says how long it took")]
@@ -10,15 +10,15 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::time::Duration;
 
-/// How many changes are waited for.
+/// The number of changes for which a test waits.
 const SOME: usize = 300;
-/// How long hosts are cut off: shorter than until they are taken for lost, which would end the mission.
+/// How long hosts are cut off. Hosts that are away for longer count as lost, which would end the mission.
 const CUT: Duration = Duration::from_secs(3);
-/// No answer of a database takes this long, even on a busy machine.
+/// No answer of a database takes as long as this, even on a busy machine.
 const LATE: Duration = Duration::from_secs(5);
 
-/// Deploys a spec of writers, watchers and counters; each is
-/// `(type, name, host, its other arguments, after its declaration)`.
+/// Deploys a spec of writers, watchers and counters. Each is `(type, name, host, its other arguments, after its
+/// declaration)`.
 fn deploy((cluster, here): (&Cluster, &Host), all: &[(&str, &str, &str, &str, &str)], expression: &str) -> Program {
     let program = executable("dca-keys").display().to_string();
     let instance = |(kind, name, host, arguments, after): &(&str, &str, &str, &str, &str)| {
@@ -43,7 +43,7 @@ fn deploy((cluster, here): (&Cluster, &Host), all: &[(&str, &str, &str, &str, &s
     mission
 }
 
-/// Returns the whole lines of a log that begin with a word, without it.
+/// Returns the complete lines of a log that begin with a word. The word itself is left out.
 fn lines(cluster: &Cluster, name: &str, word: &str) -> Vec<String> {
     let text = fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
@@ -51,7 +51,7 @@ fn lines(cluster: &Cluster, name: &str, word: &str) -> Vec<String> {
     whole.lines().filter_map(rest).collect()
 }
 
-/// Waits until a log has `more` further lines that begin with a word.
+/// Waits until a log has `more` additional lines that begin with a word.
 #[track_caller]
 fn wait_for_more(cluster: &Cluster, name: &str, word: &str, more: usize) {
     let before = lines(cluster, name, word).len();
@@ -60,7 +60,7 @@ fn wait_for_more(cluster: &Cluster, name: &str, word: &str, more: usize) {
     assert!(waited.is_some(), "`{name}` does not say `{word}` {more} times more: {text}");
 }
 
-/// A change as a watcher has heard it.
+/// A change in a watcher's log.
 struct Changed {
     at: u64,
     txn: String,
@@ -78,7 +78,7 @@ fn changes(cluster: &Cluster, name: &str) -> Vec<Changed> {
     lines(cluster, name, "changed").into_iter().map(read).collect()
 }
 
-/// Looks whether each change has all keys of its transaction, with one value.
+/// Checks that each change has all keys of its transaction, with the same value.
 #[track_caller]
 fn expect_whole(changes: &[Changed], keys: usize) {
     for change in changes {
@@ -87,7 +87,7 @@ fn expect_whole(changes: &[Changed], keys: usize) {
     }
 }
 
-/// Returns how long it took from the calculation that wrote to the calculation that got the news.
+/// Returns the times from the calculation that wrote to the calculation that received the news.
 fn figures(what: &str, changes: &[Changed]) -> Duration {
     let mut times: Vec<Duration> =
         changes.iter().map(|change| Duration::from_nanos(change.at.saturating_sub(change.values[0]))).collect();
@@ -121,11 +121,11 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     assert!(told.starts_with("begin\npresent ") && told.contains("\ncomplete\nchanged "), "{told}");
     let changes = changes(&cluster, "watcher");
     expect_whole(&changes, 1);
-    // From the first one to the last one, each acknowledged commit of the writer was reported once, in order.
+    // From the first to the last one, each acknowledged commit of the writer was reported once, in order.
     let number = |txn: &String| txn.split(':').nth(1).and_then(|seq| seq.parse::<u64>().ok()).expect("it is a name");
     let told: Vec<u64> = changes.iter().map(|change| number(&change.txn)).collect();
     assert!(told.is_sorted_by(|one, next| one < next), "{told:?}");
-    // A later put is committed later: each value is the time of its calculation.
+    // Later puts are committed later, and each value is the time of its calculation.
     let values: Vec<u64> = changes.iter().map(|change| change.values[0]).collect();
     assert!(values.is_sorted(), "{values:?}");
     let committed: BTreeSet<u64> = lines(&cluster, "writer", "committed").iter().map(number).collect();
@@ -140,7 +140,7 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     assert!(why[0].contains("is not written by programs"), "{why:?}");
 }
 
-/// Two programs count at one key, each 50 times: with expected versions no count is lost.
+/// Two programs count at one key, each 50 times. With expected versions, no count is lost.
 #[test]
 fn two_programs_count_at_one_key_and_lose_no_count() {
     let cluster = Cluster::new();
@@ -158,8 +158,8 @@ fn two_programs_count_at_one_key_and_lose_no_count() {
     println!("100 counts, {unmet} refused and tried again");
 }
 
-/// Two programs claim the same keys through ports that the spec connects: each key is claimed once, and both hear of
-/// all.
+/// Two programs claim the same keys through ports that the spec connects. Each key is claimed once, and both programs
+/// hear of all claims.
 #[test]
 fn ports_that_are_connected_with_keys_claim_each_key_once() {
     const COUNT: usize = 40;
@@ -196,7 +196,7 @@ fn ports_that_are_connected_with_keys_claim_each_key_once() {
     println!("{COUNT} keys claimed, {} refused to one of two", of("refused").concat().len());
 }
 
-/// `specs/claims.dca`: two explorers share out six rooms through ports; the quicker one has the room, and both know it.
+/// `specs/claims.dca`: two explorers share six rooms through ports. The faster one gets the room, and both know it.
 #[test]
 fn explorers_claim_each_room_once() {
     let cluster = Cluster::new();
@@ -209,13 +209,12 @@ fn explorers_claim_each_room_once() {
     let by = |room: u32| here.ask(&["db", "get", &format!("team/flat/claim/{room}")]).out;
     let all: Vec<String> = (1..=6).map(by).collect();
     assert!(all.iter().all(|by| by.contains("main/ann") || by.contains("main/bob")), "{all:?}");
-    // Claimed rooms stay claimed: a later explorer finds nothing to do, and says so.
+    // Claimed rooms stay claimed, so a later explorer finds nothing to do and says so.
     let again = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
     assert_eq!((again.code, (1..=6).map(by).collect()), (Some(0), all), "{again}");
 }
 
-/// In a team with keys two programs write the same keys: the spec connects one of them with the keys, and not the
-/// other.
+/// In a team with keys, two programs write the same keys. The spec connects only one of them with the keys.
 #[test]
 fn in_a_team_a_program_writes_what_its_spec_connects() {
     let cluster = Cluster::new();
@@ -278,7 +277,7 @@ fn in_a_team_a_program_writes_what_its_spec_connects() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
-/// The writer is killed several times between a put and its answer: a watcher and the database see only whole
+/// The writer is killed several times between a put and its answer. A watcher and the database see only whole
 /// transactions.
 #[test]
 fn a_program_that_is_killed_leaves_whole_transactions() {
@@ -296,7 +295,7 @@ fn a_program_that_is_killed_leaves_whole_transactions() {
         let is_up = || cluster.leaf("main/writer").is_some();
         assert!(wait_until(SOON, is_up).is_some(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
         wait_for_more(&cluster, "writer", "committed", 5);
-        // Not always at the same time after the last answer.
+        // The time since the last answer differs between rounds.
         pass(Duration::from_micros(1700 * round));
         let before = cluster.expect_leaf("main/writer");
         before.signal(Signal::KILL);
@@ -311,7 +310,8 @@ fn a_program_that_is_killed_leaves_whole_transactions() {
     println!("{} transactions of {KEYS} keys, all whole", changes.len());
 }
 
-/// The node is killed and restarted under its programs: their puts in between are answered, and a watch starts again.
+/// The node is killed and restarted while its programs run. Their puts in the meantime are answered, and a watch starts
+/// again.
 #[test]
 fn a_node_that_is_killed_leaves_its_programs_their_database() {
     let cluster = Cluster::new();
@@ -323,7 +323,7 @@ fn a_node_that_is_killed_leaves_its_programs_their_database() {
     ];
     let mission = deploy((&cluster, &here), &all, "watcher, writer");
     wait_for_more(&cluster, "watcher", "changed", 20);
-    // A program that reconnects is also told its parameters.
+    // A program that reconnects also receives its parameters.
     let put = here.ask(&["db", "put", "robot/c1/params/keys/writer/keys", "2.0"]);
     assert_eq!(put.code, Some(0), "{put}");
     node.kill();
@@ -339,13 +339,13 @@ fn a_node_that_is_killed_leaves_its_programs_their_database() {
     let count = |word| lines(&cluster, "writer", word).len();
     let [committed, refused, unknown] = ["committed", "refused", "unknown"].map(count);
     println!("{committed} committed, {refused} refused while there was no node, {unknown} unknown");
-    // A program that asks faster than its node answers is told so.
+    // A program that asks faster than its node answers is told this.
     let is_honest = |why: &String| why.contains("the node is away") || why.contains("have no answer yet");
     let why = lines(&cluster, "writer", "refused");
     assert!(why.iter().all(is_honest), "{why:?}");
 }
 
-/// Two hosts are cut off from each other: their programs go on, and both have everything when they meet again.
+/// Two hosts are cut off from each other. Their programs continue, and both have everything when they meet again.
 #[test]
 fn programs_of_hosts_that_are_cut_off_write_on() {
     let Some(hosts) = Hosts::start(3, None) else { return };

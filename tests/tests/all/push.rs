@@ -1,5 +1,5 @@
-//! Doors that the robot has to push: they open without touching jamb or leaf, and a law that is told the wrong
-//! direction reports it.
+//! Doors that the robot has to push. They open without contact with jamb or leaf. A law that is told the wrong direction
+//! reports it.
 
 use dca_tests::survey::{Group, Mission, Outcome, Row, fly_all, rows, table};
 use std::time::Duration;
@@ -11,7 +11,7 @@ fn mission(arguments: &str, told: Option<&'static str>) -> Mission {
     Mission { arguments: arguments.to_owned(), told, ..Mission::nominal() }
 }
 
-/// Before the hand turned about the handle, none did: the forearm would have had to pass through the jamb.
+/// None of these doors opened before the hand turned around the handle: the forearm would have had to pass through the jamb.
 #[test]
 fn doors_to_push_open_with_base_and_arm_clear_of_leaf_and_jambs() {
     for world in
@@ -47,7 +47,8 @@ fn doors_to_push_that_nobody_tuned_for_open() {
     assert!(flown.len() == 4 && all.all(Outcome::is_strict), "{}", table::failures(&flown));
 }
 
-/// Each failed once: a strong lever crept up while the hand found out which way the door opens, and its latch held the leaf.
+/// Each of these failed once: a strong lever slowly rose while the hand determined the direction of the door, and its latch
+/// held the leaf.
 const UNTUNED: [&str; 2] = [
     "seed = 58, side = \"right\", radius = 0.74 m, lever_torque = 1.3 Nm, lever_length = 0.085 m, latch_angle = 0.65 rad",
     "seed = 6, closer = 2.2 Nm, friction = 5 Nm, lever_torque = 1.4 Nm, latch_angle = 0.619 rad, stiffness = 3000 N/m",
@@ -62,7 +63,7 @@ fn doors_with_strong_levers_are_pushed_gently() {
     }
 }
 
-/// During the opening the laser loses sight of the wall, so wheels that turned on the spot made doors of 53 and 58
+/// During the opening, the laser loses sight of the wall. So wheels that turned on the spot once made doors of 53 and 58
 /// degrees look open.
 #[test]
 fn wheels_that_turn_on_the_spot_open_no_door() {

@@ -4,7 +4,7 @@ use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A clerk that takes an hour for an order: its queue fills up, and the customer hands in for as long as it may.
+/// A clerk needs an hour for an order, so its queue fills up. The customer sends orders for as long as it may.
 const POST: &str = "
 process main() {
     host { c1 }
@@ -36,8 +36,8 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text.trim()).unwrap_or_else(|why| panic!("{why}: {text}"))
 }
 
-/// The queue fills up, and reports the number of rejected messages and the last sender. A suspended reader is told, and
-/// the rest is shown.
+/// The queue fills up, and reports the number of rejected messages and the last sender. The command reports a suspended
+/// reader, and shows the rest.
 #[test]
 fn queues_are_shown_from_the_command_line() {
     let cluster = Cluster::new();
@@ -74,8 +74,8 @@ fn queues_are_shown_from_the_command_line() {
     clerk.signal(Signal::CONT);
 }
 
-/// A router tells each customer of its own orders. A customer that is suspended or killed is dropped from the register
-/// after 5 s, which is counted; it delays no other customer, and is told again once it was restarted.
+/// A router informs each customer about its own orders. After 5 s, a suspended or killed customer is removed from the
+/// register, and this is counted. It delays no other customer, and is informed again after its restart.
 #[test]
 fn a_router_drops_who_is_gone_and_delays_nobody() {
     let cluster = Cluster::new();
@@ -114,7 +114,7 @@ fn a_router_drops_who_is_gone_and_delays_nobody() {
     let gone = wait_for("end of who is suspended", &|router| router["gone"] == 1);
     let others = delivered(&gone, "hasty");
     wait_for("news to the other one", &|router| delivered(router, "hasty") > others);
-    // Its node has ended it, since its loop did not come round, and `retry` has started it again.
+    // Its node has ended the customer, since the customer's loop did not return. `retry` has started it again.
     wait_for("news to the next one", &|router| delivered(router, "calm") > Some(3));
     let calm = cluster.expect_leaf("main/calm");
     calm.signal(Signal::KILL);
@@ -126,7 +126,7 @@ fn a_router_drops_who_is_gone_and_delays_nobody() {
     assert!(none.code == Some(1) && none.err.contains("no router `hasty`: it shows none"), "{none}");
 }
 
-/// `specs/news.dca`: each customer hears of its own orders, and is done.
+/// `specs/news.dca`: each customer hears of its own orders, and is then done.
 #[test]
 fn the_spec_with_a_router_runs() {
     let cluster = Cluster::new();
@@ -136,7 +136,8 @@ fn the_spec_with_a_router_runs() {
     assert!(ended.code == Some(0) && ended.out.starts_with("news: done"), "{ended}");
 }
 
-/// The module in a spec can differ from the program. A customer whose router takes another type says so, and ends.
+/// The module in a spec can differ from the program. A customer whose router accepts a different type says so, and
+/// ends.
 #[test]
 fn who_subscribes_to_no_router_says_so() {
     let cluster = Cluster::new();

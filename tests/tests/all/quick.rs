@@ -1,4 +1,4 @@
-//! The times that a person waits for: the answers of one machine, and the word that a mission is lost.
+//! Times for which a person waits: until one machine answers, and until a command reports that its mission is lost.
 
 use comms::io::clock::now;
 use comms::io::session::Session;
@@ -9,16 +9,16 @@ use rustix::process::Signal;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The longest time of a command on a machine that does nothing else.
+/// The longest time of a command on an otherwise idle machine.
 const QUIET: Duration = Duration::from_millis(200);
-/// The longest time of a command as a multiple of a program's start and a question, where those alone take long.
+/// The longest time of a command as a multiple of a program's start and a question, if these two take long.
 const RATIO: u32 = 3;
-/// How often each command is measured; the quickest run counts, since others use this machine as well.
+/// The number of measurements of each command. The fastest one counts, since this machine also has other users.
 const TIMES: usize = 7;
-/// How soon a command reports that its mission is lost.
+/// The longest time until a command reports that its mission is lost.
 const LOST_WITHIN: Duration = Duration::from_secs(6);
 
-/// Tests that measure have the machine one at a time.
+/// Gives the machine to one measuring test at a time.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -30,7 +30,7 @@ fn took(act: impl FnOnce()) -> Duration {
     now() - began
 }
 
-/// The least that asking a node can be: a program starts, and a question goes to the node and back.
+/// Does the least that asking a node can need: a program starts, and a question goes to the node and back.
 fn bare(host: &Host) {
     assert_eq!(host.ask(&["--version"]).code, Some(0));
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
@@ -43,7 +43,7 @@ fn bare(host: &Host) {
     });
 }
 
-/// `dca nodes` and `dca status` answer within a fifth of a second, or within the least time that the machine needs.
+/// `dca nodes` and `dca status` answer within a fifth of a second, or within the least time that this machine needs.
 #[test]
 fn nodes_and_status_answer_at_once() {
     let _alone = alone();
@@ -68,7 +68,7 @@ fn nodes_and_status_answer_at_once() {
     }
 }
 
-/// Deploys an endless mission on `c1` from `host`, and waits until it runs.
+/// Deploys an endless mission on `c1` from `host`, and waits until the mission runs.
 fn deployed(cluster: &Cluster, host: &Host) -> Program {
     let text = "
 process main() {
@@ -82,7 +82,7 @@ process main() {
     mission
 }
 
-/// Returns the time until the command reports that its mission is lost, with its output.
+/// Returns the time until the command reports that its mission is lost. It checks the output.
 #[track_caller]
 fn says_that_it_is_lost(mission: Program, since: comms::logic::time::Time) -> Duration {
     let ended = mission.ended(SOON);
@@ -93,7 +93,7 @@ fn says_that_it_is_lost(mission: Program, since: comms::logic::time::Time) -> Du
     took
 }
 
-/// The home of a mission is killed, or its cable is pulled: the command on another host reports this.
+/// The home of a mission is killed, or its cable is pulled. The command on another host reports this.
 #[test]
 fn a_mission_whose_home_died_is_told_as_lost() {
     let _alone = alone();
@@ -108,7 +108,7 @@ fn a_mission_whose_home_died_is_told_as_lost() {
     let killed = says_that_it_is_lost(mission, began);
     drop(c1);
     let _c1 = first.node("c1", &["--lan"]);
-    // The node that was started again has taken the mission over.
+    // The restarted node has taken over the mission.
     let stopped = first.ask(&["stop", "forever"]);
     assert_eq!(stopped.code, Some(0), "{stopped}");
     let mission = deployed(&cluster, &second);
@@ -116,6 +116,6 @@ fn a_mission_whose_home_died_is_told_as_lost() {
     network.cut(1);
     let cut = says_that_it_is_lost(mission, began);
     println!("told that it is lost {killed:.1?} after its home was killed, {cut:.1?} after its cable was pulled");
-    // A cut cable sends no signal: it is noticed by missing messages, later on links with long delays.
+    // A cut cable sends no signal. It is noticed because messages are missing, and later on links with long delays.
     assert!(killed <= LOST_WITHIN && cut <= LOST_WITHIN + Duration::from_secs(2), "{killed:?}, {cut:?}");
 }

@@ -1,4 +1,4 @@
-//! Traffic between nodes on a quiet network, and the time in which they still notice important changes.
+//! The traffic between nodes on a quiet network, and the time in which they still notice important changes.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, pass, wait_until};
@@ -8,22 +8,22 @@ use std::time::Duration;
 
 /// How many nodes.
 const NODES: usize = 6;
-/// How long nodes take to become quiet after a node has joined or asked: 10 s, and the last questions.
+/// The time until nodes are quiet after a node has joined or asked: 10 s, and the last questions.
 const QUIET_AFTER: Duration = Duration::from_secs(15);
-/// For a question of each node to all, or almost.
+/// The time for almost one question from each node to all others.
 const MEASURED: Duration = Duration::from_secs(40);
-/// The limit for a node's traffic to each other node, in bytes a second: with 19 others this is 1 kB/s.
+/// The limit for a node's traffic to each other node, in bytes each second. With 19 others this is 1 kB/s.
 const PER_LINK_MAX: f64 = 52.0;
-/// The limit for a node's announcements to the network, in bytes a second, for any number of nodes: its address, each 3
-/// s, over IPv4 and IPv6.
+/// The limit for a node's announcements to the network, in bytes each second, for any number of nodes. It announces its
+/// address every 3 s, over IPv4 and IPv6.
 const TO_ALL_MAX: f64 = 100.0;
-/// The time to notice a cut that affects a mission: 1.9 s, and the delay of a busy machine. A link at rest would take
-/// up to 9 s.
+/// The time for noticing a cut that affects a mission: 1.9 s, and the delay of a busy machine. On a link at rest, this
+/// would take up to 9 s.
 const CUT_WITHIN: Duration = Duration::from_millis(4000);
-/// The time to notice a missing node without a mission: a message each 7.5 s, 1.25 s for it to arrive, 0.3 s for a
+/// The time for noticing a missing node without a mission: a message every 7.5 s, 1.25 s for its arrival, 0.3 s for a
 /// question, and the delay of a busy machine.
 const MISSED_WITHIN: Duration = Duration::from_secs(14);
-/// The same if the node is suspended and its system still takes messages: 15 s of silence instead.
+/// The same for a suspended node whose system still accepts messages. It includes 15 s of silence instead.
 const SUSPENDED_WITHIN: Duration = Duration::from_secs(22);
 
 /// Returns the number of bytes that a host has sent over its cable.
@@ -34,13 +34,13 @@ fn sent(network: &Network, number: usize) -> f64 {
     text.trim().parse().expect("the kernel counts")
 }
 
-/// Returns how often a node has noticed that a link is gone.
+/// Returns how often a node has noticed a lost link.
 fn gone(node: &Program) -> usize {
     node.text(Stream::Err).matches("no link, dialling").count()
 }
 
-/// Six nodes, two of them with a mission: the others are quiet, a cut of the mission is noticed at once, and a cut of
-/// the others soon.
+/// There are six nodes, and two of them have a mission. The others are quiet. A cut of the mission is noticed at once,
+/// and a cut of the others soon.
 #[test]
 fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
     let Some(network) = Network::new(NODES) else { return };
@@ -67,7 +67,7 @@ fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
         println!("c{number} sends {rate:.0} B/s");
         assert!(rate <= others * PER_LINK_MAX + TO_ALL_MAX, "c{number} sends {rate:.0} B/s");
     }
-    // A node that the mission depends on.
+    // The mission depends on this node.
     let (known, missed) = (gone(&nodes[0]), "the node `c2` is missing");
     network.cut(2);
     let cut = wait_until(SOON, || gone(&nodes[0]) > known).expect("the cut is noticed");
@@ -75,7 +75,7 @@ fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
     println!("the cut of c2 is noticed after {cut:?}");
     assert!(cut <= CUT_WITHIN, "{cut:?}");
     network.heal(2);
-    // A node that nothing depends on.
+    // Nothing depends on this node.
     network.cut(6);
     let missing = |who: &str| nodes[2].text(Stream::Err).contains(&format!("the node `{who}` is missing"));
     let cut = wait_until(2 * SOON, || missing("c6")).expect("the cut is noticed");

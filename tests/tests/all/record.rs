@@ -1,4 +1,4 @@
-//! The record of a run, as a viewer reads it: with the official reader, by its own schemas.
+//! The record of a run from the view of a viewer: with the official reader, and by the record's own schemas.
 
 use dca_tests::cluster::{Cluster, Ended, Stream, Trace, executable, wait_until};
 use dca_tests::hit_detector;
@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::process::Command;
 use std::time::Duration;
 
-/// The hand is not pushed; the output of the sensor goes to the threshold that compares it.
+/// The hand is not pushed. The output of the sensor goes to the threshold that compares it.
 const SPEC: &str = concat!(
     "\n",
     hit_detector!("30 N"),
@@ -26,7 +26,7 @@ process main(){
 "#
 );
 
-/// The value on a port is recorded with the fields that the interface of its sender names.
+/// The recorded value on a port has the fields that its sender's interface names.
 #[test]
 fn a_recorded_port_can_be_plotted() {
     let cluster = Cluster::new();
@@ -58,7 +58,7 @@ fn a_recorded_port_can_be_plotted() {
     let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"measured":{"description":"Time","type":"number"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
     assert_eq!(schemas.into_iter().collect::<Vec<_>>(), [("dca.types.Wrench".to_owned(), schema.to_owned())]);
 
-    // On a full disk no partial page is left, and the message names the page. A limit of the shell stands for the disk.
+    // A full disk leaves no partial page, and the message names the page. A limit of the shell replaces the full disk.
     let script = "trap '' XFSZ; ulimit -f 1; exec \"$0\" report runs/force-1 -o runs/page.html";
     let mut shell = Command::new("sh");
     let told = shell.args(["-c", script]).arg(executable("dca")).current_dir(cluster.folder()).output();
@@ -69,7 +69,7 @@ fn a_recorded_port_can_be_plotted() {
     assert_eq!(left, 1, "nothing is left of it");
 }
 
-/// A controller is killed and restarted; its values are in the record before and after.
+/// A controller is killed and restarted. The record contains its values from before and after.
 #[test]
 fn a_program_that_was_started_again_is_recorded_on() {
     let spec = "process main(){ host{c1} instantiated_processes{ source instof RateSource(c1);
@@ -90,17 +90,17 @@ fn a_program_that_was_started_again_is_recorded_on() {
     assert_eq!(ended.code, Some(0), "{ended}");
     let last = shown(&folder).last().map(|sample| sample.at);
     let (killed, last) = (killed.expect("it was seen"), last.expect("it was seen"));
-    // At most a second until it is restarted and dialled, on a machine with other work.
+    // On a machine with other work, restarting and dialling takes at most a second.
     assert!(last > killed + Duration::from_millis(1500), "seen until {last:?}, killed after {killed:?}: {ended}");
 }
 
-/// A full disk ends neither the mission nor the earlier part of the record; the exit code reports it.
+/// A full disk does not end the mission, and does not damage the earlier part of the record. The exit code reports it.
 #[test]
 fn a_record_that_breaks_off_is_an_error() {
     let cluster = Cluster::new();
     let node = cluster.here().node("c3", &[]);
     let file = cluster.file("force.dca", SPEC);
-    // A limit of the shell, of 64 kB, acts as the disk.
+    // A limit of 64 kB in the shell replaces the full disk.
     let script = "trap '' XFSZ; ulimit -f 128; exec \"$0\" deploy --run-dir \"$1\" --record all \"$2\"";
     let told = Command::new("sh")
         .args(["-c", script])
@@ -111,7 +111,7 @@ fn a_record_that_breaks_off_is_an_error() {
         .expect("there is a shell");
     let why = String::from_utf8_lossy(&told.stderr);
     assert!(told.status.code() == Some(1), "{why}");
-    // `the record breaks off here` is printed only if the mission continues long enough.
+    // The line `the record breaks off here` appears only if the mission continues for long enough.
     assert!(why.contains("the mission is done, but not all of it is kept"), "{why}");
     let folder = cluster.folder().join("runs/force-1");
     assert!(!Trace::so_far(&folder).signal("main/world", "contact force").is_empty(), "what came before is there");

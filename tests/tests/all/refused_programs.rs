@@ -1,11 +1,11 @@
-//! Programs that cannot run are refused before anything of their deployment runs, with the cause.
+//! Programs that cannot run are refused with the cause, before anything of their deployment runs.
 
 use dca_tests::cluster::{Cluster, Ended, Host};
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-/// Deploys a program that leaves a mark, and another one after it.
+/// Deploys a program that leaves a mark, followed by another program.
 fn deploy(cluster: &Cluster, here: &Host, (mark, then): (&Path, &str)) -> Ended {
     let text = format!(
         r#"
@@ -48,7 +48,8 @@ fn what_the_kernel_cannot_execute_is_refused_before_anything_runs() {
     }
 }
 
-/// Programs do not run in a new folder at the path of the one in which the node was started, nor in the root folder.
+/// Programs do not run in a new folder at the path of the folder in which the node was started, nor do they run in
+/// the root folder.
 #[test]
 fn nothing_runs_in_place_of_a_folder_that_is_gone() {
     let cluster = Cluster::new();

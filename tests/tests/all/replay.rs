@@ -1,4 +1,4 @@
-//! `dca replay`: a record stands in for the processes whose values are in it.
+//! `dca replay`: a record replaces the processes whose values it contains.
 
 use dca_tests::cluster::{Cluster, executable};
 use serde_json::Value;
@@ -8,7 +8,7 @@ use std::time::Duration;
 
 const SOON: Duration = Duration::from_secs(120);
 
-/// A source, a controller and a sink that writes down what it has received.
+/// Returns a spec of a source, a controller, and a sink that writes down the received values.
 fn spec(file: &Path, end: &str) -> String {
     format!(
         "process main() {{
@@ -25,7 +25,7 @@ fn spec(file: &Path, end: &str) -> String {
     )
 }
 
-/// Returns the numbers that a record has of an output, as runs: `1-70 72-80`.
+/// Returns the recorded numbers of an output as runs: `1-70 72-80`.
 fn recorded(record: &Path, topic: &str) -> String {
     let bytes = std::fs::read(record).expect("there is a record");
     let mut runs: Vec<(u64, u64)> = Vec::new();
@@ -46,7 +46,7 @@ fn recorded(record: &Path, topic: &str) -> String {
     runs.join(" ")
 }
 
-/// Reads a list of numbers from its text in a record.
+/// Reads a list of numbers from the text in a record.
 fn numbers(text: &str) -> Vec<u64> {
     const DIGITS: &str = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let digits = text.chars().filter_map(|sign| DIGITS.find(sign));
@@ -72,7 +72,7 @@ fn a_controller_gets_the_recorded_values_again() {
     let sent = recorded(&record, "/ports/main/source/Out");
     assert!(sent.contains('-'), "{sent}: {ended}");
 
-    // The spec has no end of its own: the record has.
+    // The spec has no end of its own. The record determines the end.
     let file = cluster.file("again.dca", &spec(&second, "source, pass, sink"));
     let replaying = ["replay", "--controllers", &controllers, "--rate", "2", "runs/count-1", &file];
     let ended = cluster.here().dca(&replaying).ended(SOON);
@@ -84,7 +84,7 @@ fn a_controller_gets_the_recorded_values_again() {
     );
     cluster.expect_nothing_left(Duration::from_secs(5));
 
-    // A record that was cut off is told, and its whole part is played.
+    // A record that was cut off is reported, and its whole part is played.
     let bytes = std::fs::read(&record).expect("there is a record");
     let cut = cluster.folder().join("cut.mcap");
     std::fs::write(&cut, &bytes[..bytes.len() * 3 / 4]).expect("the folder is the test's own");

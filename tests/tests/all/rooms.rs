@@ -1,4 +1,4 @@
-//! Doors in rooms of many kinds, open and locked, and devices that report wrong values: a small part of the door
+//! Doors in rooms of many kinds, unlocked and locked, and devices that report wrong values: a small part of the door
 //! survey.
 
 use dca_tests::simulation::Finish;
@@ -20,7 +20,8 @@ fn fly(rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
         .collect()
 }
 
-/// With a side wall 0.13 m to 0.32 m from the latch's jamb 16 of 16 shut doors were reported open, at 0.0 degrees.
+/// With a side wall 0.13 m to 0.32 m from the latch's jamb, 16 of 16 shut doors were once reported as open, at 0.0
+/// degrees.
 #[test]
 fn a_shut_door_in_a_corner_is_not_reported_open() {
     for (wall, lock) in [(13, "unlocked"), (20, "unlocked"), (32, "unlocked"), (20, "locked")] {
@@ -47,7 +48,8 @@ fn no_shut_door_is_reported_open_in_any_room() {
     assert!(open >= 8, "{open} open\n{text}\n{failures}");
 }
 
-/// Each of these was done once with the door short of its goal or with nothing in the hand, or hit the jamb.
+/// Each of these missions once ended with success although the door was short of its goal, or with nothing in the
+/// hand. Others hit the jamb.
 #[test]
 fn devices_that_contradict_each_other_open_no_door() {
     let named = ["turned from outside", "says 20 mm", "steering encoder", "encoders stick"];
@@ -61,7 +63,8 @@ fn devices_that_contradict_each_other_open_no_door() {
     );
 }
 
-/// Holds to 60 ms, 5 % of the samples lost, 10 ms of jitter: 0 of 10 doors to push opened, "the wheels have slipped".
+/// Delays up to 60 ms, 5 % of the samples lost, 10 ms of jitter. Once, 0 of 10 doors to push opened: "the wheels have
+/// slipped".
 #[test]
 fn a_very_busy_machine_opens_doors_either_way() {
     let flown = fly(rows(1, 5, &[]).into_iter().filter(|row| row.name.starts_with("very busy")).collect());

@@ -1,4 +1,4 @@
-//! Missions with services and actions of ROS 2: a peer on plain Zenoh answers and calls through the bridge.
+//! Missions with services and actions of ROS 2. A peer on plain Zenoh answers and calls through the bridge.
 
 use super::ros_topics::{Ros, attachment, run};
 use dca_tests::cluster::{Cluster, SOON, Stream, wait_until};
@@ -27,7 +27,7 @@ process main() {
     internal_event_actions { order : count }
 }
 ";
-/// The key of a service behind its name.
+/// The part of a service's key after its name.
 const TRIGGER: &str =
     "std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
 pub(super) const SEND: &str = "7/fib/_action/send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/RIHS01_d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557";
@@ -102,7 +102,7 @@ fn an_action_is_a_task_that_ends_or_is_stopped() {
     }
 }
 
-/// A server that does not cancel the goal: neither the stop nor the mission claims that nothing is left.
+/// A server that does not cancel the goal. Neither the stop nor the mission claims that nothing is left.
 #[test]
 fn a_stop_says_that_a_goal_may_go_on() {
     let (cluster, ros) = (Cluster::new(), Ros::new());

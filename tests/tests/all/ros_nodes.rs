@@ -1,5 +1,5 @@
-//! Programs of ROS 2 as processes: an installation in a folder of the test, with scripts as executables. The test answers the services
-//! of a node with a lifecycle on plain Zenoh, so it decides which answer comes, when, and whether at all.
+//! Programs of ROS 2 as processes: an installation in a folder of the test, with scripts as executables. The test itself answers the
+//! services of a node with a lifecycle, on plain Zenoh. So it decides which answer comes, when, and whether at all.
 
 use super::ros_calls::{CANCEL, RESULT, SEND, reply, serve};
 use super::ros_topics::{Ros, attachment, run};
@@ -24,7 +24,7 @@ const ACTIVE: u8 = 3;
 const CONFIGURE: u8 = 1;
 const ACTIVATE: u8 = 3;
 const DEACTIVATE: u8 = 4;
-/// A node that does nothing, until SIGINT ends it.
+/// A node that only waits until SIGINT ends it.
 pub(super) const SLEEPER: &str = "#!/bin/sh\necho $$ >> \"$FAKE/pids\"\nexec sleep 3600\n";
 
 /// An installation of ROS 2 with the package `demo`.
@@ -57,7 +57,7 @@ impl Installation {
         fs::read_to_string(self.folder.join(name)).unwrap_or_default()
     }
 
-    /// Waits until so many programs were started; returns the last one.
+    /// Waits until this number of programs was started, and returns the last one.
     #[track_caller]
     pub(super) fn started(&self, count: usize, mission: &Program) -> Pid {
         let pids = || self.read("pids").lines().filter_map(|pid| Pid::from_raw(pid.parse().ok()?)).collect::<Vec<_>>();
@@ -66,7 +66,7 @@ impl Installation {
         pids()[count - 1]
     }
 
-    /// Returns a mission with one module that names the setup file, beside a process that runs for ever.
+    /// Returns a mission with one module that names the setup file, and an endless process beside it.
     pub(super) fn spec(&self, module: &str) -> String {
         format!(
             "module Nav(host: Host, label: Text = \"7 'x'\", gain: Number = 2, depth = 5,
@@ -83,11 +83,11 @@ fn is_running(pid: Pid) -> bool {
     test_kill_process(pid).is_ok()
 }
 
-/// A node with a lifecycle, as far as others see it.
+/// The part of a node with a lifecycle that others see.
 struct Node {
     seen: Arc<Mutex<Seen>>,
     _services: [Queryable<()>; 2],
-    /// The transitions that were asked for.
+    /// The requested transitions.
     changes: Receiver<u8>,
 }
 
@@ -96,7 +96,7 @@ struct Seen {
     state: u8,
     /// The transition that fails.
     failing: Option<u8>,
-    /// The transition that is not answered.
+    /// The transition without an answer.
     holding: Option<u8>,
     held: Vec<Query>,
     is_silent: bool,
@@ -163,7 +163,7 @@ fn stopped(mission: Program, cluster: &Cluster) {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
-/// Its arguments and its environment, its output, and its end.
+/// The test checks the arguments, the environment, the output and the end of a program.
 #[test]
 fn a_program_of_ros_is_done_or_aborts_by_its_exit_code() {
     let (cluster, ros) = (Cluster::new(), Ros::new());
@@ -190,7 +190,7 @@ fn a_program_of_ros_is_done_or_aborts_by_its_exit_code() {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
-/// SIGINT comes first, and nothing that the program has started is left, also if it has left its session.
+/// SIGINT comes first. Afterwards no process that the program has started is left, even if it has left the program's session.
 #[test]
 fn a_stop_interrupts_a_program_and_leaves_nothing_of_it() {
     let (cluster, ros) = (Cluster::new(), Ros::new());
@@ -251,7 +251,7 @@ fn a_node_is_configured_active_and_deactivated() {
     let mission = run(&cluster, &ros, &ros2.spec(LIFECYCLE));
     let pid = ros2.started(1, &mission);
     let node = Node::new(&ros);
-    // The answer to `configure` is late, and the mission waits for it.
+    // The answer to `configure` is late, and the mission waits for this answer.
     node.set(|seen| seen.holding = Some(CONFIGURE));
     node.expect(CONFIGURE, &mission);
     assert!(node.changes.recv_timeout(Duration::from_millis(300)).is_err(), "it is not activated yet");
@@ -269,7 +269,7 @@ fn a_node_is_configured_active_and_deactivated() {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
-/// A mission of navigation: a stop cancels the goal of the action, and deactivates the node that serves it.
+/// A navigation mission. A stop cancels the goal of the action, and deactivates the node that serves it.
 #[test]
 fn a_goal_of_a_node_is_canceled_and_the_node_deactivated() {
     let (cluster, ros) = (Cluster::new(), Ros::new());
@@ -305,7 +305,7 @@ fn a_node_that_cannot_be_configured_is_refused_with_its_reason() {
     let ended = run(&cluster, &ros, &spec.replace("demo nav", "demo dies")).ended(SOON);
     let why = "has ended with exit code 7 before it was configured";
     assert!(ended.code == Some(1) && format!("{}{}", ended.out, ended.err).contains(why), "{ended}");
-    // Without services, then without an answer, then with a failure.
+    // First the services are missing, then an answer is missing, then a transition fails.
     for (number, why) in (1..).zip([
         "its service `/robot1/nav/change_state` is not there after 1 s",
         "it has not answered the request to configure in time",
@@ -325,7 +325,8 @@ fn a_node_that_cannot_be_configured_is_refused_with_its_reason() {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
-/// A crash, a node that is silent, and another client: the process aborts with the reason, and the mission goes on without it.
+/// The test covers a crash, a silent node, and another client. The process aborts with the reason, and the mission continues without
+/// it.
 #[test]
 fn a_node_that_fails_while_it_runs_aborts_its_process() {
     let (cluster, ros) = (Cluster::new(), Ros::new());
@@ -345,7 +346,7 @@ fn a_node_that_fails_while_it_runs_aborts_its_process() {
             1 => kill_process(pid, Signal::SEGV).expect("it runs"),
             2 => {
                 node.set(|seen| seen.state = INACTIVE);
-                // The time, and three times a number and an empty label, each with its gap.
+                // The bytes are the time, and three times a number and an empty label, each with its gap.
                 let label = [1, 0, 0, 0, 0];
                 let event = [&[0, 1, 0, 0][..], &[0; 8], &[4, 0, 0, 0], &label, &[3, 0, 0], &label, &[2, 0, 0], &label];
                 let event = event.concat();
@@ -360,7 +361,7 @@ fn a_node_that_fails_while_it_runs_aborts_its_process() {
     cluster.expect_nothing_left(Duration::from_secs(5));
 }
 
-/// The death of the program is that of its process, so the rules of restarts hold for it.
+/// The death of the program is the death of its process, so the rules for restarts apply.
 #[test]
 fn a_killed_program_is_started_again_and_active_again() {
     let (cluster, ros) = (Cluster::new(), Ros::new());
@@ -377,7 +378,7 @@ fn a_killed_program_is_started_again_and_active_again() {
     let node = Node::new(&ros);
     node.expect(CONFIGURE, &mission);
     node.expect(ACTIVATE, &mission);
-    // The program of DCA dies: the one of ROS 2 dies with it, and both are started again.
+    // The DCA program dies. The ROS 2 program dies with it, and both are started again.
     drop(node);
     cluster.expect_leaf("main/nav").signal(Signal::KILL);
     ros2.started(3, &mission);

@@ -1,5 +1,5 @@
-//! `dca param` of a node of ROS 2: the test answers the services of the node, so it decides which parameters the node has, which values it
-//! refuses, and whether it answers at all.
+//! `dca param` with a node of ROS 2. The test answers the services of the node. So it decides which parameters the node has, which values
+//! it refuses, and whether it answers at all.
 
 use super::ros_calls::reply;
 use super::ros_nodes::{Installation, SLEEPER};
@@ -21,7 +21,7 @@ use zenoh::query::{Query, Queryable};
 /// The parameters of a node, by name.
 type Values = Arc<Mutex<BTreeMap<String, ParameterValue>>>;
 
-/// A node, as far as others see it.
+/// The part of a node that others see.
 struct Node {
     values: Values,
     services: Vec<Queryable<()>>,
@@ -51,7 +51,7 @@ impl Node {
         let values: Values = Arc::new(Mutex::new(values.map(|(name, value)| (name.to_owned(), value)).into()));
         let services = ["list", "get", "describe", "set"].map(|service| {
             let values = Arc::clone(&values);
-            // The last two words are the type and its hash.
+            // The last two words are the type and the hash of the type.
             let key = format!("7/robot1/nav/{service}_parameters/*/*");
             let hear = move |query: Query| serve(service, &query, &values);
             ros.session.declare_queryable(key).complete(true).callback(hear).wait().expect("a peer")
@@ -73,7 +73,7 @@ fn serve(service: &str, query: &Query, values: &Values) {
         }
         "get" => {
             let names = read::<GetParametersRequest>(query).names;
-            // As of a node, one unknown name leaves all values out.
+            // As with a real node, one unknown name leaves out all values.
             let values = names.iter().map(|name| values.get(name).cloned()).collect::<Option<Vec<_>>>();
             answer(query, &GetParametersResponse { values: values.unwrap_or_default() });
         }
@@ -112,7 +112,7 @@ fn check(ended: &Ended, code: i32, parts: &[&str]) {
     assert!(ended.code == Some(code) && parts.iter().all(|part| text.contains(part)), "{parts:?}: {ended}");
 }
 
-/// Starts the program of the node, whose name is known.
+/// Starts the node's program. The name of the node is known.
 fn running(cluster: &Cluster, ros: &Ros) -> Program {
     let ros2 = Installation::new(cluster, &[("lib/demo/nav", SLEEPER)]);
     let mission = run(cluster, ros, &ros2.spec("ros \"demo nav\"; node \"/robot1/nav\"; service;"));
@@ -141,7 +141,7 @@ fn a_node_of_ros_has_its_parameters_itself() {
     check(&ask(&["set", "nav", "plugins", "[\"c\"]"]), 0, &["plugins = [\"c\"]"]);
     check(&ask(&["get", "nav", "sped"]), 1, &["has no value of `sped`; did you mean `speed`?"]);
     assert!((node.value("limit") - 2.0).abs() < 1e-9);
-    // A node that is gone has not refused.
+    // A node that has gone has not refused.
     drop(node);
     check(&ask(&["get", "nav", "speed"]), 3, &["of ROS 2"]);
     check(&ask(&["set", "nav", "speed", "2"]), 3, &["of ROS 2"]);

@@ -1,4 +1,4 @@
-//! A mission with topics of ROS 2: the node starts a bridge, and a peer on plain Zenoh speaks with a controller through it.
+//! A mission with topics of ROS 2. The node starts a bridge, and a peer on plain Zenoh talks to a controller through it.
 
 use comms::io::clock::{Wakeup, now};
 use dca_tests::cluster::{Cluster, Program, SOON, Stream, executable, wait_until};
@@ -20,11 +20,11 @@ process main() {
     internal_event_actions { echo }
 }
 ";
-/// The key of a topic of strings behind its name.
+/// The part of a string topic's key after its name.
 const STRING: &str =
     "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
 
-/// A router and a node of ROS 2 in one session.
+/// A router and a ROS 2 node in one session.
 pub(super) struct Ros {
     pub(super) session: Session,
 }
@@ -34,7 +34,7 @@ impl Ros {
         Self { session: open("router", &["tcp/127.0.0.1:0"], &[]) }
     }
 
-    /// Returns another session on the router.
+    /// Returns another session at the router.
     fn client(&self) -> Session {
         open("client", &[], &[&self.locator()])
     }
@@ -61,7 +61,7 @@ impl Ros {
         )
     }
 
-    /// Hears also what was published before, as a node of ROS 2 does that wants the last message.
+    /// Also receives earlier messages, like a ROS 2 node that wants the last message.
     fn hear_late(&self) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
         let (tx, rx) = sync_channel(64);
         let heard = move |sample| drop(tx.try_send(sample));
@@ -75,7 +75,7 @@ impl Ros {
         put.attachment(attachment(sequence)).wait().expect("a peer of a test");
     }
 
-    /// Hears whether subscriptions come or go from now on.
+    /// Receives a notice about each subscription that comes or goes from now on.
     fn hear_subscriptions(&self) -> (zenoh::pubsub::Subscriber<()>, Receiver<SampleKind>) {
         let (tx, rx) = sync_channel(64);
         let heard = move |token: Sample| tx.try_send(token.kind()).unwrap_or_default();
@@ -130,7 +130,7 @@ pub(super) fn run(cluster: &Cluster, ros: &Ros, spec: &str) -> Program {
     here.dca(&["run", "--controllers", &executable("dca-counting").display().to_string(), &file])
 }
 
-/// Says a text until the controller has sent it back. The wires of a mission open one after the other.
+/// Sends a text until the controller has sent it back, since the wires of a mission open one after the other.
 #[track_caller]
 fn expect_echo(ros: &Ros, heard: &Receiver<Sample>, first: i64, text: &str) {
     let mut sequence = first;
@@ -188,7 +188,7 @@ fn the_log_of_a_bridge_names_a_node_that_has_another_type() {
     mission.ended(SOON);
 }
 
-/// How long messages take there and back, and how many do not come back.
+/// The round-trip times of messages, and the number of messages that do not come back.
 #[derive(Debug)]
 struct Figures {
     median: Duration,
@@ -196,7 +196,7 @@ struct Figures {
     lost: usize,
 }
 
-/// Sends so many messages of this size, one a period, on a topic whose messages are sent back.
+/// Sends this number of messages of this size, one in each period, on a topic whose messages are sent back.
 fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Duration) -> Figures {
     let (tx, rx) = sync_channel(count);
     let heard = move |sample: Sample| {
@@ -229,7 +229,8 @@ fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Dura
     Figures { median: took[took.len() / 2], late: took[took.len() * 99 / 100], lost: count - took.len() }
 }
 
-/// Prints how long 1 kHz of small and 30 Hz of long messages take through a mission, and with plain Zenoh in its place.
+/// Prints how long small messages at 1 kHz and long ones at 30 Hz take through a mission, and with plain Zenoh in place of
+/// the mission.
 #[test]
 #[ignore = "long: 40 s of messages"]
 fn the_way_through_a_mission_costs_little_more_than_plain_zenoh() {

@@ -9,12 +9,12 @@ use std::time::Duration;
 use zenoh::Wait;
 use zenoh::config::WhatAmI;
 
-/// The group of nodes, as Zenoh has it in its configuration.
+/// The multicast group of the nodes, in the form of Zenoh's configuration.
 const GROUP: &str = "\"224.0.0.231:7999\"";
-/// How long a program scouts: it asks at once, and each node answers.
+/// How long a program scouts. It asks at once, and each node answers.
 const SCOUTED: Duration = Duration::from_secs(2);
-/// Scouts as the package of Zenoh from PyPI does, and prints the locators. It polls: version 1.10.2 fails with `Already borrowed`
-/// if another thread stops a scout that is iterated.
+/// Scouts like the Zenoh package from PyPI, and prints the locators. It polls, since version 1.10.2 fails with `Already borrowed`
+/// if another thread stops a scout during its iteration.
 const PYTHON: &str = "import time, zenoh
 config = zenoh.Config()
 config.insert_json5('scouting/multicast/address', '\"224.0.0.231:7999\"')

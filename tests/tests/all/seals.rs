@@ -1,5 +1,5 @@
-//! The seals of wires against a zenoh session like any other, which is linked to both ends of a wire: it forges,
-//! repeats, reads and answers in vain. [`team_wires`](../team_wires.rs) does the same with programs on hosts of a team.
+//! The seals of wires against an ordinary zenoh session with links to both ends of a wire. It tries to forge, repeat,
+//! read and answer, without success. [`team_wires`](../team_wires.rs) does the same with programs on hosts of a team.
 
 use comms::io::clock::now;
 use comms::io::data::{Cover, DataSession, DeviceGate, Opener, Priority, SealCounter, SealKey, Sealer, Voucher};
@@ -22,7 +22,7 @@ fn seal_key(secret: u8) -> SealKey {
     SealKey::new(&Zeroizing::new([secret; 32]), Cover::Bytes)
 }
 
-/// Both ends of a wire, and of a wire that is fetched, in one process.
+/// Both ends of a wire, and both ends of a fetched wire, in one process.
 struct Ends {
     producer: DataSession,
     consumer: DataSession,
@@ -51,7 +51,7 @@ impl Ends {
         Self { producer, consumer, sealer, opener, refused, cluster }
     }
 
-    /// Returns a zenoh session like any other that is linked to both ends.
+    /// Returns an ordinary zenoh session with links to both ends.
     fn intruder(&self) -> zenoh::Session {
         let mut config = zenoh::Config::default();
         let places =
@@ -100,7 +100,7 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
     let next = || heard.recv_timeout(SOON).expect("it comes");
     assert_eq!(next(), Arrival::Boundary(opened));
     assert_eq!([1, 2, 3].map(|_| next()), [1, 2, 3].map(|number| Arrival::Value(vec![number; 40])));
-    // The intruder receives the values as well, and can read none.
+    // The intruder also receives the values, but can read none of them.
     let caught: Vec<Heard> = (0..4).map(|_| overheard.recv_timeout(SOON).expect("it hears the wire")).collect();
     for sample in &caught {
         let bytes = sample.payload().to_bytes();
@@ -120,7 +120,8 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
         put(sample.payload().clone(), sample.attachment().cloned(), sample.source_info().cloned());
     }
     (0..4).for_each(|_| is_refused_as(Refusal::Repeated));
-    // Forged values: without a seal, with a malformed seal, with the seal of another value, and with a key of its own.
+    // Forged values: one without a seal, one with a malformed seal, one with the seal of another value, and one with a
+    // key of the intruder.
     put(vec![9; 40].into(), None, None);
     assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Unsealed));
     let closed = Boundary::Closed { generation: 0, sent: 0 };
@@ -138,7 +139,7 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
     // The wire continues.
     wire.put_numbered(vec![4; 40], 4).expect("it is open");
     assert_eq!(next(), Arrival::Value(vec![4; 40]));
-    // A value that was caught, held back and changed now has the number of the next one: it is not accepted.
+    // A value was caught and held back, and now has the number of the next value. It is not accepted.
     let is_last = |sample: &Heard| sample.source_info().is_some_and(|source| source.source_sn() == 4);
     let hears = || overheard.recv_timeout(SOON).expect("it hears the wire");
     let last = std::iter::repeat_with(hears).find(is_last).expect("it hears the wire");
@@ -159,7 +160,7 @@ fn nobody_answers_for_another_and_answers_are_for_one_question() {
     let intruder = ends.intruder();
     let ask = || ends.consumer.ask_sealed(FETCHED, Arc::clone(&ends.opener), SOON).expect("it is open");
     assert_eq!(ask().answer(now() + SOON), Ok(Some(b"the latest value".to_vec())));
-    // An intruder that asks for itself cannot read the answer, and cannot give it to another end.
+    // If an intruder itself asks, it cannot read the answer, and it cannot pass the answer to another end.
     let replies = intruder.get(FETCHED).payload(7_u64.to_le_bytes().to_vec()).wait().expect("it is open");
     let reply = replies.recv_timeout(SOON).expect("it is open").expect("it is answered");
     let caught = reply.result().expect("it is an answer").clone();
@@ -178,8 +179,8 @@ fn nobody_answers_for_another_and_answers_are_for_one_question() {
     assert!(lied.is_some(), "the answer to another question is refused");
 }
 
-/// A device belongs to one program, and two programs use it. Its values go to both at once, and both believe only the
-/// owner. Values of either user are believed as that user's own. A program that is linked to all of them may look.
+/// A device belongs to one program, and two programs use it. Its values go to both at once, and both believe only its
+/// owner. Values of each user count as values of that user only. A program with links to all of them may look.
 #[test]
 fn a_device_hears_and_says_nothing_of_an_intruder() {
     let ends = Ends::new();
@@ -204,7 +205,7 @@ fn a_device_hears_and_says_nothing_of_an_intruder() {
         (session.on_vouched(key, Arc::new(gate), hears).expect("it is open"), heard, refused)
     };
     let (state, command) = ("dca/d/hw/arm/state", "dca/d/hw/arm/cmd");
-    // Two keys for the two users, of which one is here, and one for the values of the user that is here.
+    // There are two keys for the two users. One user is here, and one key is for this user's values.
     let (_state, states, lies) = hear(user, state, vec![opener(2)]);
     let (_command, commands, orders) = hear(owner, command, vec![opener(4), opener(3)]);
     let (says, to_users) = (owner.publisher(state, Priority::Device).expect("it is open"), Voucher::default());
@@ -240,7 +241,7 @@ fn a_device_hears_and_says_nothing_of_an_intruder() {
     assert_eq!(lies.recv_timeout(SOON), Ok(Refusal::Unsealed));
     put(command, vec![9; 4], None);
     assert_eq!(orders.recv_timeout(SOON), Ok(Refusal::Unsealed));
-    // The seal of a state is none of a command.
+    // The seal of a state is not valid for a command.
     put(command, caught.payload().to_bytes().into_owned(), caught.attachment().cloned());
     assert_eq!(orders.recv_timeout(SOON), Ok(Refusal::OtherKey));
     says.put_vouched(vec![3; 8], &to_users).expect("it is open");

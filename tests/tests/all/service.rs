@@ -9,7 +9,7 @@ use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-/// Returns the next notice to the manager of a service; none if it does not come in time.
+/// Returns the next notice to the manager of a service, or none if no notice comes in time.
 fn told(manager: &UnixDatagram, within: Duration) -> Option<String> {
     manager.set_read_timeout(Some(within)).expect("a socket has a timeout");
     let mut bytes = [0; 256];
@@ -21,7 +21,7 @@ fn run(program: &str, arguments: &[&str]) -> Output {
     Command::new(executable(program)).args(arguments).output().expect("it can be started")
 }
 
-/// The manager learns that the node is ready, that its loop turns, that it has stopped, and that it leaves.
+/// The manager learns when the node is ready, that its loop runs, that the loop has stopped, and that the node leaves.
 #[test]
 fn a_service_manager_hears_how_a_node_is() {
     let cluster = Cluster::new();
@@ -40,7 +40,7 @@ fn a_service_manager_hears_how_a_node_is() {
     };
     wait_for("READY=1\nSTATUS=the node `c1` is ready");
     (0..3).for_each(|_| wait_for("WATCHDOG=1"));
-    // A stopped node sends nothing, once its earlier messages are read.
+    // Once its earlier messages are read, a stopped node sends nothing.
     signal(Signal::STOP);
     assert!(wait_until(SOON, || told(&manager, Duration::from_secs(2)).is_none()).is_some());
     signal(Signal::CONT);
@@ -100,7 +100,7 @@ fn a_doctor_says_what_is_wrong_and_ends_accordingly() {
     for name in ["shim", "controllers", "ports", "sockets", "database", "nodes"] {
         assert_eq!(level(&good, name), "ok", "{good:#?}");
     }
-    // This folder can never be written.
+    // This folder is never writable.
     assert_eq!(level(&look("/proc/1/dca"), "database"), "failed");
     let text = run("dca", &["doctor", "--run-dir", &folder, "--state", "/proc/1/dca"]);
     let lines = String::from_utf8_lossy(&text.stdout).into_owned();

@@ -1,25 +1,25 @@
-//! Nodes and commands over a slow link, or a long one.
+//! Nodes and commands over a slow or long link.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Host, Line, SOON, SlowLink, Stream, pass, wait_until};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// How many transactions one robot has that the other lacks.
+/// The number of transactions that one robot has and the other lacks.
 const BACKLOG: usize = 600;
-/// A radio of 50 kbit/s, in bytes a second.
+/// The rate of a radio link with 50 kbit/s, in bytes each second.
 const RADIO: f64 = 6250.0;
-/// How long nodes take to find each other again, and databases to exchange their state: a message each 3 s, and four
-/// ways of 1 s.
+/// How long nodes need to find each other again, and databases to exchange their state: a message every 3 s, and four trips
+/// of 1 s.
 const FOUND_WITHIN: Duration = Duration::from_secs(9);
 
-/// Returns how many keys of the backlog a robot has.
+/// Returns how many keys of the backlog a robot has received.
 fn arrived(host: &Host) -> usize {
     host.ask(&["db", "get", "team/backlog/"]).out.lines().count()
 }
 
-/// A backlog comes over a slow and long link in one and a half times what its bytes take, and no link is given up on the way.
-/// Before, the link was given up after 5 s of one answer, the answer was lost with it, and asked for again.
+/// A backlog crosses a slow and long link in one and a half times the time for its bytes, and the link is never given up.
+/// Earlier, the link was given up after 5 s of one answer. The answer was lost with it, and was requested again.
 #[test]
 #[ignore = "long: one minute of a slow link for each delay"]
 fn a_backlog_comes_over_50_kbit_per_s_at_any_delay() {
@@ -46,7 +46,7 @@ fn a_backlog_comes_over_50_kbit_per_s_at_any_delay() {
         wait_until(Duration::from_secs(120), all).expect("the backlog comes");
         let (took, sent) = (now() - began, link.sent()[0] - before);
         println!("{millis} ms: {:.1} s, {sent} bytes", took.as_secs_f64());
-        // 112 bytes for each transaction, and a round trip.
+        // Each transaction takes 112 bytes, and the backlog takes one more round trip.
         let bytes = (BACKLOG * 112) as f64;
         let limit = Duration::from_secs_f64(1.5 * bytes / RADIO) + 2 * Duration::from_millis(millis) + FOUND_WITHIN;
         assert!(took <= limit, "{millis} ms: {took:?}");
@@ -58,7 +58,7 @@ fn a_backlog_comes_over_50_kbit_per_s_at_any_delay() {
     }
 }
 
-/// A command on a host without a node deploys over round trips up to 2.8 s. Before, it gave up after 1.6 s.
+/// A command on a host without a node deploys over round trips of up to 2.8 s. Earlier, it gave up after 1.6 s.
 #[test]
 #[ignore = "long: round trips of seconds"]
 fn a_mission_is_deployed_over_round_trips_of_seconds() {

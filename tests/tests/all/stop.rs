@@ -1,4 +1,4 @@
-//! Every way to end a mission before its time leaves nothing behind.
+//! Every way to end a mission early leaves nothing behind.
 
 use comms::io::clock;
 use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, Turn, executable, spec, wait_until};
@@ -7,7 +7,7 @@ use rustix::process::Signal;
 use std::os::unix::fs::FileTypeExt as _;
 use std::time::Duration;
 
-/// How long anything may last once it has no owner.
+/// How long anything without an owner may last.
 const ORPHAN_MAX: Duration = Duration::from_secs(10);
 const SLEEP: &str = "
 module Sleep(host) { exec \"sleep 600\"; plain; done; }
@@ -15,7 +15,7 @@ process main() { host { c1 } instantiated_processes { p instof Sleep(c1); } inte
 ";
 const SERVOING: &str = "▸ (visualserv # distdetect)";
 
-/// Starts a mission and waits until it has been servoing for a while.
+/// Waits until a started mission has been servoing for a while.
 fn servoing(mission: Program) -> Program {
     mission.wait_for_times(Stream::Err, SERVOING, 2, SOON);
     mission
@@ -39,7 +39,7 @@ fn an_interrupt_ends_the_mission() {
     }
 }
 
-/// An interrupt before the mission has begun leaves nothing either.
+/// An interrupt before the mission has begun also leaves nothing.
 #[test]
 fn an_interrupt_at_once_ends_the_mission() {
     let _turn = Turn::take();
@@ -52,7 +52,7 @@ fn an_interrupt_at_once_ends_the_mission() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// `kill -9` of `dca run` leaves no process after 10 s.
+/// After `kill -9` of `dca run`, no process is left after 10 s.
 #[test]
 fn a_killed_command_leaves_nothing() {
     let _turn = Turn::take();
@@ -65,7 +65,7 @@ fn a_killed_command_leaves_nothing() {
     println!("nothing left {took:.1?} after the kill");
 }
 
-/// The rule for orphans: `kill -9` of one node of three leaves nothing of its host within 10 s, and the mission ends.
+/// The rule for orphans: `kill -9` of one of three nodes leaves nothing on its host after 10 s, and the mission ends.
 #[test]
 fn a_killed_node_leaves_nothing_on_its_host() {
     let _turn = Turn::take();
@@ -92,7 +92,7 @@ fn a_killed_node_leaves_nothing_on_its_host() {
     wait_until(ORPHAN_MAX, || programs() == 0).unwrap_or_else(|| panic!("left: {:?}", cluster.left()));
 }
 
-/// A node that is told to leave ends its part of all missions, and goes.
+/// A node that is told to leave ends its part of all missions, and then leaves.
 #[test]
 fn a_node_that_leaves_takes_its_programs_along() {
     let _turn = Turn::take();
@@ -112,12 +112,12 @@ fn a_node_that_leaves_takes_its_programs_along() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A node whose terminal closes leaves like a node that is told to; `nohup` keeps a node running.
+/// A node whose terminal closes leaves as if it were told to. `nohup` keeps a node running.
 #[test]
 fn a_node_leaves_with_its_terminal() {
     let cluster = Cluster::new();
     let here = cluster.here();
-    // The parent of this test may have it ignored.
+    // The parent of this test may ignore the signal.
     let bound = here.node_under(&["--default-signal=HUP"], "c1");
     let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
     bound.signal(Signal::HUP);
@@ -136,7 +136,7 @@ fn a_node_leaves_with_its_terminal() {
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
-/// The parent of a node may have blocked SIGTERM or ignored SIGCHLD: the node resets both, and its programs inherit the
+/// The parent of a node may have blocked SIGTERM or ignored SIGCHLD. The node resets both, and its programs inherit the
 /// defaults.
 #[test]
 fn a_node_takes_its_signals_back() {
@@ -161,7 +161,8 @@ fn a_node_takes_its_signals_back() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A node whose run folder was removed lives, and so do its programs: a second node of its name ends nothing.
+/// A node whose run folder was removed continues, and so do its programs. A second node with the same name ends
+/// nothing.
 #[test]
 fn a_second_node_leaves_the_first_alone_whose_folder_is_gone() {
     let cluster = Cluster::new();
@@ -220,7 +221,7 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     }
     let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
     assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
-    // The next node of the home knows it from its journal, once there is nothing left to adopt.
+    // The next node of the home knows this from its journal, even after nothing is left to adopt.
     let inputs = here.run_dir().join("c1/inputs");
     wait_until(SOON, || !inputs.exists()).expect("the end is long told");
     nodes[0].kill();
@@ -236,14 +237,14 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     cluster.expect_nothing_left(ORPHAN_MAX);
 }
 
-/// A home that is suspended while it stops is waited for, and the person is told so and how long; then the stop ends
-/// well.
+/// If a home is suspended while it stops, the command waits for it. It tells the person so, and how long it waits. Then
+/// the stop ends well.
 #[test]
 fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
-    // It takes its time, so that the home is suspended between the order and the end.
+    // The program takes its time, so that the home can be suspended between the order and the end.
     let stopping = cluster.folder().join("stopping");
     let script =
         format!("trap \\\"touch {}; sleep 5; exit 0\\\" TERM; while :; do sleep 0.1; done", stopping.display());
@@ -265,15 +266,15 @@ fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
     nodes[0].signal(Signal::CONT);
     let stopped = stop.ended(SOON);
     assert!(stopped.code == Some(0) && stopped.out.contains("`slow` is stopped; nothing of it is left"), "{stopped}");
-    // A watching command may have given the home up by then.
+    // By now, a watching command may have given up the home.
     let watched = mission.ended(SOON);
     assert!(matches!(watched.code, Some(1 | 3)), "{watched}");
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
     cluster.expect_nothing_left(ORPHAN_MAX);
 }
 
-/// Of a deployment that is over its output stays, and no socket: neither where programs were killed, nor where they
-/// have ended.
+/// After the end of a deployment, its output stays, but no socket is left, whether its programs were killed or have
+/// ended.
 #[test]
 fn sockets_go_with_their_deployment() {
     let cluster = Cluster::new();
@@ -302,13 +303,13 @@ fn sockets_go_with_their_deployment() {
         }
         found
     };
-    // Until this mission has written, the logs show the previous one.
+    // Until this mission has written something, the logs show the previous one.
     for (kills, word) in [(false, "first"), (true, "second")] {
         let mission = here.mission(&cluster.file("two.dca", &text.replace("WORD", word)));
         wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains(word)).expect("it runs");
         assert!(sockets().len() >= 4, "{:?}", sockets());
         if kills {
-            // Both at once: the end of one is the end of the mission.
+            // Both programs end at once, since the end of one is the end of the mission.
             let programs = ["main/source", "main/sleep"].map(|path| cluster.expect_leaf(path));
             programs.iter().for_each(|program| program.signal(Signal::KILL));
         }

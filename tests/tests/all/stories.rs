@@ -1,4 +1,4 @@
-//! Stories of `dca verify`: kept as tests, played in the simulator, gone once the spec is repaired.
+//! Stories of `dca verify` are kept as tests and played in the simulator. They disappear once the spec is repaired.
 
 use dca_tests::cluster::Cluster;
 
@@ -35,7 +35,7 @@ fn a_mistake_is_kept_as_a_test_until_it_is_gone() {
     let same = here.ask(&["sim", "cups.dca", "--replay", "report.json"]);
     assert!(same.code == Some(0) && same.out.contains("it comes to the same"), "{same}");
 
-    // Half of it: the order of the cups is still wrong, and taking the sentence away does not repair it.
+    // This repairs only half: the order of the cups is still wrong, and removing the sentence does not repair it.
     let half = WRONG
         .replace("using(table) (fetch ; using(tool) take)", "using(table, tool) (fetch ; take)")
         .replace("using(tool) (bring ; using(table) put)", "using(table, tool) (bring ; put)")
@@ -47,13 +47,13 @@ fn a_mistake_is_kept_as_a_test_until_it_is_gone() {
     let other = here.ask(&["sim", "cups.dca", "--replay", stuck]);
     assert!(other.code == Some(1) && other.err.contains("the story ends after step 2"), "{other}");
 
-    // All of it.
+    // This repairs everything.
     let right = half.replace("(fetch ; take), using", "(fetch ; take) ; using");
     cluster.file("cups.dca", &right);
     let passed = here.ask(&["test", "kept"]);
     assert!(passed.code == Some(0) && passed.out.contains("2 tests: 2 passed, 0 failed"), "{passed}");
 
-    // A process that has another name now is not taken for a repair.
+    // A process with a new name does not count as a repair.
     cluster.file("cups.dca", &right.replace("fetch", "grab"));
     let unfit = here.ask(&["test", stuck]);
     assert!(unfit.code == Some(1) && unfit.out.contains("there is no process `main/fetch` any more"), "{unfit}");

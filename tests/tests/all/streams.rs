@@ -1,5 +1,5 @@
-//! Streams of answers that break: a node is killed in the middle of one, and the caller is told that the rest is
-//! missing.
+//! Streams of answers that break off: a node is killed in the middle of a stream, and the caller is told that the
+//! rest is missing.
 
 use comms::io::session::Session;
 use comms::logic::{codec, key};
@@ -18,20 +18,21 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-/// One program that writes 900 kB and stays.
+/// One program that writes 900 kB and then stays.
 const TALKER: &str = "
 module Talker(host) { exec \"sh -c 'yes | head -c 900000; sleep 3600'\"; plain; }
 process main() { host { r1 } instantiated_processes { talker instof Talker(r1); } internal_event_actions { talker } }
 ";
 
-/// A relay to a node that kills the node after a number of bytes.
+/// A relay to a node. It kills the node after a number of bytes.
 struct Passage {
     host: Host,
     _lock: File,
 }
 
 impl Passage {
-    /// Opens a relay to the node `r1` of a host, which passes this many bytes: more than one answer, less than all.
+    /// Opens a relay to the node `r1` of a host. It passes this many bytes, which is more than one answer and less
+    /// than all.
     fn open(cluster: &Cluster, node: Program, passed: usize) -> Self {
         let folder = cluster.folder().join("p/r1");
         std::fs::create_dir_all(&folder).expect("a test can write in its own folder");
@@ -48,11 +49,11 @@ impl Passage {
     }
 }
 
-/// Relays the traffic of every connection, until the node has sent so much.
+/// Relays the traffic of every connection, until the node has sent this number of bytes.
 fn pass_on(listener: &UnixListener, socket: &PathBuf, (node, passed): (Program, usize)) {
     let left = Arc::new(Mutex::new((passed, Some(node))));
     for caller in listener.incoming().map_while(Result::ok) {
-        // Once the node is gone, no connection succeeds.
+        // Once the node has gone, every connection fails.
         let Ok(there) = UnixStream::connect(socket) else { continue };
         let both = || Some((caller.try_clone().ok()?, there.try_clone().ok()?));
         let (Some((mut to_caller, mut from_node)), Some((mut from_caller, mut to_node))) = (both(), both()) else {
@@ -74,7 +75,7 @@ fn pass_on(listener: &UnixListener, socket: &PathBuf, (node, passed): (Program, 
                     break;
                 }
             }
-            // A caller that has already gone need not be told.
+            // If the caller has already gone, it needs no notice.
             drop(to_caller.shutdown(Shutdown::Both));
         });
     }
@@ -108,8 +109,8 @@ fn check_broken(ended: &Ended) {
     assert!(said.len() == 1 && said[0].contains("not everything"), "{ended}");
 }
 
-/// A node that is killed in the middle of an export leaves no file that looks whole, and none under the name that was
-/// asked for.
+/// If a node is killed in the middle of an export, the export leaves no file that looks complete, and none under the
+/// requested name.
 #[test]
 fn a_broken_export_is_no_export() {
     let cluster = Cluster::new();
@@ -126,7 +127,7 @@ fn a_broken_export_is_no_export() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// Neither is part of a list printed as if it were everything.
+/// A part of a list is also never printed as if it were complete.
 #[test]
 fn a_broken_list_is_no_list() {
     let cluster = Cluster::new();
@@ -137,7 +138,7 @@ fn a_broken_list_is_no_list() {
     assert_eq!(ended.out, "");
 }
 
-/// The output of a program that breaks off is marked as incomplete.
+/// If the output of a program breaks off, it is marked as incomplete.
 #[test]
 fn a_broken_log_is_told() {
     let cluster = Cluster::new();
@@ -149,7 +150,7 @@ fn a_broken_log_is_told() {
     check_broken(&ended);
 }
 
-/// A result that the disk does not take counts as a failure.
+/// If the disk does not accept a result, this counts as a failure.
 #[test]
 fn a_result_that_cannot_be_written_is_a_failure() {
     for (program, arguments) in [
@@ -206,8 +207,8 @@ fn a_result_for_a_closed_standard_output_is_a_failure() {
             assert!(code == Some(1) && is_told, "{arguments:?} {closed}: {code:?}, {said}");
         }
     }
-    // An output that a caller discards on purpose is not a failure: a shell, Python's `subprocess.DEVNULL`. Other
-    // streams do not matter either.
+    // If a caller intentionally discards an output, this is not a failure: a shell, Python's `subprocess.DEVNULL`.
+    // The other streams do not matter either.
     for open in [">/dev/null", "1<>/dev/null", "2>&-", "<&-"] {
         let (code, said) = ended(open, &[&dca, "explain", "E0101"]);
         assert_eq!((code, said.as_str()), (Some(0), ""), "{open}");
@@ -216,7 +217,7 @@ fn a_result_for_a_closed_standard_output_is_a_failure() {
     assert_eq!((code, said.as_str()), (Some(0), ""), "a verb without a result loses none");
 }
 
-/// The export of a database can be imported: 100,000 keys take several messages and several transactions.
+/// The export of a database can be imported. With 100,000 keys, it needs several messages and several transactions.
 #[test]
 fn what_can_be_exported_can_be_imported() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! Connection sets that are switched while a source counts at 1 kHz: no number is lost, doubled or late.
+//! Connection sets are switched while a source counts at 1 kHz. No number is lost, doubled or late.
 //!
 //! `DCA_TEST_ROUNDS=10000 cargo test --test all switching::` switches 10,000 times in each test, which takes some
 //! minutes.
@@ -10,10 +10,10 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
 
-/// How long a round of the event actions takes at most, on a busy machine.
+/// The longest round of the event actions on a busy machine.
 const ROUND: Duration = Duration::from_millis(100);
 
-/// A source, two sinks, and a pulse whose sets lead from one input or sink to another.
+/// Writes a spec of a source, two sinks, and a pulse. The sets of the pulse lead from one input or sink to another.
 fn spec(cluster: &Cluster, sinks: &str, expression: &str) -> String {
     let program = executable("dca-counting").display().to_string();
     let file = |name: &str| cluster.folder().join(name).display().to_string();
@@ -42,7 +42,7 @@ fn spec(cluster: &Cluster, sinks: &str, expression: &str) -> String {
     cluster.file("count.dca", &text)
 }
 
-/// Prints percentiles of times in milliseconds.
+/// Prints the percentiles of times in milliseconds.
 fn print(what: &str, mut times: Vec<f64>) {
     times.sort_by(f64::total_cmp);
     let at = |percent: usize| times[(times.len() - 1) * percent / 100];
@@ -59,7 +59,7 @@ fn told(events: &str) -> Vec<Value> {
     switched.collect()
 }
 
-/// Labels in turn, as fast as the event actions go; `meanwhile` is done once they have begun.
+/// Switches between labels as fast as the event actions allow. It calls `meanwhile` once they have begun.
 fn in_turn(cluster: &Cluster, here: &Host, (sinks, what): (&str, &str), meanwhile: impl FnOnce()) {
     let count = rounds(300);
     let file = spec(cluster, sinks, "source, one, other, gate, (pulse[a] ;; pulse[b])");
@@ -100,7 +100,7 @@ fn sets_in_turn_lose_nothing_between_two_hosts() {
     in_turn(&cluster, &here, ("c2", "between two hosts"), || ());
 }
 
-/// A consumer that is suspended for a moment takes everything later, in its order.
+/// A consumer that is suspended for a short time receives everything later, in order.
 #[test]
 fn a_consumer_that_is_suspended_loses_nothing() {
     let cluster = Cluster::new();
@@ -117,7 +117,7 @@ fn a_consumer_that_is_suspended_loses_nothing() {
     });
 }
 
-/// Values sent while a link is cut for a moment arrive in order once it is healed.
+/// If a link is cut for a short time, values sent in the meantime arrive in order once it is repaired.
 #[test]
 fn a_link_that_is_cut_and_healed_loses_nothing() {
     let Some(network) = Network::new(2) else { return };
@@ -134,7 +134,7 @@ fn a_link_that_is_cut_and_healed_loses_nothing() {
     });
 }
 
-/// `dca switch`: from input to input, and from sink to sink.
+/// `dca switch`, from input to input and from sink to sink.
 #[test]
 fn a_person_switches_what_runs() {
     let cluster = Cluster::new();
@@ -177,14 +177,15 @@ fn a_person_switches_what_runs() {
     assert!(all.windows(2).all(|pair| pair[1].0 == pair[0].1 + 1), "numbers were lost or doubled: {all:?}");
 }
 
-/// A producer that does not carry out its part: it is not confirmed, and the command names it.
+/// A producer does not carry out its part of a switch. The switch is not confirmed, and the command names the
+/// producer.
 #[test]
 fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
     let file = spec(&cluster, "c1", "source, one, other, gate[a]");
-    // A program suspended for longer than the home waits is not reported as hanging.
+    // A program that is suspended for longer than the home waits is not reported as hanging.
     let text = std::fs::read_to_string(&file).expect("it was just written");
     let declared = text.lines().find(|line| line.contains("source instof Source")).expect("it is there").to_owned();
     let unwatched = declared.replace(';', " { watchdog none; }");

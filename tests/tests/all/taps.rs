@@ -4,7 +4,7 @@ use dca_tests::cluster::{Cluster, Host, SOON, Stream};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A source of 100 values a second without a reader while the wire is closed, and a source that never runs.
+/// A source of 100 values each second, without a reader while the wire is closed, and a source that never runs.
 const BEATS: &str = "
 process main() {
     host { \"c1\" }
@@ -31,7 +31,7 @@ fn deployed(cluster: &Cluster) -> (Host, [dca_tests::cluster::Program; 2]) {
     (here, [node, deploy])
 }
 
-/// Every value is there with its number and its time, in order; the last line marks the end.
+/// Every value is shown with its number and its time, in order. The last line marks the end.
 #[test]
 fn values_are_echoed_with_their_numbers() {
     let cluster = Cluster::new();
@@ -50,8 +50,8 @@ fn values_are_echoed_with_their_numbers() {
     assert!(values.iter().all(|value| value["output"] == "main/beat.Out" && value["type"] == "Beat"), "{echoed}");
 }
 
-/// A rate is measured by the program's own clock, independent of the load of this machine. A silent output is reported
-/// as such.
+/// The program's own clock measures a rate, so the rate does not depend on the load of this machine. A silent output
+/// is reported as silent.
 #[test]
 fn a_rate_is_that_of_the_program() {
     let cluster = Cluster::new();
@@ -60,7 +60,7 @@ fn a_rate_is_that_of_the_program() {
     assert_eq!(counted.code, Some(0), "{counted}");
     let lines = lines(&counted.out);
     let all = lines.iter().find(|line| line["of"] == "all").unwrap_or_else(|| panic!("{counted}"));
-    // Deadlines that a busy machine misses are left out, so it may be slower and never faster.
+    // Deadlines that a busy machine misses are left out, so the program may be slower, but never faster.
     let hertz = all["rate"]["hertz"].as_f64().unwrap();
     assert!((5.0..=101.0).contains(&hertz), "{counted}");
     assert_eq!(lines.last().unwrap()["end"], "enough", "{counted}");
@@ -78,8 +78,8 @@ fn a_rate_is_that_of_the_program() {
     assert_eq!(nobody.code, Some(1), "{nobody}");
 }
 
-/// A program that dies and is restarted is heard again, and its listener is informed. When all is over, the listener
-/// ends.
+/// A program that dies and is restarted is heard again, and its listener is informed. When everything is over, the
+/// listener ends.
 #[test]
 fn an_echo_outlives_its_program_and_ends_with_the_deployment() {
     let cluster = Cluster::new();
@@ -110,7 +110,7 @@ fn a_listener_that_hangs_delays_nobody() {
     assert_eq!(hangs.ended(SOON).code, Some(0));
 }
 
-/// The node of the home is killed and adopts its programs: later events of its deployment are heard as before.
+/// The node of the home is killed and adopts its programs. Later events of its deployment are heard as before.
 #[test]
 fn an_echo_outlives_its_home() {
     let cluster = Cluster::new();

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 
 const PASSPHRASE: &str = "correct horse battery";
 
-/// A folder with keys, and the user who runs commands.
+/// A folder with keys, and a user of commands.
 struct Desk {
     cluster: Cluster,
     keys: PathBuf,
@@ -23,14 +23,14 @@ impl Desk {
         Self { cluster, keys }
     }
 
-    /// Asks with a passphrase on standard input; returns the exit code, the results and the rest.
+    /// Runs a command with a passphrase on standard input. Returns the exit code, the results and the other output.
     fn ask_with(&self, passphrase: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
         let mut command = Command::new(executable("dca"));
         command.args(arguments).arg("--keys").arg(&self.keys);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("dca is there");
         let mut stdin = child.stdin.take().expect("it is piped");
-        // A command that needs no passphrase may have ended without reading it.
+        // A command that needs no passphrase may end without reading it.
         drop(stdin.write_all(format!("{passphrase}\n").as_bytes()));
         drop(stdin);
         let output = child.wait_with_output().expect("dca ends");
@@ -117,7 +117,7 @@ fn what_is_on_the_disk_is_private_and_says_nothing() {
     let (code, out, err) = desk.ask_with("another passphrase", &add);
     assert_eq!((code, out.as_str()), (Some(1), ""), "{err}");
     assert!(err.contains("the passphrase is wrong"), "{err}");
-    // A key that others may read is not used, and neither is a passphrase.
+    // A key that others may read is not used, and neither is such a passphrase.
     let root = desk.keys.join("acme/root.key");
     fs::set_permissions(&root, Permissions::from_mode(0o640)).expect("a file of ours");
     desk.refused(&add, "others may read or write");
@@ -141,7 +141,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     desk.done(&["team", "init", "other"]);
     desk.refused(&["team"], "choose one with `--team`");
     desk.done(&["team", "--team", "acme"]);
-    // The file of one team in the place of another's, and a file that was modified.
+    // One file belongs to another team, and one file was modified.
     let [own, other] = ["acme", "other"].map(|name| desk.keys.join(name).join("team"));
     let good = fs::read(&own).expect("a file of ours");
     fs::copy(&other, &own).expect("files of ours");
@@ -182,7 +182,7 @@ fn an_audit_log_is_verified() {
     let fits = verify(&[&log, "--heads", &heads]);
     assert_eq!(fits.code, Some(0), "{fits}");
     assert!(fits.out.contains("complete up to record 1") && fits.out.contains("1 signed head fits"), "{fits}");
-    // One head in two files is one, and a line of another system's end is not the line that was written.
+    // The same head in two files counts once. A line with another system's line end is not the line that was written.
     let twice = verify(&[&log, "--heads", &heads, "--heads", &heads]);
     assert!(twice.code == Some(0) && twice.out.contains("1 signed head fits"), "{twice}");
     for text in [format!("{}\n", lines.join("\r\n")), format!("{}\r\n", lines.join("\n"))] {
@@ -201,7 +201,7 @@ fn an_audit_log_is_verified() {
     assert_eq!(verify(&["/nowhere"]).code, Some(1));
 }
 
-/// Commands that overlap change the team one after the other: no member is forgotten, and no revoked member returns.
+/// Overlapping commands change the team one after the other. No member is forgotten, and no revoked member returns.
 #[test]
 fn changes_at_the_same_time_are_all_kept() {
     let desk = Desk::new();
@@ -229,7 +229,7 @@ fn changes_at_the_same_time_are_all_kept() {
     assert!(listed.contains("revocations: number 4, keys 4"), "{listed}");
 }
 
-/// Files from an interrupted command or a missing disk are reported, and nothing is made in their place.
+/// Files from an interrupted command, or from a missing disk, are reported. Nothing is made in their place.
 #[test]
 fn what_is_half_there_is_told() {
     let desk = Desk::new();

@@ -1,5 +1,5 @@
-//! Audit logs of two nodes of a team: each signs the head of the other's log, so a log that is cut off or rewritten is
-//! found out.
+//! Audit logs of two nodes of a team. Each node signs the head of the other's log, so it is noticed if a log is cut
+//! off or rewritten.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
 use dca_tests::made_team::MadeTeam;
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use trust::audit::{Decision, Entry, Log};
 use trust::name::UnixTime;
 
-/// How many records the log has before it is signed.
+/// The number of records in the log before it is signed.
 const RECORDS: usize = 5;
 
 /// Two robots of a team that see each other.
@@ -54,7 +54,7 @@ impl Robots {
         fs::read_to_string(self.file(number, "audit")).unwrap_or_default()
     }
 
-    /// Verifies a text as the log of the first robot, with the heads that the second one has signed.
+    /// Verifies a text as the log of the first robot, against the heads that the second one has signed.
     fn verify(&self, text: &str) -> Ended {
         let file = self.cluster.file("c1.audit", text);
         let (heads, state) = (self.file(2, "heads").display().to_string(), self.cluster.folder().join("none"));
@@ -73,13 +73,13 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     let first = robots.host(1);
     let see_each_other = || first.ask(&["nodes"]).out.lines().filter(|line| line.starts_with('c')).count() == 2;
     assert!(wait_until(SOON, see_each_other).is_some(), "{}", first.ask(&["nodes"]));
-    // Every user may stop everything; each stop adds a record.
+    // Every user may stop everything, and each stop adds a record.
     for _ in 0..RECORDS {
         let stopped = first.ask(&["estop", "test"]);
         assert_eq!(stopped.code, Some(0), "{stopped}");
     }
     assert!(wait_until(SOON, || robots.log(1).lines().count() > RECORDS).is_some(), "{}", robots.log(1));
-    // A node that joins is told the heads at once.
+    // A joining node receives the heads at once.
     robots.stop(2);
     robots.start(2);
     let state = first.state().display().to_string();
@@ -94,7 +94,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     let refused = robots.verify(&cut);
     assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
     assert!(refused.err.contains("ends with nothing, but"), "{refused}");
-    // A rewritten log, with as many records.
+    // A rewritten log with the same number of records.
     let (mut log, begin) = {
         let mut verifier = trust::audit::Verifier::new(Vec::new()).expect("no heads");
         good.lines().for_each(|line| verifier.line(line).expect("it is whole"));
@@ -108,7 +108,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     }
     let refused = robots.verify(&forged);
     assert!(refused.code == Some(1) && refused.err.contains("is not the one that"), "{refused}");
-    // The node continues with a shorter log: the other node no longer signs it, and writes this down.
+    // The node continues with a shorter log. The other node no longer signs it, and records this.
     robots.stop(1);
     let short: String = forged.lines().take(2).map(|line| format!("{line}\n")).collect();
     fs::write(robots.file(1, "audit"), short).expect("a file of ours");
@@ -118,7 +118,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     assert!(robots.verify(&good).code == Some(0), "what was signed stays");
 }
 
-/// A disk that is full for a while damages no record: events during that time are written when there is room, and the
+/// A disk that is full for a while damages no record. Events during that time are written when there is room, and the
 /// log still matches the signed heads.
 #[test]
 fn a_log_on_a_full_disk_stays_whole() {
@@ -127,8 +127,7 @@ fn a_log_on_a_full_disk_stays_whole() {
     let stop_all = |reason: &str| first.ask(&["estop", reason]);
     assert_eq!(stop_all("before").code, Some(0));
     assert!(wait_until(SOON, || robots.log(1).contains(": before")).is_some(), "{}", robots.log(1));
-    // A node with a file size limit gets the same result from the kernel as from a full disk: a short write, then an
-    // error.
+    // For a node with a file size limit, the kernel behaves as with a full disk: a short write, then an error.
     let pid = robots.nodes[0].as_ref().and_then(|node| Pid::from_raw(node.pid().try_into().ok()?));
     let room = fs::metadata(robots.file(1, "audit")).expect("it is there").len() + 40;
     let limit = |bytes: Option<u64>| {

@@ -1,5 +1,5 @@
-//! A stolen member, and the database of its team. Transactions that it forges under another name, or beyond its rights,
-//! are written nowhere, and each attempt is in the audit log.
+//! A stolen member, and the database of its team. If it forges transactions under another name, or beyond its rights,
+//! they are written nowhere. Each attempt is in the audit log.
 
 use comms::io::session::{NodeOptions, Reach, Session};
 use comms::logic::key::HostName;
@@ -30,7 +30,7 @@ use trust::team::Credential;
 
 /// The default name of a robots' database.
 const TEAM: &str = "dca";
-/// The hash of nothing, for a transaction that has seen no other. Source: BLAKE3, the empty input.
+/// The hash of nothing, for a transaction that has seen no other one. Source: BLAKE3, the empty input.
 const NOTHING_SEEN: ChainHash = ChainHash([0xaf, 0x13, 0x49, 0xb9, 0xf5, 0xf9, 0xa1, 0xa6]);
 
 /// The thief's keys, used by hand.
@@ -68,7 +68,7 @@ struct Thief {
 }
 
 impl Thief {
-    /// Makes the admin found the database on `c1`; returns whether it has confirmed this.
+    /// Lets the admin found the database on `c1`. Returns whether the node has confirmed this.
     async fn found(&self, number: u64) -> bool {
         let asked = Request::Database(Question::Found);
         let now = team::now();
@@ -88,7 +88,7 @@ impl Thief {
         self.session.call(&key::rpc("c1", "request"), bytes, Duration::from_secs(2)).await.is_ok()
     }
 
-    /// Returns the replicas of `c1` and `c2`, once both report that they are members.
+    /// Returns the replicas of `c1` and `c2` once both report that they are members.
     async fn members(&self) -> BTreeMap<String, ReplicaId> {
         let mut news = self.session.subscribe(&key::db_news_any(TEAM), Policy::reject(256)).expect("it is open");
         let mut members = BTreeMap::new();
@@ -107,7 +107,7 @@ impl Thief {
         self.session.put_shown(&key::db_news(TEAM, from.number()), bytes).expect("it is open");
     }
 
-    /// Becomes a member, as every robot of the team does.
+    /// Becomes a member in the same way as every robot of the team.
     async fn join(&self, sponsor: ReplicaId, robot: &str) {
         let claim = Some(Claim::make(&self.hand, self.own, &[]).to_bytes());
         let join = Some(Join { origin: self.own, robot: robot.to_owned(), replaces: Vec::new(), claim });
@@ -118,7 +118,7 @@ impl Thief {
         drop(asked);
     }
 
-    /// Writes as an origin, dated `millis` milliseconds after 1970, signed by the thief.
+    /// Writes with an origin, with a date of `millis` milliseconds after 1970, and with the thief's signature.
     fn write(&self, origin: ReplicaId, (epoch, millis): (u16, u64), write: Write) {
         let stamp = Timestamp { epoch, hlc: millis << 16, origin };
         let txn = Txn {
@@ -151,7 +151,7 @@ impl Thief {
         let mut again = tokio::time::interval(Duration::from_millis(500));
         loop {
             again.tick().await;
-            // As the replica of another, and under the name of another.
+            // It acts as the replica of another node, and under the name of another node.
             self.put(c2, Message::Ack(VersionVector::default()));
             self.join(c1, "c2").await;
             let hello = Hello {
@@ -168,7 +168,7 @@ impl Thief {
                 wall: Wall::default(),
             };
             self.put(self.own, Message::Hello(hello));
-            // Under its own name, with a key that it may not write.
+            // Under its own name, it writes a key that it may not write.
             self.join(c1, "c3").await;
             self.write(c2, (0, now), stolen());
             self.write(self.own, (0, now), member::retirement(c2).expect("a key"));
@@ -206,7 +206,7 @@ impl Robbed {
             port: 0,
             peers: Vec::new(),
         };
-        // Zenoh begins its threads in the network where it is used first.
+        // Zenoh begins its threads in the network of its first use.
         let thief = network.inside(3, move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
             runtime.expect("threads").block_on(async {
@@ -229,7 +229,7 @@ impl Robbed {
         self.cluster.host(&self.network, number)
     }
 
-    /// Returns the refusals on a host, with their reasons.
+    /// Returns the refusals on a host with their reasons.
     fn refusals(&self, number: usize) -> Vec<String> {
         let file = format!("c{number}/team/audit");
         let log = fs::read_to_string(self.host(number).state().join(file)).unwrap_or_default();

@@ -1,5 +1,5 @@
-//! A stolen member: it is linked to the others like every member, and speaks under another name. It is not believed,
-//! the attempt is one line of the audit log, and it is told.
+//! A stolen member has links to the others, like every member, and speaks under another name. It is not believed. The
+//! attempt is one line of the audit log, and the others are told.
 
 use comms::io::session::{NodeOptions, Reach, Request, Session};
 use comms::logic::key::HostName;
@@ -15,10 +15,10 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// The boot that the thief gives itself.
+/// The boot that the thief claims for itself.
 const BOOT: u64 = 77;
 
-/// Two nodes of a team, `c1` and `c2`, on separate hosts; the third host is the thief's.
+/// Two nodes of a team, `c1` and `c2`, on separate hosts. The third host is the thief's.
 struct Robbed {
     nodes: Vec<Program>,
     thief: Option<std::thread::JoinHandle<()>>,
@@ -44,7 +44,7 @@ impl Robbed {
             port: 0,
             peers: Vec::new(),
         };
-        // Zenoh begins its threads in the network where it is used first.
+        // Zenoh begins its threads in the network of its first use.
         let thief = network.inside(3, move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
             runtime.expect("threads").block_on(async {
@@ -84,7 +84,7 @@ impl Drop for Robbed {
     }
 }
 
-/// Claims at every occasion to be `c2`: in presence, pongs, pings and frames, and in answers to requests for `c2`.
+/// Claims to be `c2` on every occasion: in presence, pongs, pings and frames, and in answers to requests for `c2`.
 async fn steal(session: &Session, told: SyncSender<Refusal>) {
     let _token = session.announce(&key::live("c2", BOOT)).expect("it is open");
     let mut pings = session.subscribe(&key::ping_any(), Policy::reject(64)).expect("it is open");
@@ -126,7 +126,7 @@ fn put(session: &Session, key: &str, bytes: Result<Vec<u8>, codec::CodecError>) 
     session.put_shown(key, bytes.expect("it is short")).expect("it is open");
 }
 
-/// Answers every request with the claim that nothing of that name runs.
+/// Answers every request with the claim that nothing with that name runs.
 async fn lie(mut request: Request) {
     request.reply(codec::encode(&Answer::Stop(StopReply::Unknown)).expect("it is short")).await;
     request.finish();
@@ -147,7 +147,7 @@ fn who_speaks_as_another_member_is_refused_and_told() {
         return;
     }
     let Some(mut robbed) = Robbed::new() else { return };
-    // `c2` is there, and answers itself although the thief answers as well.
+    // `c2` is there and answers on its own, although the thief also answers.
     let sees_c2 = |robbed: &Robbed| robbed.host(1).statuses(&[]).iter().any(|status| status.host == "c2");
     assert!(wait_until(SOON, || sees_c2(&robbed)).is_some(), "{}", robbed.host(1).ask(&["status"]));
     for _ in 0..10 {
@@ -159,7 +159,7 @@ fn who_speaks_as_another_member_is_refused_and_told() {
     let Refusal { by, why } = robbed.told.recv_timeout(SOON).expect("the thief is told");
     assert!(why == "`c3` speaks as `c2`" && (by == "c1" || by == "c2"), "{by}: {why}");
 
-    // Once `c2` is gone, no other node takes its place.
+    // Once `c2` has gone, no other node takes its place.
     let node = robbed.nodes.remove(1);
     node.kill();
     drop(node);

@@ -1,5 +1,5 @@
-//! A team on a network: namespaces on a bridge, a node in each, invited and joined by the usual commands, with
-//! strangers beside them.
+//! A team on a network: namespaces on a bridge with one node each. They are invited and join with the usual commands,
+//! with strangers beside them.
 
 mod split;
 
@@ -17,15 +17,15 @@ use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(180);
 
-/// The operator's desk, which is on host 1, and the robots of its team, one on each of the first hosts.
+/// The operator's desk on host 1, and the robots of the team, one on each of the first hosts.
 struct Team {
-    // Dropped in this order.
+    // The fields are dropped in this order.
     nodes: Vec<Program>,
     cluster: Cluster,
     network: Network,
     /// The options with the keys.
     keys: Vec<String>,
-    /// One test at a time: they measure the machine.
+    /// Lets only one of these tests run at a time, since they measure the machine.
     _alone: MutexGuard<'static, ()>,
 }
 
@@ -39,7 +39,7 @@ impl Team {
         Some(Self { nodes: Vec::new(), cluster, network, keys, _alone: alone })
     }
 
-    /// The same with a robot on each of the first three hosts.
+    /// Begins a team with a robot on each of the first three hosts.
     fn of_three(hosts: usize) -> Option<Self> {
         let mut team = Self::new(hosts)?;
         for (number, name) in (1..).zip(NAMES) {
@@ -59,13 +59,13 @@ impl Team {
         self.cluster.host(&self.network, number)
     }
 
-    /// Where the node of a host listens to the network.
+    /// Returns where the node of a host listens to the network.
     fn listens(&self, number: usize) -> Vec<String> {
         listening(&self.network, number)
     }
 }
 
-/// Begins a team on a host; returns the options with its keys.
+/// Begins a team on a host, and returns the options with the team's keys.
 fn desk(cluster: &Cluster, host: &Host, name: &str) -> Vec<String> {
     let passphrase = cluster.file(&format!("{name}.passphrase"), "correct horse battery\n");
     fs::set_permissions(&passphrase, Permissions::from_mode(0o600)).expect("a file of ours");
@@ -80,7 +80,7 @@ fn with<'a>(arguments: &[&'a str], more: &'a [String]) -> Vec<&'a str> {
     arguments.iter().copied().chain(more.iter().map(String::as_str)).collect()
 }
 
-/// Invites a robot and lets it join; both ends print the same words.
+/// Invites a robot and lets it join. Both ends print the same words.
 fn join(operator: &Host, keys: &[String], robot: &Host, name: &str) {
     let invitation = operator.dca(&with(&["team", "invite", name], keys));
     invitation.wait_for(Stream::Err, "Ctrl-C ends it", SOON);
@@ -100,13 +100,13 @@ fn join(operator: &Host, keys: &[String], robot: &Host, name: &str) {
     );
 }
 
-/// Returns the TCP sockets of a host that listen off loopback, as the kernel lists them.
+/// Returns the TCP sockets of a host that listen outside of loopback, as the kernel lists them.
 fn listening(network: &Network, number: usize) -> Vec<String> {
     let list = || {
         let tables = ["/proc/thread-self/net/tcp", "/proc/thread-self/net/tcp6"]
             .map(|path| fs::read_to_string(path).unwrap_or_default());
         let rows = tables.iter().flat_map(|table| table.lines().skip(1));
-        // The second field is the address, the fourth the state: 0A is LISTEN.
+        // The second field is the address, and the fourth is the state: 0A is LISTEN.
         let listens = rows.filter(|row| row.split_whitespace().nth(3) == Some("0A"));
         let places = listens.filter_map(|row| row.split_whitespace().nth(1)).map(str::to_owned);
         let is_loopback =
@@ -116,12 +116,12 @@ fn listening(network: &Network, number: usize) -> Vec<String> {
     network.inside(number, list).join().expect("the tables of a namespace can be read")
 }
 
-/// The port of a listener as [`listening`] returns it.
+/// Returns the port of a listener from [`listening`].
 fn port(place: &str) -> u16 {
     u16::from_str_radix(place.rsplit(':').next().unwrap_or_default(), 16).expect("the kernel writes ports in hex")
 }
 
-/// The door on three hosts of a team. A fourth host without keys sees nothing and starts nothing.
+/// The door on three hosts of a team. A fourth host without keys sees nothing, and starts nothing.
 #[test]
 fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     let _turn = Turn::take();
@@ -130,7 +130,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     }
     let Some(team) = Team::of_three(4) else { return };
     let stranger = team.host(4);
-    // A user without a key on this machine is told of the missing key, and nothing is started.
+    // A user without a key on this machine is told that the key is missing, and nothing is started.
     let empty = team.cluster.folder().join("no.keys").display().to_string();
     let nobody = team.host(1).ask(&["deploy", &spec("door_opening"), "--keys", &empty]);
     assert_eq!(nobody.code, Some(1), "{nobody}");
@@ -139,7 +139,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = team.host(2).ask(&["status"]);
     assert!(status.out.matches("team acme").count() == 3, "{status}");
-    // A stranger that only looks, and a stranger with a node that is open to everyone.
+    // One stranger only looks. Another has a node that is open to everyone.
     let looked = stranger.ask(&["nodes", "--lan"]);
     assert_eq!(looked.code, Some(3), "{looked}");
     assert!(!NAMES.iter().any(|name| looked.out.contains(name) || looked.err.contains(name)), "{looked}");
@@ -163,7 +163,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     drop(open);
 }
 
-/// Everything that a zenoh session on a host hears from the sessions that it can link to at their ports.
+/// Returns everything that a zenoh session on a host receives from the sessions to whose ports it can link.
 fn sniff(network: &Network, number: usize) -> Vec<String> {
     let places: Vec<String> = (1..=3)
         .flat_map(|other| {
@@ -222,8 +222,8 @@ process main() {
 }
 ";
 
-/// Another team, nonsense, and connections that say nothing at the ports of nodes and programs: nothing is started, and
-/// the traffic of the team keeps its rate.
+/// Another team, nonsense, and silent connections at the ports of nodes and programs. Nothing is started, and the
+/// traffic of the team keeps its rate.
 #[test]
 fn attacks_start_nothing_and_slow_nothing_down() {
     let Some(team) = Team::of_three(4) else { return };
@@ -275,11 +275,11 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     drop(c4);
 }
 
-/// A revoked member is cut off by all others, including those that the operator has never told; and it returns in vain.
+/// All others cut off a revoked member, even those that the operator has never told. The member cannot return.
 #[test]
 fn a_revoked_robot_is_cut_off() {
     let Some(team) = Team::of_three(3) else { return };
-    // The hosts whose status another host gets; none while that is not settled.
+    // Returns the hosts whose status another host receives, or none while that is not settled.
     let seen = |from: usize| {
         let status = team.host(from).ask(&["status", "--json"]);
         let nodes: Vec<serde_json::Value> = serde_json::from_str(&status.out).ok()?;
@@ -288,14 +288,14 @@ fn a_revoked_robot_is_cut_off() {
     };
     let sees = |from: usize, name: &str| seen(from).is_none_or(|names| names.iter().any(|other| other == name));
     assert!(sees(2, "c3") && sees(3, "c2"));
-    // Host 1 cannot reach host 3, so only host 2 can inform it.
+    // Host 1 cannot reach host 3, so only host 2 can inform host 3.
     team.network.keep_apart(&[1, 3]);
     let run_dir = team.host(1).run_dir().display().to_string();
     let revoked = team.host(1).ask(&with(&["team", "revoke", "c3", "--run-dir", &run_dir], &team.keys));
     assert_eq!(revoked.code, Some(0), "{revoked}");
     assert!(revoked.err.contains("the node `c1` knows"), "{revoked}");
     assert!(wait_until(SOON, || !sees(2, "c3")).is_some(), "host 2 hears of it from host 1");
-    // The command does not wait for it, but reports it.
+    // The command does not wait for it, but reports this.
     let nothing = team.host(2).ask(&with(&["stop", "nothing"], &team.keys));
     assert!(nothing.code == Some(1) && nothing.err.contains("no deployment `nothing` is running"), "{nothing}");
     let stopped = team.host(2).ask(&["estop", "test"]);
@@ -317,8 +317,8 @@ fn a_revoked_robot_is_cut_off() {
     drop(back);
 }
 
-/// The operator's machine tells one robot and is switched off; that robot tells another one and is switched off. The
-/// last one, which never met the operator after the revocation, refuses the revoked member.
+/// The operator's machine tells one robot and is switched off. That robot tells another one and is switched off. The
+/// last robot never met the operator after the revocation, but refuses the revoked member.
 #[test]
 fn a_revocation_travels_over_two_meetings_without_the_operator() {
     let Some(mut team) = Team::of_three(4) else { return };
@@ -358,7 +358,7 @@ module Idle(host) { exec \"sleep 3600\"; plain; }
 process main() { host { c1 } instantiated_processes { a instof Idle(c2); } internal_event_actions { a } }
 ";
 
-/// A user makes a key on another machine, gets a certificate, and may do what its role allows.
+/// A user makes a key on another machine and receives a certificate. The user may do what this role allows.
 #[test]
 fn a_user_does_what_the_role_says() {
     let Some(team) = Team::of_three(3) else { return };
@@ -409,7 +409,7 @@ fn a_user_does_what_the_role_says() {
     assert_eq!(log(2, "c2").matches("\tdone\tdan\tstart `idle@1` for `c1`").count(), 1, "each host has judged it");
 }
 
-/// Without a team nothing listens off loopback; a node of a team is not opened to everybody.
+/// Without a team, nothing listens outside of loopback. A node of a team is not open to everybody.
 #[test]
 fn nothing_listens_without_a_team() {
     let Some(team) = Team::new(2) else { return };

@@ -1,5 +1,5 @@
-//! Nodes with certificates that last a minute: a node with the right to renew renews the certificates of the others
-//! before they end, and no other node can.
+//! Nodes with certificates that last a minute. A node with the right to renew renews the certificates of the others
+//! before they end, and other nodes cannot.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, wait_until};
 use dca_tests::made_team::{MadeTeam, keys};
@@ -23,7 +23,7 @@ fn a_certificate_is_renewed_by_who_may_before_it_ends() {
     let Some(network) = Network::new(3) else { return };
     let (cluster, team) = (Cluster::new(), MadeTeam::default());
     let now = team::now();
-    // `c1` has 15 of 60 s left, `c2` may renew, and `c3` is a member as `c1` with nothing to be done.
+    // `c1` has 15 of 60 s left, `c2` may renew, and `c3` is a member like `c1` but needs no renewal.
     let lives = [("c1", Role::Member, 45, 15), ("c2", Role::Renewer, 45, 3600), ("c3", Role::Member, 45, 3600)];
     let mut nodes = Vec::new();
     for (number, (name, role, since, left)) in (1..).zip(lives) {
@@ -43,7 +43,7 @@ fn a_certificate_is_renewed_by_who_may_before_it_ends() {
     let audit = || fs::read_to_string(first.state().join("c1/team/audit")).unwrap_or_default();
     let line = "\tdone\tc2\trenew the certificate of `c1` until ";
     assert!(wait_until(SOON, || audit().contains(line)).is_some(), "{}", audit());
-    // A node that is started again has the renewed one, and others see it.
+    // A restarted node has the renewed certificate, and others see it.
     let member = Member::open(&first.state().join("c1")).expect("its folder").expect("it is a member");
     assert!(member.validity().0 >= until);
     let third = cluster.host(&network, 3);
@@ -52,8 +52,8 @@ fn a_certificate_is_renewed_by_who_may_before_it_ends() {
     drop(nodes);
 }
 
-/// A user whose certificate is about to end gets it renewed by a node with that right, and is believed with the new one
-/// afterwards.
+/// A user has a certificate that is about to end. A node with the right to renew renews it, and the user is then
+/// believed with the new certificate.
 #[test]
 fn a_user_is_renewed_by_who_may() {
     let Some(network) = Network::new(2) else { return };
@@ -103,7 +103,7 @@ fn a_user_is_renewed_by_who_may() {
     assert!(wait_until(SOON, || team::now() > ends).is_some(), "the certificate itself has ended");
     let listed = dan(&["team"]);
     assert!(listed.out.contains("renewed"), "{listed}");
-    // Its signatures count.
+    // The signatures of the renewed user are valid.
     let written = dan(&["db", "put", "team/gain", "1.5"]);
     assert_eq!(written.code, Some(0), "{written}");
     let audit = fs::read_to_string(cluster.host(&network, 2).state().join("c2/team/audit")).expect("an audit log");

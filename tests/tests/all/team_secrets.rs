@@ -1,5 +1,5 @@
-//! A secret of a team's database: only its program has it. The test searches all files, command lines, environments and
-//! outputs of three robots, and the memory of those that may not read it.
+//! A secret in a team's database. Only its program has the secret. The test searches all files, command lines,
+//! environments and outputs of three robots, and the memory of those that may not read it.
 
 use dca_tests::cluster::{Capture, Cluster, Ended, Host, Network, Program, SOON, Stream, executable, wait_until};
 use node::logic::database::question::Status;
@@ -10,14 +10,14 @@ use std::path::Path;
 use std::process::Command;
 
 const SECRET: &str = "Swordfish-Quartz-8261";
-/// A secret on a command line, where another test of this file would find the first one.
+/// A secret on a command line. It differs from the first one, which another test of this file would otherwise find.
 const OTHER: &str = "Lantern-Marigold-5507";
-/// The same with each letter moved by 13 places: the program writes it to show that it has read the secret.
+/// The secret with each letter moved by 13 places. The program writes this to show that it has read the secret.
 const SHOWN: &str = "Fjbeqsvfu-Dhnegm-8261";
 const KEY: &str = "team/camera/password";
 const NAMES: [&str; 3] = ["r1", "r2", "r3"];
 
-/// A spec with one program on a robot that gets the secret.
+/// Returns a spec with one program on a robot that receives the secret.
 fn spec(robot: &str) -> String {
     format!(
         r#"module Camera(host, password: Secret) {{
@@ -33,7 +33,7 @@ process main() {{
     )
 }
 
-/// A team of three robots, and the operator's desk on the first host.
+/// A team of three robots. The operator's desk is on the first host.
 struct Robots {
     nodes: Vec<Program>,
     cluster: Cluster,
@@ -85,14 +85,14 @@ impl Robots {
         arguments.iter().copied().chain(self.keys.iter().map(String::as_str)).collect()
     }
 
-    /// Does something at the desk with the operator's keys.
+    /// Runs a command at the desk with the operator's keys.
     fn done(&self, arguments: &[&str]) -> Ended {
         let ended = self.host(1).ask(&self.with(arguments));
         assert_eq!(ended.code, Some(0), "{ended}");
         ended
     }
 
-    /// Seals a secret at the desk, and waits until every robot has it.
+    /// Seals a secret at the desk, and waits until every robot has received it.
     fn seal(&self, value: &str, robots: &str) -> Ended {
         let put = ["db", "put", "--secret", KEY, "--for", robots, "--level", "everywhere", "--within", "25s"];
         self.host(1).ask_given(&self.with(&put), value.as_bytes())
@@ -104,7 +104,7 @@ impl Robots {
     }
 }
 
-/// Adds the files below a folder that have the secret.
+/// Adds the files below a folder that contain the secret.
 fn files_with(folder: &Path, found: &mut Vec<String>) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, kind) = (entry.path(), entry.file_type().expect("Linux tells it"));
@@ -120,7 +120,7 @@ fn has_secret(bytes: &[u8]) -> bool {
     bytes.windows(SECRET.len()).any(|part| part == SECRET.as_bytes())
 }
 
-/// Returns whether the memory of a process has the secret; of its core there is no more than that.
+/// Returns whether the memory of a process contains the secret. A core dump contains no more than that.
 fn memory_has_secret(pid: u32) -> bool {
     let maps = fs::read_to_string(format!("/proc/{pid}/maps")).expect("it runs");
     let memory = File::open(format!("/proc/{pid}/mem")).expect("the test may look");
@@ -139,7 +139,7 @@ fn memory_has_secret(pid: u32) -> bool {
     has
 }
 
-/// Returns the command lines and environments of any process that have the secret.
+/// Returns the command lines and environments of any processes that contain the secret.
 fn processes_with() -> Vec<String> {
     let pids = fs::read_dir("/proc").expect("it is mounted").flatten().map(|entry| entry.path());
     let files = pids.flat_map(|path| ["cmdline", "environ"].map(|name| path.join(name)));
@@ -149,7 +149,7 @@ fn processes_with() -> Vec<String> {
         .collect()
 }
 
-/// A search that finds nothing anywhere would please everybody.
+/// Checks the search itself: a search that never finds anything would always pass.
 fn the_search_finds_what_is_there(robots: &Robots) {
     let bait = robots.cluster.file("bait", &format!("a {SECRET} b"));
     let mut found = Vec::new();
@@ -167,7 +167,7 @@ fn the_search_finds_what_is_there(robots: &Robots) {
     assert!(capture.end().iter().any(|packet| has_secret(packet)), "a packet that has it is seen");
 }
 
-/// Instead of unreadable bytes; only a file keeps them, and can be imported.
+/// Every verb prints this instead of unreadable bytes. Only a file keeps the bytes, and can be imported.
 fn every_verb_says_who_may_read(robots: &Robots) {
     let phrase = "secret for r2, generation 1";
     for verb in [&["history"][..], &["history", KEY], &["diff", "0"], &["at", "now"]] {
@@ -234,7 +234,7 @@ fn a_secret_is_for_its_robot_alone() {
     }
     assert_eq!(found, [""; 0], "files");
     assert_eq!(processes_with(), [""; 0], "command lines and environments");
-    // Not even the node of r2 keeps it.
+    // Even the node of r2 does not keep it.
     for (name, node) in NAMES.iter().zip(&robots.nodes) {
         assert!(!memory_has_secret(node.pid()), "{name}");
     }
@@ -259,7 +259,7 @@ fn a_secret_is_for_its_robot_alone() {
     assert!(revoked.err.contains("`r3` could read these secrets"), "{revoked}");
 }
 
-/// A running controller is told a secret that has changed, even if its node was killed in between; a secret that is no
+/// A running controller receives a changed secret, even if its node was killed in the meantime. A secret that is no
 /// longer for its robot changes nothing.
 #[test]
 fn a_secret_that_changes_reaches_the_controller_that_runs() {
@@ -289,7 +289,7 @@ fn a_secret_that_changes_reaches_the_controller_that_runs() {
     assert_eq!(robots.seal("Swordfish-3", "r3").code, Some(0), "not for r2");
     assert_eq!(robots.seal("Swordfish-4", "r2,r3").code, Some(0));
     says("changed Fjbeqsvfu-4\n");
-    // A change made while its node is away comes with the next one.
+    // A change made during the absence of its node arrives with the next node.
     robots.nodes[1].kill();
     let put = ["db", "put", "--secret", KEY, "--for", "r2", "--level", "local"];
     let sealed = robots.host(1).ask_given(&robots.with(&put), b"Swordfish-5");
@@ -316,13 +316,13 @@ fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
     assert!(!format!("{twice}").contains(OTHER), "{twice}");
     let none = robots.host(1).ask(&["db", "get", KEY]);
     assert_eq!(none.code, Some(1), "{none}");
-    // A value that is not a secret cannot be used as one in a spec.
+    // A spec cannot use a value that is not a secret as a secret.
     drop(robots.done(&["db", "put", KEY, "--text", "plain", "--level", "everywhere", "--within", "25s"]));
     let refused = robots.deploy("r2", "camera").ended(SOON);
     assert!(refused.out.contains("`team/camera/password` is not a secret"), "{refused}");
 }
 
-/// A robot gets new keys under its name: with these it is a member, the old keys are revoked, and the secrets sealed
+/// A robot gets new keys under its name. With these it is a member, the old keys are revoked, and the secrets sealed
 /// for them are listed.
 #[test]
 fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
@@ -364,7 +364,7 @@ fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
     let refusals = || log().matches("the key of `r2` is revoked").count();
     let before = refusals();
     let thief = robots.host(2).start_node("r2", &[]);
-    // One line a minute.
+    // There is one line each minute.
     assert!(wait_until(3 * SOON, || refusals() > before).is_some(), "{}", log());
     assert!(!sees_r2(), "{}", robots.host(3).ask(&["nodes"]));
     drop(thief);

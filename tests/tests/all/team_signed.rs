@@ -1,5 +1,5 @@
-//! A node in a team, and an attacker on its own machine who wants more than is signed: its sockets, its disk, its audit
-//! log. Each attack starts nothing, writes nothing, and is one line of the audit log.
+//! A node in a team, and an attacker on the same machine who wants more than is signed. The targets are the
+//! node's sockets, disk and audit log. Each attack starts nothing and writes nothing, and is one line of the audit log.
 
 use comms::io::session::{Session, Subscription};
 use comms::logic::port::Policy;
@@ -58,7 +58,7 @@ fn stop() -> Request {
     Request::Stop { name: "test".into() }
 }
 
-/// A user; each request has the next number.
+/// A user. Each request has the next number.
 struct User {
     keys: SecretKeys,
     credential: Credential,
@@ -89,7 +89,7 @@ impl User {
     }
 }
 
-/// A node `c2` in a team, in a namespace, and the keys of the team.
+/// A node `c2` of a team, in a namespace, and the keys of the team.
 struct Attacked {
     runtime: Runtime,
     node: Option<Program>,
@@ -118,7 +118,7 @@ impl Attacked {
         User { keys, credential, team: self.team.team.id(), number: AtomicU64::new(1) }
     }
 
-    /// Kills the node, if it runs, and starts it.
+    /// Kills the node if it runs, and then starts it.
     fn restart(&mut self) {
         if let Some(node) = self.node.take() {
             node.kill();
@@ -127,7 +127,7 @@ impl Attacked {
         self.node = Some(self.host.node("c2", &[]));
     }
 
-    /// Kills the node, and starts it as after a boot of this name.
+    /// Kills the node, and starts it as after a boot with this name.
     fn reboot(&mut self, boot: &str) {
         if let Some(node) = self.node.take() {
             node.kill();
@@ -171,7 +171,7 @@ impl Attacked {
         self.records().iter().filter_map(|line| Some(line.strip_prefix("refused|")?.to_owned())).collect()
     }
 
-    /// Attacks; it is refused for this reason, with one line in the audit log, and nothing is started.
+    /// Attacks. The attack is refused for this reason with one line in the audit log, and nothing is started.
     #[track_caller]
     fn refused(&self, attack: impl FnOnce() -> String, reason: &str) {
         let before = self.refusals();
@@ -200,8 +200,8 @@ impl Attacked {
     }
 }
 
-/// Requests of command lines: unsigned, for another host or team, expired, of a lower role, altered, of a revoked
-/// signer, and sent again.
+/// Requests of command lines: unsigned, for another host or team, expired, of a lower role, altered, from a revoked
+/// signer, and repeated.
 #[test]
 fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let Some(mut at) = Attacked::new() else { return };
@@ -213,7 +213,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.call_refused(&found, "it is not signed");
     at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
     let Answer::Database(Reply::Done(_)) = at.ask_signed(&ann.sign(&found, "c2")) else { panic!("an admin may") };
-    // An accepted request is in the log with its result.
+    // The log contains an accepted request with its result.
     let unknown = at.ask_signed(&dan.sign(&stop(), "c2"));
     assert!(matches!(unknown, Answer::Stop(StopReply::Unknown)), "{unknown:?}");
     let of_dan = || at.records().into_iter().filter(|line| line.contains("|dan|stop `test`|")).collect::<Vec<_>>();
@@ -244,7 +244,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.signed_refused(good.clone(), "was here before");
     at.restart();
     at.signed_refused(good.clone(), "was here before");
-    // Without the list of those a node would carry it out again, so it does not run.
+    // Without the list of accepted requests, a node would carry out a request again. So it does not run.
     let accepted = at.host.state().join("c2/team/accepted");
     let kept = at.cluster.folder().join("accepted");
     at.node.take().expect("it runs").kill();
@@ -276,8 +276,8 @@ process main() {
 }
 "#;
 
-/// A mission is resumed after a reboot, but not if the user who signed it was revoked in between, although its home had
-/// accepted it.
+/// A mission is resumed after a reboot. It is not resumed if the user who signed it was revoked in the meantime,
+/// although its home had accepted it.
 #[test]
 fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     let Some(mut at) = Attacked::new() else { return };
@@ -292,7 +292,7 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     let runs = |at: &Attacked| at.cluster.leaf("main/there").map(|process| process.pid);
     let begins = wait_until(SOON, || runs(&at).is_some());
     assert!(begins.is_some(), "{:?}", at.records());
-    // The caller has gone after the first answer: the result is still in the log.
+    // The caller has gone after the first answer, but the result is still in the log.
     let done = "done|dan|deploy `test`|".to_owned();
     assert!(wait_until(SOON, || at.records().contains(&done)).is_some(), "{:?}", at.records());
     let first = runs(&at);
@@ -309,7 +309,7 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     assert_eq!(runs(&at), None);
 }
 
-/// An attacker who claims to be the node `c1`.
+/// An attacker that claims to be the node `c1`.
 struct Liar<'a> {
     at: &'a Attacked,
     session: Session,
@@ -352,7 +352,7 @@ impl<'a> Liar<'a> {
         self.put(&key::pong(&ping.from), codec::encode(&pong).expect("it is short"));
     }
 
-    /// Orders something as the home; returns the answer.
+    /// Sends an order as the home, and returns the answer.
     fn order(&mut self, epoch: u64, order: ToParticipant) -> ToCoordinator {
         let runtime = &self.at.runtime;
         let deployment = Deployment { name: "test".into(), epoch };
@@ -402,8 +402,7 @@ impl<'a> Liar<'a> {
     }
 }
 
-/// A home that lies, or a relay between the home and its hosts: it has a request that a user has signed, and wants
-/// more.
+/// A lying home, or a relay between the home and its hosts. It has a request that a user has signed, and wants more.
 #[test]
 fn a_home_that_lies_starts_nothing() {
     let Some(at) = Attacked::new() else { return };
@@ -429,7 +428,7 @@ fn a_home_that_lies_starts_nothing() {
     };
     liar.refused(1, prepare(Some(&dan.sign_with(&deploy(), "c1", past))), "s too late");
 
-    // A signed request starts its programs once: with the same request they are not started again.
+    // A signed request starts its programs once. The same request does not start them again.
     let started = liar.order(5, prepare(Some(&good)));
     assert!(matches!(started, ToCoordinator::Prepared { .. }), "{started:?}");
     assert_eq!(liar.order(5, ToParticipant::Release), ToCoordinator::Released);

@@ -1,6 +1,6 @@
-//! Speakers on a wire in a team: an attacker who is linked to both ends of a wire, with all rights of a zenoh peer,
-//! changes no value on it, reads nothing, and answers nothing for others. The attempt is one line of the audit log, and
-//! the wire keeps its rate.
+//! Attackers on a wire in a team. An attacker has links to both ends of a wire, with all rights of a zenoh peer. It
+//! changes no value on the wire, reads nothing, and answers nothing for others. The attempt is one line of the audit
+//! log, and the wire keeps its rate.
 
 use comms::io::clock::now;
 use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer, Visitor};
@@ -32,7 +32,7 @@ use trust::identity::SecretKeys;
 use trust::team::Credential;
 use zeroize::Zeroizing;
 
-/// A key that only this test has.
+/// Returns a key that exists only in this test.
 fn seal_key(secret: u8) -> SealKey {
     SealKey::new(&Zeroizing::new([secret; 32]), Cover::Bytes)
 }
@@ -46,9 +46,9 @@ process main() {
 }
 ";
 
-/// A team on four hosts. The last one is a member, and runs nothing.
+/// A team on four hosts. The last host is a member, and runs nothing.
 struct Team {
-    // Dropped in this order.
+    // The fields are dropped in this order.
     _nodes: Vec<Program>,
     cluster: Cluster,
     network: Network,
@@ -58,7 +58,7 @@ struct Team {
 const MEMBERS: [&str; 4] = ["c1", "c2", "c3", "c4"];
 
 impl Team {
-    /// Begins it; its nodes have these options.
+    /// Begins the team. Its nodes have these options.
     fn new(options: &[&str]) -> Option<Self> {
         let (cluster, network) = (Cluster::new(), Network::new(MEMBERS.len())?);
         let passphrase = cluster.file("passphrase", "correct horse battery\n");
@@ -97,12 +97,12 @@ impl Team {
         self.host(1).ask(&self.with(arguments)).code.unwrap_or(-1)
     }
 
-    /// Returns where the programs of a node are, by their paths.
+    /// Returns where the programs of a node are reachable, by their paths.
     fn locations(&self, number: usize, (deployment, epoch): (&str, u64)) -> Vec<(String, Dial)> {
         let name = MEMBERS[number - 1];
         let socket = self.host(number).run_dir().join(name).join("node.sock");
         let asked = Request::Locations { deployment: Deployment { name: deployment.to_owned(), epoch } };
-        // Zenoh starts its threads in the network where it is used first: the intruder's.
+        // Zenoh starts its threads in the network of its first use, which is the intruder's.
         let ask = move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
             runtime.expect("threads").block_on(async {
@@ -120,12 +120,12 @@ impl Team {
         }
     }
 
-    /// Returns the subject and the reason of each refusal in the audit log of a node that is about a wire or a call.
+    /// Returns the subject and the reason of each refused wire or call in the audit log of a node.
     fn refusals(&self, number: usize) -> Vec<String> {
         self.audited(number, "refused")
     }
 
-    /// The same of another decision.
+    /// Returns the same for another decision.
     fn audited(&self, number: usize, decision: &str) -> Vec<String> {
         let name = MEMBERS[number - 1];
         let log = fs::read_to_string(self.host(number).state().join(name).join("team/audit")).unwrap_or_default();
@@ -139,7 +139,8 @@ impl Team {
     }
 }
 
-/// A session with the credentials that a node gives to clients that watch programs, linked to these.
+/// Opens a session with links to these programs. Its credentials are those that a node gives to clients that watch
+/// programs.
 fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
     let identity = Arc::new(VisitorIdentity::open(file).expect("the node has written it"));
     let session = DataSession::open_observer(Some((identity, folder.to_owned()))).expect("it opens");
@@ -150,7 +151,7 @@ fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
     session
 }
 
-/// The identity of a program that the fourth host has started, as its node would vouch for it.
+/// Returns the identity of a program that the fourth host has started, as if its node vouched for it.
 fn third_program(team: &Team) -> Arc<ProgramIdentity> {
     let host = team.host(4);
     let file = |name: &str| fs::read(host.state().join("c4/team").join(name)).expect("it is a member");
@@ -163,20 +164,21 @@ fn third_program(team: &Team) -> Arc<ProgramIdentity> {
     Arc::new(identity)
 }
 
-/// A program of the same team that has no wire with these wants to link to them: it comes no further than the tunnel.
+/// A program of the same team, without a wire to these programs, wants to link to them. It comes no further than the
+/// tunnel.
 fn links_in_vain(identity: &Arc<ProgramIdentity>, folder: &Path, dials: &[Dial]) {
     let session = DataSession::open(&folder.join("third"), Reach::Team(Arc::clone(identity) as _)).expect("it opens");
     for dial in dials {
         let remote = dial.locators.iter().filter(|place| place.starts_with("tcp/")).cloned().collect();
         let to = Dial { session: dial.session.clone(), locators: remote };
-        // A client without a wire is kept waiting for 2 s, and then refused.
+        // A client without a wire waits for 2 s, and is then refused.
         assert!(session.dial(&to, Duration::from_millis(3500)).is_err(), "it has no wire");
     }
     session.close();
 }
 
-/// A fourth host is a member of the team, and an attacker on it uses the credentials that its node gives to clients
-/// that watch programs.
+/// A fourth host is a member of the team. An attacker on it uses the credentials that its node gives to clients that
+/// watch programs.
 #[test]
 fn a_member_speaks_for_other_programs_in_vain() {
     if !alone("team_wires::a_member_speaks_for_other_programs_in_vain") {
@@ -189,8 +191,8 @@ fn a_member_speaks_for_other_programs_in_vain() {
     wires_within_a_host_are_direct(&team);
 }
 
-/// An attacker with credentials of the team sends on the wire of two programs, a thousand times a second: nothing of it
-/// arrives, the wire keeps its rate, and the node of the consumer has one line in its audit log.
+/// An attacker with credentials of the team sends on the wire of two programs, a thousand times each second. None of
+/// these values arrives, and the wire keeps its rate. The node of the consumer has one line in its audit log.
 fn sends_on_a_wire_in_vain(team: &Team) {
     let rates = team.cluster.file("rates.dca", RATES);
     let deployed = team.host(1).dca(&team.with(&["deploy", &rates]));
@@ -217,7 +219,7 @@ fn sends_on_a_wire_in_vain(team: &Team) {
         let mut number = 1_000_000;
         while now() < until {
             number += 1;
-            // A beat of a source: its number, and no ballast.
+            // A beat of a source: its number, without padding.
             let beat = vec![0xff, 0xff, 0x7f, 0];
             plain.put_numbered(beat.clone(), number).expect("it is open");
             sealed.put_numbered(beat, number).expect("it is open");
@@ -241,7 +243,7 @@ fn sends_on_a_wire_in_vain(team: &Team) {
     let wire = "send on the wire `main/source, Out -> main/monitor, In` of `rates@1`|";
     let told = wait_until(SOON, || !of(3, wire).is_empty());
     assert!(told.is_some() && of(3, "send on").len() <= 2, "one line a minute: {:#?}", team.refusals(3));
-    // Both ends have refused the program that has no wire with them.
+    // Both ends have refused the program that has no wire to them.
     for (number, name) in [(2, "source"), (3, "monitor")] {
         let told = wait_until(SOON, || !of(number, "link to").is_empty());
         let who = "it has no wire with this program: `main/third` of `spy@1` on c4 at 10.77.0.4";
@@ -256,7 +258,7 @@ fn sends_on_a_wire_in_vain(team: &Team) {
     let best = best_second(&received, attacked);
     assert!(best > 0.9 * before && meanwhile < 1.1 * before, "{before}, then {meanwhile}, at best {best}");
     let lost = trace.signal("main/monitor", "lost").last().expect("signals came").value;
-    // Its numbers begin with a million; a busy machine loses some by itself.
+    // The attacker's numbers begin with a million. A busy machine itself loses some numbers.
     assert!(lost < 100_000.0, "no number of the intruder was believed: {lost}");
 }
 
@@ -273,8 +275,8 @@ process main() {
 }
 ";
 
-/// Calls go between hosts of a team as the spec connects them, and `dca` on any of its machines may call. A client that
-/// is linked to a program and has signed nothing calls in vain.
+/// Between hosts of a team, calls follow the connections of the spec, and `dca` may call from any of its machines. A
+/// client that has a link to a program but has signed nothing calls without success.
 fn calls_in_vain(team: &Team, program: &str) {
     let levels = team.cluster.file("levels.dca", LEVELS);
     let deployed = team.host(1).dca(&team.with(&["deploy", &levels, "--no-record", "--controllers", program]));
@@ -340,28 +342,28 @@ fn calls_in_vain(team: &Team, program: &str) {
     drop(deployed.ended(SOON));
 }
 
-/// Returns how many consumers are connected with the producer that listens at `place`, a socket for direct wires.
+/// Returns the number of consumers connected to the producer that listens at `place`, a socket for direct wires.
 fn consumers(team: &Team, number: usize, place: &Path) -> usize {
     let place = place.display().to_string();
     let count = move || {
         let sockets = fs::read_to_string("/proc/thread-self/net/unix").expect("Linux tells its sockets");
         let fields = sockets.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
-        // The sixth field is 3 when it is connected, and the last is the name of the listener.
+        // The sixth field of a connected one is 3, and the last field is the name of the listener.
         fields.filter(|fields| fields.get(5) == Some(&"03") && fields.last() == Some(&place.as_str())).count()
     };
     team.network.inside(number, count).join().expect("it reads")
 }
 
-/// Returns where a program takes consumers of its host.
+/// Returns where a program accepts consumers of its own host.
 fn direct_socket(team: &Team, path: &str) -> PathBuf {
     let leaf = team.cluster.expect_leaf(path);
     let socket = leaf.environment.iter().find_map(|variable| variable.strip_prefix("DCA_DATA_SOCKET="));
     Path::new(socket.expect("it has a data session")).with_extension("wire")
 }
 
-/// A wire between two programs of one host works without zenoh; its values can be watched like others. Another program
-/// of the same user, which has found the socket and has no keys, reaches neither end, and the attempt is a line of the
-/// audit log.
+/// A wire between two programs of one host works without zenoh, and its values can be watched like others. Another
+/// program of the same user has found the socket, but has no keys. It reaches neither end, and the attempt is a line of
+/// the audit log.
 fn wires_within_a_host_are_direct(team: &Team) {
     let near = team.cluster.file("near.dca", &RATES.replace("RateMonitor(c3)", "RateMonitor(c2)"));
     let deployed = team.host(1).dca(&team.with(&["deploy", &near]));
@@ -393,9 +395,9 @@ fn wires_within_a_host_are_direct(team: &Team) {
     drop(deployed.ended(SOON));
 }
 
-/// A source on one host feeds two monitors on another, and one beside it. The source is killed twice, and two of the
-/// monitors in between. A restarted program has other keys: the other ends are told, the values go on, and this adds no
-/// line to the audit log.
+/// A source on one host feeds two monitors on another host, and one monitor on its own host. The source is killed
+/// twice, and two of the monitors in between. A restarted program has different keys. The other ends are told, the
+/// values continue, and this adds no line to the audit log.
 #[test]
 fn programs_that_are_started_again_go_on_with_new_keys() {
     if !alone("team_wires::programs_that_are_started_again_go_on_with_new_keys") {
@@ -417,7 +419,7 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     let deployed = team.host(1).dca(&team.with(&["deploy", &team.cluster.file("beats.dca", text)]));
     deployed.wait_for(Stream::Err, "▸", SOON);
     let runs = team.cluster.folder().join("runs/beats-1");
-    // Waits until `more` further values have come.
+    // Waits until `more` additional values have come.
     let received = |path: &str| Trace::so_far(&runs).signal(path, "received").last().map_or(0.0, |last| last.value);
     let beats = |count: f64| {
         let began = received("main/monitor");
@@ -434,11 +436,11 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
         beats(50.0);
         let is_direct = || consumers(&team, 2, &direct_socket(&team, "main/source")) == 1;
         assert!(wait_until(SOON, is_direct).is_some(), "after {path} the wire within the host is direct again");
-        // Signals of a program that was started again are not followed.
+        // The test does not follow the signals of a restarted program.
         let has_come = || path == "main/near" || received("main/near") > near + 50.0;
         assert!(wait_until(SOON, has_come).is_some(), "{}", deployed.text(Stream::Err));
     }
-    // Longer than a different key may go unnoticed.
+    // This is longer than a different key may remain unnoticed.
     pass(OTHER_KEY_WITHIN + Duration::from_secs(1));
     beats(50.0);
     assert_eq!((team.refusals(2), team.refusals(3)), (vec![], vec![]));
@@ -446,7 +448,7 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     drop(deployed.ended(SOON));
 }
 
-/// A mission calls another deployment, from two hosts: both ends seal for each other, in each mission, and no call is
+/// A mission calls another deployment, from two hosts. In each mission, both ends seal for each other, and no call is
 /// refused.
 #[test]
 fn calls_of_another_deployment_are_sealed_too() {

@@ -1,12 +1,12 @@
-//! The view on a terminal: colours where they are wanted, lines that fit, no character that it cannot draw.
+//! The output on a terminal: colours if they are wanted, lines that fit, and no characters that it cannot draw.
 
 use dca_tests::cluster::Cluster;
 
-/// An undeclared name, which gives a diagnostic with carets.
+/// An undeclared name. It results in a diagnostic with carets.
 const WRONG: &str =
     "process main(){ host{ c1 } instantiated_processes{ a instof A(c1); } internal_event_actions{ bee } }";
 
-/// Three steps with long names, each long enough for the live line to be drawn.
+/// Three steps with long names. Each lasts long enough for the live line to be drawn.
 const LONG: &str = "
 module Nap(host) { exec \"sleep 0.3\"; plain; done; }
 process main() {
@@ -51,8 +51,8 @@ fn a_mission_fits_into_80_columns_and_a_dumb_terminal_gets_whole_lines() {
         let width = |text: &str| text.chars().count();
         for line in text.split("\r\n") {
             assert!(is_redrawn || !line.contains('\r'), "{terminal}: {line:?}");
-            // A line that is redrawn must fit in one line; text that stays, such as the reason of a failure, may have
-            // several.
+            // A line that is redrawn must fit in one line. Text that stays, such as the reason for a failure, may
+            // have several lines.
             for live in line.split('\r').filter_map(|drawn| drawn.strip_suffix("\x1b[K")) {
                 assert!(width(live) < 80 && !live.contains('\x1b'), "{} columns: {live:?}", width(live));
             }

@@ -10,25 +10,25 @@ const THROUGH: &str = include_str!("../../../specs/door_through.dca");
 const PLACE: &str = "closer = 0 Nm, closer_rate = 0";
 const LIMIT: Duration = Duration::from_secs(200);
 const WORLD: &str = "main/world";
-/// The radius of the base: beyond the wall by more than this it is on the other side (m).
+/// The radius of the base (m). If the base is farther beyond the wall than this, it is on the other side.
 const BASE: f64 = 0.31;
 
-/// The room on each side that the spec asks for (mm).
+/// The free space on each side that the spec requires (mm).
 const MARGIN: f64 = 50.0;
 
 /// How a mission ended.
 #[derive(Debug)]
 struct Passage {
     finish: Finish,
-    /// How far the centre of the base is beyond the wall (m).
+    /// The distance of the base's centre beyond the wall (m).
     beyond: f64,
     /// The largest force between robot and leaf, jambs or walls (N).
     collision: f64,
     /// The largest force on the hand (N).
     worst: f64,
-    /// The free room on each side that was measured (mm).
+    /// The measured free space on each side (mm).
     clearance: f64,
-    /// The free room while it drove (mm).
+    /// The free space during the drive (mm).
     room: f64,
     seconds: f64,
 }
@@ -80,7 +80,7 @@ fn check_passages(worlds: &[&str]) {
         assert!(passed.beyond > BASE, "{world}: {:.2} m", passed.beyond);
         assert!(passed.collision < 1e-9, "{world}: it ran into something with {:.0} N", passed.collision);
         assert!(passed.clearance >= MARGIN && passed.worst < 60.0, "{world}");
-        // It steers to a centimetre, and the laser's noise and bias are another.
+        // The steering is accurate to a centimetre, and the noise and bias of the laser add another.
         assert!(passed.room >= MARGIN - 20.0, "{world}: {:.0} mm", passed.room);
         assert!(passed.seconds < 120.0, "{world}: {:.0} s", passed.seconds);
     }
@@ -99,7 +99,7 @@ fn what_it_cannot_pass_it_says() {
     }
 }
 
-/// With real processes and the real clock.
+/// The mission runs with real processes and real time.
 #[test]
 #[ignore = "long: a real door"]
 fn the_programs_drive_through() {

@@ -1,6 +1,7 @@
-//! The rules of the house that no compiler checks: permitted imports, pure folders, and the place of each thing.
+//! The rules of this project that the compiler does not check: permitted imports, pure folders, and the place for each thing.
 //!
-//! Each test reads the sources as text and names every line that breaks its rule. `docs/src/inside/invariants.md` lists them.
+//! Each test reads the sources as text, and names every line that breaks its rule. `docs/src/inside/invariants.md` lists the
+//! rules.
 
 mod glossary;
 mod inside;
@@ -12,11 +13,11 @@ use sources::{Source, Strings, files, room, root, sources, without_comments};
 use std::collections::BTreeSet;
 use std::fs;
 
-/// The longest file, without its tests.
+/// The length of the longest file, without its tests.
 const LINES_MAX: usize = 600;
-/// The most lines of the database's core, blank ones and tests left out. A quarter of them are documentation.
+/// The greatest number of lines in the database's core, without blank lines and tests. A quarter of them are documentation.
 const CORE_LINES_MAX: usize = 5400;
-/// The rooms that each room may import. No room may import `dca-tests`, the last one.
+/// The rooms that each room may import. `dca-tests` comes last, and no room may import it.
 const FLOORS: [(&str, &[&str]); 17] = [
     ("ros", &[]),
     ("ros/bridge", &["comms", "controllers", "ros"]),
@@ -28,7 +29,7 @@ const FLOORS: [(&str, &[&str]); 17] = [
     ("team", &["comms", "trust"]),
     ("dbmanager", &["comms"]),
     ("controllers", &["comms", "ros", "team"]),
-    // Only the tests of `node` use `verify`, to compare the records of a supervisor.
+    // Only the tests of `node` use `verify`. They compare the records of a supervisor.
     ("node", &["comms", "dbmanager", "language", "shim", "team", "trust", "verify"]),
     ("node/shim", &["comms"]),
     ("view", &["comms", "dbmanager", "language", "node"]),
@@ -37,7 +38,7 @@ const FLOORS: [(&str, &[&str]); 17] = [
     ("examples", &["controllers"]),
     ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "team", "trust", "verify"]),
 ];
-/// Every room, by the name under which it is imported.
+/// Every room, by its name in imports.
 const ROOMS: [&str; 15] = [
     "import",
     "language",
@@ -55,7 +56,7 @@ const ROOMS: [&str; 15] = [
     "cli",
     "dca_tests",
 ];
-/// Folders and files in which the same input has to give the same output, besides every `logic`.
+/// All folders and files where the same input has to result in the same output, in addition to every `logic`.
 const PURE: [&str; 10] = [
     "import/src/",
     "language/src/",
@@ -68,9 +69,9 @@ const PURE: [&str; 10] = [
     "trust/src/",
     "view/src/",
 ];
-/// Parts of the pure folders that talk to the outside, or, as `nested`, keep a count per thread while they read.
+/// Parts of the pure folders that talk to the outside. `nested` instead keeps a count for each thread while it reads.
 const IMPURE: [&str; 2] = ["controllers/src/sdk/process", "language/src/plan/nested"];
-/// Words that no pure code names. `std::{` would hide the others.
+/// Words that pure code never contains. `std::{` would hide the others.
 const HIDDEN_INPUTS: [&str; 21] = [
     "Instant",
     "SystemTime",
@@ -94,10 +95,10 @@ const HIDDEN_INPUTS: [&str; 21] = [
     "stdin",
     "rand::",
 ];
-/// Strings that look like key expressions and are names of encodings.
+/// Strings that look like key expressions, but are names of encodings.
 const NO_KEYS: [&str; 4] = ["dca/refused", "dca/here", "dca/end", "dca/broken"];
 
-/// Returns whether `word` is in `line` and is not the end or the beginning of another word.
+/// Returns whether `word` is in `line` as a whole word.
 fn names(line: &str, word: &str) -> bool {
     let part = |character: char| character.is_alphanumeric() || character == '_';
     line.match_indices(word).any(|(at, _)| {
@@ -127,7 +128,7 @@ fn check(rule: &str, broken: &[String]) {
     assert!(broken.is_empty(), "{rule}\n  {}\n", broken.join("\n  "));
 }
 
-/// Returns the entries of the tables of a manifest whose name ends in `dependencies`.
+/// Returns the entries in those tables of a manifest whose names end with `dependencies`.
 fn dependencies(manifest: &str) -> Vec<String> {
     let mut inside = false;
     let mut names = Vec::new();
@@ -152,7 +153,7 @@ fn imports_only_go_down() {
     }
     let all = sources();
     wrong.extend(broken(&all, Strings::Emptied, |source, line| {
-        // Programs written by `dca new` belong to their users.
+        // The programs from `dca new` belong to their users.
         let (folder, _) = room(&source.path).filter(|_| !source.path.starts_with("cli/templates/"))?;
         let (_, allowed) = FLOORS.iter().find(|(name, _)| *name == folder)?;
         let path = line.trim().trim_start_matches("pub ").strip_prefix("use ")?;
@@ -218,7 +219,7 @@ fn the_core_of_the_database_is_small() {
     assert!((3000..CORE_LINES_MAX).contains(&count), "{count} lines with documentation, without views");
 }
 
-/// Checks that only code in `places` names one of `words`.
+/// Checks that only code in `places` contains one of `words`.
 #[track_caller]
 fn only_in(rule: &str, places: &[&str], words: &[&str]) {
     let all = sources();
@@ -229,7 +230,7 @@ fn only_in(rule: &str, places: &[&str], words: &[&str]) {
     let others =
         all.iter().filter(|source| source.is_shipped() && !places.iter().any(|place| source.path.starts_with(place)));
     let wrong = broken(others, Strings::Emptied, |_, line| {
-        // To ask whether an output is a terminal is not to print.
+        // Asking whether an output is a terminal is not printing.
         let line = line.replace("stderr().is_terminal", "");
         words.iter().find(|word| names(&line, word)).map(|word| format!("names `{word}`"))
     });
@@ -274,7 +275,7 @@ fn one_place_of_each_program_prints() {
     only_in("only `output` prints, and the one place of the shim and of a controller", &places, &words);
 }
 
-/// Spans of time are printed with `comms::logic::human::span`, paths between backticks.
+/// `comms::logic::human::span` prints durations, and paths stand between backticks.
 #[test]
 fn people_read_no_debug_text() {
     let all = sources();
@@ -339,7 +340,7 @@ fn no_destructor_kills() {
     for source in sources().iter().filter(|source| source.is_shipped()) {
         let mut inside = false;
         for (number, line) in source.code(Strings::Emptied) {
-            // Code is formatted: a block ends with a brace under its beginning.
+            // The code is formatted, so a block ends with a brace below its beginning.
             inside =
                 (inside || line.starts_with("impl") && names(&line, "Drop") && line.contains(" for ")) && line != "}";
             let sends = ["kill", "pidfd_send_signal", "Signal", "terminate"].iter().find(|word| line.contains(**word));

@@ -1,9 +1,9 @@
-//! `dca top` at a terminal, on real processes.
+//! `dca top` at a terminal, with real processes.
 
 use dca_tests::cluster::{Cluster, SOON, Stream, wait_until};
 use rustix::process::Signal;
 
-/// A program that writes, and an activity that asks.
+/// A program that writes, and an activity with a question.
 const SPEC: &str = "
     module Talker(host) { exec \"sh -c 'echo hello from the talker; exec sleep 600'\"; plain; done; }
     module Sleeper(host) { exec \"sleep 600\"; plain; done; }
@@ -20,7 +20,7 @@ const SPEC: &str = "
         internal_event_actions { talker , ask }
     }";
 
-/// Leaves the other screen, and shows the cursor.
+/// The output that leaves the other screen and shows the cursor.
 const GIVEN_BACK: &str = "\x1b[?25h\x1b[?1049l";
 
 #[test]
@@ -34,7 +34,7 @@ fn a_person_looks_answers_stops_everything_and_leaves() {
     let shown = top.wait_for("asks a question");
     assert!(shown.contains("1 robot") && shown.contains("door@1") && shown.contains("talker: Talker"), "{shown}");
     assert!(shown.lines().all(|line| line.chars().count() <= 80), "{shown}");
-    // The output of a process: the cursor goes to the last row, which is the talker.
+    // The output of a process is selected: the cursor goes to the last row, which is the talker.
     top.press("G\r");
     top.wait_for("hello from the talker");
     top.press("6");
@@ -58,7 +58,7 @@ fn a_person_looks_answers_stops_everything_and_leaves() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
-/// The keys for a stop and for leaving come at once, as on a slow line.
+/// The keys for a stop and for leaving arrive at once, as on a slow line.
 #[test]
 fn an_order_that_was_given_is_carried_out_though_the_person_leaves() {
     let cluster = Cluster::new();

@@ -1,6 +1,6 @@
-//! `dca view --foxglove`: topics, parameters and services of a running mission for Foxglove, and clients that mean no good.
+//! `dca view --foxglove`: topics, parameters and services of a running mission for Foxglove, and malicious clients.
 //!
-//! The client of these tests writes its frames itself, so it shares no code with the server. A long test uses Foxglove's own client.
+//! The client in these tests writes its frames itself, so it shares no code with the server. A long test uses Foxglove's own client.
 
 mod client;
 
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// A source of 100 values a second, a monitor with signals, wheels with a procedure, and a guard with a parameter.
+/// A source of 100 values each second, a monitor with signals, wheels with a procedure, and a guard with a parameter.
 const SPEC: &str = "
 process main() {
     host { c1 }
@@ -31,7 +31,7 @@ process main() {
 }
 ";
 
-/// A view, and where it listens.
+/// A view, and the address where it listens.
 struct View {
     view: Program,
     address: String,
@@ -42,7 +42,7 @@ impl View {
         Self::of(here.dca(&["view", "--foxglove", "127.0.0.1:0"]))
     }
 
-    /// Returns a command that serves clients.
+    /// Returns a view from a command that serves clients.
     fn of(view: Program) -> Self {
         view.wait_for(Stream::Out, "\n", SOON);
         view.wait_for(Stream::Err, "Ctrl-C", SOON);
@@ -72,7 +72,7 @@ fn a_mission_is_seen_changed_and_stopped_by_a_client() {
     let mut client = Client::connect(&view.address);
     let info = client.word("serverInfo");
     assert_eq!(info["capabilities"], json!(["parameters", "parametersSubscribe", "services"]));
-    // Values have the fields of their schema. A value whose type its program does not declare comes as its bytes.
+    // Values have the fields of their schema. If the program does not declare the type of a value, the value comes as its bytes.
     let beat = client.channel("/ports/main/beat/Out");
     assert_eq!((&beat["encoding"], &beat["schemaName"]), (&json!("json"), &json!("dca.Encoded")));
     client.subscribe(1, &beat);
@@ -115,7 +115,7 @@ fn a_mission_is_seen_changed_and_stopped_by_a_client() {
     client.send(&json!({ "op": "setParameters", "parameters": [{ "name": limit }], "id": "unset" }));
     let unset = client.word("parameterValues");
     assert_eq!(unset["parameters"][0]["value"], json!(0.5), "{unset}");
-    // A procedure is called with JSON, and a mistake has its sentence.
+    // A procedure is called with JSON, and an error has its own sentence.
     let drive = client.service("/calls/main/wheels/Drive");
     let Message::Response(driven) = client.call(drive, 1, &json!({ "speed": 0.25 })) else { panic!("it drives") };
     assert_eq!(driven["speed"], json!(0.25), "{driven}");
@@ -123,7 +123,7 @@ fn a_mission_is_seen_changed_and_stopped_by_a_client() {
     assert_eq!((&refused["op"], &refused["callId"]), (&json!("serviceCallFailure"), &json!(2)), "{refused}");
     let Message::Word(refused) = client.call(drive, 3, &json!({ "speed": 20 })) else { panic!("it is refused") };
     assert!(refused["message"].as_str().is_some_and(|text| text.contains("not a speed of these wheels")), "{refused}");
-    // A stop names the hosts that have not confirmed it. Then the topics of the programs vanish.
+    // A stop names the hosts that have not confirmed it. Then the topics of the programs disappear.
     let stop = client.service("/dca/stop");
     let Message::Response(stopped) = client.call(stop, 4, &json!({ "deployment": "door" })) else { panic!("it stops") };
     assert_eq!((&stopped["confirmed"], &stopped["unconfirmed"]), (&json!(true), &json!([])), "{stopped}");
@@ -154,7 +154,7 @@ fn an_estop_from_a_client_is_confirmed_by_each_host() {
     assert_eq!((&released["confirmed"], &released["hosts"][0]["released"]), (&json!(true), &json!(true)), "{released}");
 }
 
-/// In a team every user can stop everything without a key. A release needs one, and the answer says that it was refused.
+/// In a team, every user can stop everything without a key. A release needs a key, and the answer says that it was refused.
 #[test]
 fn in_a_team_orders_have_the_rights_of_the_user() {
     let (cluster, team) = (Cluster::new(), MadeTeam::default());
@@ -175,7 +175,7 @@ fn in_a_team_orders_have_the_rights_of_the_user() {
     assert!(status.out.contains("everything was stopped by "), "{status}");
 }
 
-/// Returns the panels of a layout that are of a type, with their settings.
+/// Returns the panels of one type in a layout, with their settings.
 fn panels(layout: &Value, kind: &str) -> Vec<Value> {
     let all = layout["configById"].as_object().expect("a layout has panels");
     all.iter().filter(|(id, _)| id.starts_with(kind)).map(|(_, panel)| panel.clone()).collect()
@@ -185,7 +185,7 @@ fn read_layout(file: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(file).expect("it was written")).expect("it is JSON")
 }
 
-/// A client plays the record of a run, pauses it, and jumps in it. A layout has panels for its topics.
+/// A client plays the record of a run, pauses it, and jumps in it. A layout has panels for the record's topics.
 #[test]
 fn a_record_is_played_and_searched_by_a_client() {
     let cluster = Cluster::new();
@@ -215,14 +215,14 @@ fn a_record_is_played_and_searched_by_a_client() {
     assert!(client.value(1)["stamp"].is_number());
     client.control(false, 1.0, None, "pause");
     assert_eq!(client.playback(1).request, "pause");
-    // After a jump, a client gets the last value of each channel: here the last event of the run.
+    // After a jump, a client receives the last value of each channel. Here it is the last event of the run.
     let events = client.channel("/events");
     client.control(false, 1.0, Some(end), "end");
     let jumped = client.playback(1);
     assert_eq!((jumped.at, jumped.has_jumped, jumped.request.as_str()), (end, true, "end"));
     client.subscribe(2, &events);
     assert_eq!(client.value(2)["kind"], "finished");
-    // Played from its end, it begins again. Another client hears it as well.
+    // A record that is played from its end begins again. Another client also receives it.
     client.control(true, 100.0, None, "again");
     let again = client.playback(0);
     assert_eq!((again.at, again.has_jumped), (begin, true));
@@ -248,7 +248,7 @@ fn a_record_is_played_and_searched_by_a_client() {
     assert!(states[0].to_string().contains("/events{process==\\\"main/wheels\\\"}.kind"), "{layout}");
 }
 
-/// The layout of a running mission has its states, its signals and a stop. Without a mission there is nothing to lay out.
+/// The layout of a running mission contains its states, its signals and a stop. Without a mission, a layout would be empty.
 #[test]
 fn a_layout_has_panels_for_the_missions_that_run() {
     let cluster = Cluster::new();
@@ -342,10 +342,10 @@ fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
     let rebound = handshake(address, "evil.example:8765", "");
     assert!(rebound.starts_with("HTTP/1.1 403"), "{rebound}");
     view.view.wait_for(Stream::Err, "the option `--origin https://evil.example` allows it", SOON);
-    // Half handshakes, idle connections and garbage take nothing from others.
+    // Half handshakes, idle connections and garbage leave the other clients unaffected.
     let mut idle: Vec<TcpStream> = (0..200).map(|_| TcpStream::connect(address).expect("it listens")).collect();
     for stream in &mut idle {
-        // A connection that has given way to others may be gone.
+        // A connection may have given way to others, and so may have gone.
         stream.write_all(b"GET / HTTP/1.1\r\nHost: local").unwrap_or_default();
     }
     for garbage in [&[0xff; 5000][..], b"\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", &[0; 100_000]] {
@@ -353,7 +353,8 @@ fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
         stream.write_all(garbage).unwrap_or_default();
     }
     for frames in [
-        // Not masked; a reserved bit; a length of 2^63; a fragment that never ends; text that is not UTF-8.
+        // The frames are wrong: not masked, with a reserved bit, with a length of 2^63, with a fragment that never ends, with text
+        // that is not UTF-8.
         vec![0x81, 0x01, b'a'],
         vec![0xf1, 0x80, 0, 0, 0, 0],
         vec![0x82, 0xff, 0x7f, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0],
@@ -362,7 +363,7 @@ fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
     ] {
         let mut stream = open(address);
         stream.write_all(&frames).unwrap_or_default();
-        // It is cut off, with a reason or without.
+        // The client is cut off, with or without a reason.
         let mut rest = Vec::new();
         stream.read_to_end(&mut rest).unwrap_or_default();
     }
@@ -377,7 +378,7 @@ fn pages_of_other_sites_and_clients_that_mean_no_good_get_nothing() {
         told["message"].as_str().is_some_and(|text| text.contains("10000 of 10000 subscriptions refused")),
         "{told}"
     );
-    // There is room for some clients, and it is free again when they have left.
+    // There is room for some clients, and it is free again after they have left.
     let clients: Vec<TcpStream> = (0..7).map(|_| open(address)).collect();
     let full = handshake(address, "localhost", "");
     assert!(full.starts_with("HTTP/1.1 503"), "{full}");
@@ -403,7 +404,7 @@ fn the_server_stays_on_its_machine() {
     }
 }
 
-/// The person has given up an order that a suspended view has not read.
+/// The person has given up an order that a suspended view has not yet read.
 #[test]
 #[ignore = "long: suspends the view for 6 s"]
 fn an_order_from_before_a_suspension_is_not_carried_out() {
@@ -422,7 +423,7 @@ fn an_order_from_before_a_suspension_is_not_carried_out() {
     Client::connect(&view.address).word("serverInfo");
 }
 
-/// A client that reads nothing for a while keeps no value from another one.
+/// A client that reads nothing for a while withholds no value from another client.
 #[test]
 fn a_client_that_does_not_read_disturbs_no_other() {
     let cluster = Cluster::new();

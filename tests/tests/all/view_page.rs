@@ -1,4 +1,4 @@
-//! The page of `dca view --page`, over its own connections and in a real browser.
+//! The page of `dca view --page`, over direct connections and in a real browser.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use rustix::process::Signal;
@@ -15,7 +15,7 @@ const SPEC: &str = "
         internal_event_actions { one }
     }";
 
-/// A page, and its link.
+/// A page and its link.
 struct Page {
     view: Program,
     address: String,
@@ -32,7 +32,7 @@ impl Page {
         Self { address: address.to_owned(), key: key.to_owned(), view }
     }
 
-    /// Sends a request with these fields.
+    /// Sends a request with these header fields.
     fn request(&self, first: &str, fields: &str, body: &str) -> TcpStream {
         let mut stream = TcpStream::connect(&self.address).expect("the page is there");
         stream.set_read_timeout(Some(SOON)).expect("it is a time");
@@ -68,7 +68,7 @@ impl Page {
     }
 }
 
-/// Reads a stream until it has a text.
+/// Reads a stream until it contains a text.
 fn read_until(stream: &mut TcpStream, wanted: &str) -> String {
     let (mut text, mut chunk) = (String::new(), [0; 4096]);
     while !text.contains(wanted) {
@@ -96,13 +96,13 @@ fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
     let cookie = page.cookie();
     let token = page.token();
     assert!(!token.is_empty() && token != page.key, "{token}");
-    // A stream is resumed after the last event that was received.
+    // A stream resumes after the last received event.
     let mut stream = page.request("GET /events", &cookie, "");
     let first = read_until(&mut stream, "\"path\":\"main/one\"");
     let id = first.rsplit_once("\nid: ").or_else(|| first.rsplit_once("id: ")).expect("an event has an id").1;
     let id = id.lines().next().unwrap_or_default();
     drop(stream);
-    // In either form: a page that is seen again tells the position in the query.
+    // Both forms are possible: a page that becomes visible again gives its position in the query.
     let ways = [(String::new(), format!("{cookie}Last-Event-ID: {id}\r\n")), (format!("?after={id}"), cookie.clone())];
     let [_, mut stream] = ways.map(|(query, fields)| {
         let mut stream = page.request(&format!("GET /events{query}"), &fields, "");
@@ -121,14 +121,15 @@ fn only_the_link_opens_the_page_and_only_the_page_gives_orders() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
-/// Returns whether no thread of a process runs: a signal is sent before it has reached all of them.
+/// Returns whether no thread of a process runs. A signal is sent before it has reached all threads.
 fn is_suspended(pid: u32) -> bool {
     let threads = std::fs::read_dir(format!("/proc/{pid}/task")).expect("it is there").flatten();
     let states = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("stat")).ok());
     states.into_iter().all(|stat| stat.rsplit_once(')').is_some_and(|(_, rest)| rest.trim_start().starts_with('T')))
 }
 
-/// Idle connections of others take no connection from a person, and an order that its person has given up is not carried out.
+/// Idle connections of strangers do not use up a person's connections. An order is not carried out after its person has given
+/// it up.
 #[test]
 fn strangers_and_late_orders_do_nothing() {
     let cluster = Cluster::new();
@@ -195,7 +196,7 @@ fn the_page_stays_on_its_machine() {
     assert!(alone.code == Some(3) && alone.err.contains("no node runs on this machine"), "{alone}");
 }
 
-/// Each of two commands has a node `c1` and a deployment `door@1`.
+/// Each of two commands has its own node `c1` and its own deployment `door@1`.
 #[test]
 fn two_runs_of_one_spec_are_two_missions() {
     let cluster = Cluster::new();
@@ -215,11 +216,11 @@ fn two_runs_of_one_spec_are_two_missions() {
         see(&format!("\"id\":\"door@1 c1 (command {})\"", run.pid()));
         see(&format!("\"mission\":\"door@1 c1 (command {})\",\"path\":\"main/one\"", run.pid()));
     }
-    // The first command ends. Its robot leaves, and the robot of the second stays.
+    // The first command ends. Its robot disappears, and the robot of the second command stays.
     runs[0].signal(Signal::INT);
     see(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[0].pid()));
     assert!(!seen.contains(&format!("{{\"robot\":\"c1 (command {})\"}}", runs[1].pid())), "{seen}");
-    // The result of one command does not hide that of another.
+    // The result of one command does not hide the result of another.
     let third = here.dca(&["run", "--no-record", &file]);
     third.wait_for(Stream::Err, "started in", SOON);
     let stopped = here.ask(&["estop"]);
@@ -239,7 +240,7 @@ struct Browser {
 }
 
 impl Browser {
-    /// Opens the link in a browser, if this machine has one. Pictures go to a folder.
+    /// Opens the link in a browser if this machine has one. Pictures are stored in a folder.
     #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
     fn open(page: &Page, pictures: &Path) -> Option<Self> {
         let python = std::env::var("DCA_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
@@ -267,7 +268,7 @@ impl Browser {
     }
 }
 
-/// A mission from its start to its end, a lost stream, a stop, and words that look like markup.
+/// A mission from start to end, a lost stream, a stop, and words that look like markup.
 #[test]
 #[ignore = "long: a real browser"]
 fn a_person_sees_a_mission_in_a_browser() {
@@ -288,7 +289,7 @@ fn a_person_sees_a_mission_in_a_browser() {
     browser.order("see finished: aborted");
     browser.order("picture crashed");
     assert_eq!(mission.ended(SOON).code, Some(1));
-    // The stream of changes is cut, and comes back.
+    // The stream of changes is cut, and then comes back.
     page.view.signal(Signal::STOP);
     browser.order("see not live since 3 s");
     browser.order("see data is");

@@ -1,11 +1,11 @@
-//! The commands that watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
+//! The watching commands, `dca events` and `dca status --watch`, while programs run and end, and while nodes die.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, rounds, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Two programs that a file ends.
+/// Two programs. A file ends each of them.
 const TWO: &str = "
 module Wait(host, file) { exec \"sh -c 'until test -e ${0#file=}; do sleep 0.05; done'\"; plain; done; }
 process main() {
@@ -15,7 +15,7 @@ process main() {
 }
 ";
 
-/// A cluster with a spec that runs until its files exist.
+/// Makes a cluster with a spec that runs until its files exist.
 fn with_spec() -> (Cluster, Host, String) {
     let cluster = Cluster::new();
     let text = TWO.replace("FOLDER", &cluster.folder().display().to_string());
@@ -28,14 +28,14 @@ fn objects(out: &str) -> Vec<Value> {
     out.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|why| panic!("{why}: {line}"))).collect()
 }
 
-/// Returns the events of one deployment: number, kind, process.
+/// Returns the number, kind and process of each event of one deployment.
 fn told(objects: &[Value]) -> Vec<(u64, String, Option<String>)> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
     let event = |one: &Value| Some((one["number"].as_u64()?, text(&one["kind"])?, text(&one["process"])));
     objects.iter().filter_map(event).collect()
 }
 
-/// Returns the time of each event of one deployment, by its number.
+/// Returns the time of each event in one deployment, by its number.
 fn times(objects: &[Value]) -> BTreeMap<u64, String> {
     objects.iter().filter_map(|one| Some((one["number"].as_u64()?, one["time"].to_string()))).collect()
 }
@@ -66,18 +66,18 @@ fn events_are_told_as_they_come_and_again_afterwards() {
     assert_eq!((following.code, lines.code), (Some(0), Some(0)), "{following}\n{lines}");
     let live = objects(&following.out);
     assert_eq!(live.last().unwrap()["end"], "interrupted");
-    // Every event has its number, once, and place and time.
+    // Every number occurs once, and every event has a place and a time.
     let numbers: Vec<u64> = told(&live).iter().map(|(number, _, _)| *number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
     assert!(live.iter().filter(|one| one["kind"].is_string()).all(|one| one["host"] == "c1" && one["time"].is_f64()));
-    // Afterwards the same is known, with an end.
+    // Afterwards, the same events are known, with an end.
     let known = here.ask(&["events", "--json", "two"]);
     assert_eq!(known.code, Some(0), "{known}");
     let known = objects(&known.out);
     assert_eq!(known.last().unwrap()["end"], "complete");
     assert_eq!(told(&known), told(&live));
     assert_eq!(times(&known), times(&live));
-    // A node that ends as requested says that its stream is complete.
+    // A node that ends on request says that its stream is complete.
     let following = here.dca(&["events", "-f", "--json"]);
     wait_for_events(&following, "\"kind\":\"finished\"");
     let nothing = here.ask(&["events", "--json", "other"]);
@@ -86,11 +86,11 @@ fn events_are_told_as_they_come_and_again_afterwards() {
     wait_for_events(&following, "{\"left\":\"c1\"");
 }
 
-/// The node is killed and restarted during a watch: this is reported, and no event is repeated or left out.
+/// The node is killed and restarted during a watch. This is reported, and no event is repeated or left out.
 #[test]
 fn a_node_that_is_lost_is_told_and_heard_again() {
     let (cluster, here, spec) = with_spec();
-    // The second node keeps the command's connection, and has no events.
+    // The second node keeps the command's connection, but has no events.
     let (_other, node) = (here.node("a0", &[]), here.node("c1", &[]));
     let _deploy = here.dca(&["deploy", "--no-record", &spec]);
     let following = here.dca(&["events", "-f", "--json"]);
@@ -108,8 +108,8 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     let events = told(&objects(&ended.out));
     let numbers: Vec<u64> = events.iter().map(|(number, _, _)| *number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
-    // Events from before the kill keep their times afterwards. The node that is asked may not have found the other one
-    // again yet: then it says so.
+    // Events from before the kill keep their times. The asked node may not have found the other node again yet, and
+    // then it says so.
     let live = times(&objects(&ended.out));
     let is_whole = wait_until(SOON, || {
         let known = here.ask(&["events", "--json", "two"]);
@@ -122,7 +122,7 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     assert_eq!((ends("main/first"), ends("main/second"), ends("main")), (1, 1, 1), "{events:?}");
 }
 
-/// Returns whether an answer of `dca events` says that it is complete. An incomplete answer names the missing host.
+/// Returns whether an answer from `dca events` says that it is complete. An incomplete answer names the missing host.
 fn says_all(known: &Ended, missing: &str) -> bool {
     let objects = objects(&known.out);
     let Some(end) = objects.last() else { return false };
@@ -135,8 +135,8 @@ fn says_all(known: &Ended, missing: &str) -> bool {
     false
 }
 
-/// A node is killed and restarted while others are asked all the time. A complete answer has every earlier event, and
-/// an incomplete one names the missing host. The same holds for a status.
+/// A node is killed and restarted during continuous questions to other nodes. A complete answer has every earlier
+/// event, and an incomplete one names the missing host. The same holds for a status.
 #[test]
 fn what_is_complete_has_heard_every_host_that_is_known() {
     let (_cluster, here, spec) = with_spec();
@@ -156,7 +156,7 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
             is_whole = says_all(&known, "c1");
             let told = told(&objects(&known.out));
             assert!(!is_whole || told.starts_with(&before), "round {round}, answer {answers}: {known}");
-            // Whether it runs is not known while the only host that may have it does not answer.
+            // It is unknown whether it runs while the only host that may have it does not answer.
             let is_unknown = status.code == Some(3) && status.err.contains("`c1` does not answer, where it may run");
             assert!(status.code == Some(0) || is_unknown, "{status}");
             let is_shown = status.out.contains("main/first") || status.out.contains("first: Wait");
@@ -170,8 +170,8 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
     }
 }
 
-/// Programs of the home, and of another host, die while the node of the home is away: an answer that says that it is
-/// complete has that.
+/// Programs of the home and of another host die while the home's node is away. An answer that says that it is complete
+/// contains these events.
 #[test]
 fn a_home_that_is_back_tells_what_has_happened_meanwhile() {
     let cluster = Cluster::new();
@@ -207,7 +207,7 @@ process main() {
         let whole = wait_until(SOON, || {
             let known = here.ask(&["events", "--json", "two"]);
             answers += 1;
-            // The node that is asked first may not know of the other one yet, or may not have heard everything.
+            // The first asked node may not know of the other one yet, or may not have received everything.
             let is_whole = known.code == Some(0);
             assert!(!is_whole || restarts(&known) == [round + 1; 2], "round {round}, answer {answers}: {known}");
             is_whole
@@ -228,7 +228,7 @@ fn a_status_is_watched_on_a_terminal_and_in_a_pipe() {
     lines.wait_for(Stream::Out, "c1  two@1  main/first  running  pid ", SOON);
     let json = here.dca(&["status", "--watch", "--json"]);
     json.wait_for(Stream::Out, "\"state\":\"running\"", SOON);
-    // A row is drawn, Ctrl-C is pressed.
+    // Once a row is drawn, Ctrl-C is pressed.
     let (code, screen) = here.on_terminal_until(80, "running", &["status", "--watch"]);
     assert_eq!(code, Some(0), "{screen:?}");
     assert!(screen.contains("two@1") && screen.contains("\x1b[J"), "{screen:?}");

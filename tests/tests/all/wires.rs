@@ -1,4 +1,4 @@
-//! Links of programs over a network: when a cut is noticed.
+//! Links of programs over a network: the time until a cut is noticed.
 
 use comms::io::clock::now;
 use comms::io::data::{DataSession, Priority};
@@ -8,14 +8,14 @@ use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, wait_until};
 use std::path::Path;
 use std::time::Duration;
 
-/// A cut of a quick link is noticed after 1.9 s, not after the lease of 5 s that a long link needs; a busy machine
-/// needs longer.
+/// A cut of a fast link is noticed after 1.9 s, and not after the lease of 5 s that a long link needs. On a busy
+/// machine this takes longer.
 const NOTICED_WITHIN: Duration = Duration::from_secs(4);
-/// The keys that each end publishes, and the other hears.
+/// The keys that each end publishes and the other end receives.
 const KEYS: [&str; 2] = ["dca/d/wires/1/w/0", "dca/d/wires/1/w/1"];
 
-/// One end of a link, in its own process: prints its address, and when it is linked or unlinked. Does nothing as a
-/// test.
+/// One end of a link, in its own process. It prints its address, and when it is linked or unlinked. As a test, it
+/// does nothing.
 #[test]
 fn one_end() {
     let Ok(socket) = std::env::var("DCA_TEST_SOCKET") else { return };
@@ -37,7 +37,7 @@ fn one_end() {
     println!("alone");
 }
 
-/// A producer and a consumer notice a cut wire by themselves, without a message of a node.
+/// A producer and a consumer notice a cut wire on their own, without a message from a node.
 #[test]
 fn a_cut_wire_is_noticed_before_the_lease_is_over() {
     let Some(network) = Network::new(2) else { return };

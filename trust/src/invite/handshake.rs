@@ -1,4 +1,4 @@
-//! Both sides of joining, as machines without a clock or a socket.
+//! Both sides of joining, as state machines without a clock or a socket.
 //!
 //! ```text
 //! joiner                                     inviter
@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 use zeroize::Zeroizing;
 
-/// The most invitations that are open at once.
+/// The most invitations that may be open at a time.
 pub const INVITES_MAX: usize = 256;
 
 /// Why joining failed.
@@ -32,16 +32,16 @@ pub enum JoinError {
     /// The invitation has ended.
     #[error("the invitation has ended; ask for another")]
     Expired,
-    /// The other side belongs to another team than the line.
+    /// The other side belongs to another team than the one in the line.
     #[error("who answers is not the team that the invitation is of")]
     OtherTeam,
-    /// The other side may not invite.
+    /// The other side has no right to invite.
     #[error("who answers may not invite: {0}")]
     Inviter(TrustError),
-    /// A signature does not fit.
+    /// A signature is not valid.
     #[error("who answers has not signed what it says")]
     Signature,
-    /// A message came that does not belong here.
+    /// A message is not expected in this state.
     #[error("an unexpected message came")]
     Unexpected,
     /// The other side refuses.
@@ -56,15 +56,15 @@ pub enum JoinError {
     /// The certificate cannot be made.
     #[error("the certificate cannot be made: {0}")]
     Claims(ClaimsError),
-    /// The certificate that came is not the joiner's.
+    /// The received certificate does not belong to the joiner.
     #[error("the certificate that came is for another member")]
     NotOurs,
-    /// The certificate that came is not valid.
+    /// The received certificate is not valid.
     #[error("the certificate that came is not valid: {0}")]
     Certificate(TrustError),
 }
 
-/// The side that joins.
+/// The side of the joining robot.
 #[derive(Debug)]
 pub struct Joiner {
     invite: Invite,
@@ -72,7 +72,7 @@ pub struct Joiner {
     keys: SecretKeys,
     entropy: Entropy,
     nonce: [u8; 32],
-    /// The team and the inviter, once they are known to be right.
+    /// The team and the inviter, once they are checked.
     offer: Option<Box<Offer>>,
 }
 
@@ -80,7 +80,7 @@ impl Joiner {
     /// Begins to join; returns the first message.
     ///
     /// # Errors
-    /// The invitation has ended.
+    /// If the invitation has ended.
     pub fn begin(
         invite: Invite,
         name: Name,
@@ -95,10 +95,10 @@ impl Joiner {
         Ok((Self { invite, name, keys, entropy, nonce, offer: None }, Message::Hello(Hello { nonce })))
     }
 
-    /// Checks the inviter, and returns the proof.
+    /// Checks the inviter's offer, and returns the proof.
     ///
     /// # Errors
-    /// It is not the team of the line, or the inviter may not invite.
+    /// If the team is not the one in the line, or the inviter has no right to invite.
     pub fn offered(&mut self, offer: Offer, now: UnixTime) -> Result<Message, JoinError> {
         if offer.team.id() != self.invite.team {
             return Err(JoinError::OtherTeam);
@@ -115,7 +115,7 @@ impl Joiner {
         Ok(Message::Proof(Box::new(Proof { name: self.name.clone(), keys, sealed, signature })))
     }
 
-    /// Seals the secret to the inviter, for this conversation and these keys.
+    /// Seals the secret for the inviter; it is valid only for this conversation and these keys.
     fn seal(&mut self, said: &[u8], inviter: PublicKeys, team: KeyId) -> Sealed {
         let path = place(said, self.keys.public());
         let secret = Secret::new(Zeroizing::new(self.invite.secret.to_vec())).expect("16 bytes are not too long");
@@ -123,14 +123,14 @@ impl Joiner {
         Sealed::seal(&secret, &place, &[inviter], &mut self.entropy).expect("one reader, a short path")
     }
 
-    /// Takes the certificate; returns the keys, the team, and the credential to keep.
+    /// Takes the certificate; returns the keys, the team, and the credential to store.
     ///
     /// # Errors
-    /// It is not the joiner's, or not valid.
+    /// If the certificate does not belong to the joiner, or is not valid.
     pub fn welcomed(self, welcome: Welcome, now: UnixTime) -> Result<(SecretKeys, Team, Credential), JoinError> {
         let offer = *self.offer.ok_or(JoinError::Unexpected)?;
         let claims = welcome.certificate.claims();
-        // The inviter may have given another name, but not another kind.
+        // The inviter may have chosen another name, but not another kind.
         if claims.keys != *self.keys.public() || welcome.certificate.kind() != crate::role::Kind::Node {
             return Err(JoinError::NotOurs);
         }
@@ -142,7 +142,7 @@ impl Joiner {
     }
 }
 
-/// Returns the keys of a permitted inviter. Its revocations are not known yet: it sends them later.
+/// Returns the keys of a permitted inviter. The joiner does not know the team's revocations yet: the inviter sends them later.
 fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
     let Some(credential) = &offer.inviter else { return Ok(*offer.team.root()) };
     let judge = Judge { team: &offer.team, revoked: &Revocations::default(), now, grace: 0 };
@@ -150,39 +150,39 @@ fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
     Ok(credential.certificate().claims().keys)
 }
 
-/// An unused invitation, as the inviter keeps it.
+/// An unused invitation, as stored by the inviter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OpenInvite {
-    /// When it ends.
+    /// The time at which the invitation ends.
     pub expires: UnixTime,
-    /// The role of the robot that joins with it: [`Role::Member`] or [`Role::Renewer`].
+    /// The role of the robot that joins with this invitation: [`Role::Member`] or [`Role::Renewer`].
     pub role: Role,
-    /// The name of the robot; if there is none, its preferred name.
+    /// The name of the robot. If there is none, the robot gets the name that it prefers.
     pub name: Option<Name>,
 }
 
-/// The inviter's actions, in this order.
+/// The effects of the inviter, to be executed in this order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum InviterEffect {
-    /// Write down that the invitation with this hash is used, with the joiner and its certificate.
+    /// Write to the disk that the invitation with this hash is used, with the certificate for the joiner.
     Spend([u8; 32], Box<Certificate>),
     /// Then answer.
     Reply(Message),
 }
 
-/// The side that invites. It has keys that may sign certificates: the team's, or an admin's.
+/// The side of the inviter. It has keys that may sign certificates: the team's key, or an admin's.
 #[derive(Debug)]
 pub struct Inviter {
     team: Team,
     keys: SecretKeys,
     credential: Option<Credential>,
     open: BTreeMap<[u8; 32], OpenInvite>,
-    /// The used invitations: a robot that repeats its proof, because the answer was lost, gets its certificate again.
+    /// The used invitations, by their hash. If the answer was lost and the robot repeats its proof, it gets its certificate again.
     used: BTreeMap<[u8; 32], Certificate>,
 }
 
 impl Inviter {
-    /// Takes the team and the inviter; no credential if the keys are the team's.
+    /// Takes the team, and the keys and credential of the inviter; no credential for the team's own key.
     pub fn new(team: Team, keys: SecretKeys, credential: Option<Credential>) -> Self {
         let (open, used) = (BTreeMap::new(), BTreeMap::new());
         Self { team, keys, credential, open, used }
@@ -191,7 +191,7 @@ impl Inviter {
     /// Opens an invitation.
     ///
     /// # Errors
-    /// There are too many, including those that have ended.
+    /// If there are too many, including those that have ended.
     pub fn open(&mut self, hash: [u8; 32], invite: OpenInvite, now: UnixTime) -> Result<(), JoinError> {
         self.open.retain(|_, open| now <= open.expires);
         if self.open.len() >= INVITES_MAX {
@@ -201,7 +201,7 @@ impl Inviter {
         Ok(())
     }
 
-    /// Answers a robot that wants to join. `own` is the random number of this conversation, which returns in
+    /// Answers a robot that wants to join. `own` is the inviter's random number for this conversation; the caller also passes it to
     /// [`Inviter::proven`].
     pub fn hello(&self, hello: &Hello, own: [u8; 32]) -> Message {
         let signature = self.keys.sign(&offered(&self.team, (&hello.nonce, &own)));
@@ -209,10 +209,10 @@ impl Inviter {
         Message::Offer(Box::new(Offer { team: self.team.clone(), inviter, nonce: own, signature }))
     }
 
-    /// Checks a proof, spends the invitation, and signs a certificate. Proofs that have failed before change nothing for the right one.
+    /// Checks a proof, uses up the invitation, and signs a certificate. Earlier failed proofs have no effect on a correct one.
     ///
     /// # Errors
-    /// The proof does not belong to an open invitation. The answer to it is [`Message::Refused`].
+    /// If the proof does not belong to an open invitation. The answer is then [`Message::Refused`].
     pub fn proven(
         &mut self,
         nonces: (&[u8; 32], &[u8; 32]),
@@ -234,7 +234,7 @@ impl Inviter {
         Ok(vec![InviterEffect::Spend(hash, Box::new(certificate.clone())), reply(certificate)])
     }
 
-    /// Returns the hash of the secret that was sealed, if the joiner has signed for it.
+    /// Opens the sealed secret and returns its hash; none if the joiner's signature is not valid.
     fn opened(&self, nonces: (&[u8; 32], &[u8; 32]), proof: &Proof) -> Option<[u8; 32]> {
         let said = offered(&self.team, nonces);
         let signed = proven(&said, &proof.name, &proof.keys, &proof.sealed);

@@ -14,14 +14,14 @@ pub const MESSAGE_MAX: usize = 4096;
 const FORM: &str = "dca join 1";
 const SEALED_MAX: usize = 512;
 
-/// Joiner to inviter: a robot wants to join.
+/// Joiner to inviter: a robot asks to join.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hello {
     /// A random number.
     pub nonce: [u8; 32],
 }
 
-/// Inviter to joiner: this is the team.
+/// Inviter to joiner: the team, and the proof of the inviter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Offer {
     /// The team.
@@ -34,14 +34,14 @@ pub struct Offer {
     pub signature: [u8; SIGNATURE_LEN],
 }
 
-/// Joiner to inviter: these are my keys, and this is the secret.
+/// Joiner to inviter: the keys of the joiner, and the secret of the invitation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Proof {
-    /// The name that the robot would like.
+    /// The name that the robot prefers.
     pub name: Name,
-    /// Its keys.
+    /// The public keys of the robot.
     pub keys: PublicKeys,
-    /// The secret, sealed to the inviter, for this conversation only.
+    /// The secret, sealed for the inviter, and valid only for this conversation.
     pub sealed: Sealed,
     /// The signature of the joiner over all earlier messages. It proves that the joiner has the secret keys.
     pub signature: [u8; SIGNATURE_LEN],
@@ -59,18 +59,18 @@ pub struct Welcome {
 pub enum Message {
     /// A robot wants to join.
     Hello(Hello),
-    /// This is the team.
+    /// The team, and the proof of the inviter.
     Offer(Box<Offer>),
-    /// These are my keys, and this is the secret.
+    /// The keys of the joiner, and the secret.
     Proof(Box<Proof>),
     /// Welcome.
     Welcome(Box<Welcome>),
-    /// The robot is refused. The reason is only in the inviter's log.
+    /// The robot is refused. Only the inviter's log has the reason.
     Refused,
 }
 
 impl Message {
-    /// Returns its form.
+    /// Returns the bytes of the message in their canonical form.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(FORM);
         match self {
@@ -101,10 +101,10 @@ impl Message {
         writer.finish()
     }
 
-    /// Reads its form.
+    /// Reads the bytes of a message.
     ///
     /// # Errors
-    /// The bytes are no such message.
+    /// If the bytes are not such a message.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, FORM, MESSAGE_MAX)?;
         let message = match reader.u8()? {
@@ -133,7 +133,7 @@ impl Message {
     }
 }
 
-/// The bytes that the inviter signs.
+/// Returns the bytes that the inviter signs.
 pub(super) fn offered(team: &Team, nonces: (&[u8; 32], &[u8; 32])) -> Vec<u8> {
     let mut writer = Writer::new("dca join offer 1");
     writer.fixed(&team.id().0);
@@ -142,7 +142,7 @@ pub(super) fn offered(team: &Team, nonces: (&[u8; 32], &[u8; 32])) -> Vec<u8> {
     writer.finish()
 }
 
-/// The bytes that the joiner signs.
+/// Returns the bytes that the joiner signs.
 pub(super) fn proven(offered: &[u8], name: &Name, keys: &PublicKeys, sealed: &Sealed) -> Vec<u8> {
     let mut writer = Writer::new("dca join proof 1");
     writer.long(offered);
@@ -152,7 +152,7 @@ pub(super) fn proven(offered: &[u8], name: &Name, keys: &PublicKeys, sealed: &Se
     writer.finish()
 }
 
-/// Returns the place that the secret is sealed for: this conversation and these keys.
+/// Returns the place for which the secret is sealed: this conversation and these keys.
 pub(super) fn place(offered: &[u8], keys: &PublicKeys) -> String {
     let mut hasher = blake3::Hasher::new_derive_key("dca join place 1");
     hasher.update(offered);

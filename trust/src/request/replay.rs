@@ -1,4 +1,5 @@
-//! The used numbers of requests: for each signer the highest one, and which of the 1024 numbers up to it were used.
+//! The used numbers of requests. For each signer these are the highest number, and which of the 1024 numbers up to it were
+//! used.
 
 use crate::identity::KeyId;
 use crate::wire::{FormError, Reader, Writer};
@@ -7,7 +8,7 @@ use thiserror::Error;
 
 /// The most signers that a node remembers.
 pub const SIGNERS_MAX: usize = 1024;
-/// How many numbers below the highest are known one by one.
+/// For how many numbers up to the highest it is known whether they were used.
 const WINDOW: u64 = 1024;
 const BLOCKS: usize = 16;
 const REPLAY: &str = "dca replay 1";
@@ -16,10 +17,10 @@ const RECORD_MAX: usize = 256;
 /// Why a number is not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ReplayError {
-    /// It was used.
+    /// The number was already used.
     #[error("request number {0} of this signer was here before")]
     Used(u64),
-    /// It is too far below the highest one to know whether it was used.
+    /// The number is too far below the highest one to know whether it was used.
     #[error("request number {0} of this signer is too old")]
     Old(u64),
     /// There is no room for another signer.
@@ -27,7 +28,7 @@ pub enum ReplayError {
     Full,
 }
 
-/// The value to be written under a signer, which replaces the old one.
+/// The record to be written for a signer; it replaces the old one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReplayWrite {
     /// The signer.
@@ -36,7 +37,7 @@ pub struct ReplayWrite {
     pub bytes: Vec<u8>,
 }
 
-/// The numbers of one signer. Bit `i` of the blocks represents `highest - i`.
+/// The numbers of one signer. Bit `i` of the blocks stands for the number `highest - i`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Window {
     highest: u64,
@@ -50,7 +51,7 @@ impl Window {
         Self { highest: sequence, used }
     }
 
-    /// Returns the block and the bit of a number that is not above the highest one.
+    /// Returns the block and the bit of a number up to the highest one.
     fn place(&self, sequence: u64) -> Option<(usize, u64)> {
         let below = self.highest - sequence;
         let block = usize::try_from(below / 64).ok().filter(|_| below < WINDOW)?;
@@ -111,21 +112,22 @@ impl Window {
 pub struct Replays(BTreeMap<KeyId, Window>);
 
 impl Replays {
-    /// Reads a record that was written.
+    /// Reads a stored record.
     ///
     /// # Errors
-    /// The bytes are not such a record. Then no request of this signer may be accepted, because its numbers are unknown.
+    /// If the bytes are not such a record. Then no request of this signer may be accepted, because its used numbers are
+    /// unknown.
     pub fn restore(&mut self, write: &ReplayWrite) -> Result<(), FormError> {
         self.0.insert(write.signer, Window::from_bytes(&write.bytes)?);
         Ok(())
     }
 
-    /// Returns the values to be written for every signer.
+    /// Returns the records to be written for all signers.
     pub fn writes(&self) -> impl Iterator<Item = ReplayWrite> + '_ {
         self.0.iter().map(|(signer, window)| ReplayWrite { signer: *signer, bytes: window.to_bytes() })
     }
 
-    /// Forgets a signer of which no request can be accepted any more: it is revoked, or its certificate has ended for good.
+    /// Forgets a signer whose requests can never be accepted again: it is revoked, or its certificate has ended for good.
     pub fn forget(&mut self, signer: &KeyId) {
         self.0.remove(signer);
     }
@@ -155,7 +157,7 @@ mod tests {
     const SIGNER: KeyId = KeyId([1; 32]);
 
     proptest! {
-        /// Against a set of all numbers: each is accepted once, and none that is far below the highest one.
+        /// Compared with a set of all numbers: each number is accepted once, and none that is far below the highest one.
         #[test]
         fn a_number_is_accepted_once(steps in prop::collection::vec((0u64..3000, any::<bool>()), 1..200)) {
             let (mut replays, mut used) = (Replays::default(), BTreeSet::new());

@@ -68,7 +68,7 @@ fn a_cut_end_is_missed_by_who_has_signed_it() {
     let expected = AuditError::Truncated { last: "record 3".to_owned(), number: 6, by: member.public().id() };
     assert_eq!(error, expected);
     assert!(verify(&lines[..1], vec![head.clone()]).unwrap_err().to_string().contains("ends with nothing"));
-    // Rewritten from the third record on: it is consistent in itself, but does not match the signature.
+    // Rewritten from the third record on: the log is consistent in itself, but does not match the signature.
     let (mut other, mut forged) = log(2);
     forged.extend((10..14).map(|number| other.add(&entry(number))));
     assert_eq!(verify(&forged, vec![head.clone()]), Err(AuditError::Forked { number: 6, by: member.public().id() }));

@@ -70,7 +70,7 @@ fn a_line_that_the_team_has_not_signed_is_refused() {
     let (theirs, mut lines) = (other.to_text(), good.lines().collect::<Vec<_>>());
     (lines[0], lines[5]) = ("dca-team 1", theirs.lines().nth(2).unwrap());
     assert_eq!(Bundle::from_text(&lines[..6].join("\n")), Err(BundleError::Signature(6)));
-    // Lines in another order, twice, or of another kind.
+    // Lines in another order, repeated lines, and lines of another kind.
     let lines: Vec<&str> = good.lines().collect();
     let with = |order: &[usize]| {
         let text: String = order.iter().map(|index| format!("{}\n", lines[*index])).collect();
@@ -136,7 +136,7 @@ fn two_that_went_on_alone_are_joined() {
     let lines: Vec<&str> = twice.lines().collect();
     let doubled = [&lines[..lines.len() - 1], &lines[lines.len() - 2..lines.len() - 1]].concat().join("\n");
     assert_eq!(Bundle::from_text(&doubled), Err(BundleError::Line(lines.len())));
-    // The next revocation joins them.
+    // The next revocation contains both sets.
     assert_eq!(first.revoke(gone(3, &[viewer, &world.r1.0, &world.r2.0])), Ok(Received::New(0)));
     assert_eq!(first.revocations().sets().len(), 1);
     let stranger = Team::found("acme".parse().unwrap(), &keys(9));

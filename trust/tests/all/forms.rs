@@ -1,4 +1,4 @@
-//! Every form, as bytes that other versions have to read, and their fate after damage.
+//! Every form: its exact bytes, which other versions have to read, and the result of damaging them.
 
 use crate::world::{NOW, World, keys};
 use expect_test::expect_file;
@@ -18,7 +18,7 @@ use trust::seal::{Place, Sealed, Secret};
 use trust::team::{Credential, Team};
 use zeroize::Zeroizing;
 
-/// Reads bytes, and returns them rewritten.
+/// Reads bytes, and returns the value written again.
 type Again = fn(&[u8]) -> Option<Vec<u8>>;
 
 fn forms() -> Vec<(&'static str, Vec<u8>, Again)> {
@@ -127,7 +127,7 @@ fn the_bytes_of_every_form_stay() {
     expect_file!["../golden/texts.txt"].assert_eq(&(texts.join("\n") + "\n"));
 }
 
-/// Numbers from a seed; the sequence is that of splitmix64 (S. Vigna, public domain).
+/// Random numbers from a seed, by splitmix64 (S. Vigna, public domain).
 struct Dice(u64);
 
 impl Dice {
@@ -154,7 +154,8 @@ impl Dice {
     }
 }
 
-/// For any input, nothing panics, and a value that can be read is rewritten as the same bytes: a value has one form.
+/// For any input, nothing panics, and a value that can be read is written again as the same bytes: a value has one
+/// form.
 #[test]
 fn damaged_forms_are_refused_or_are_other_forms() {
     let mut dice = Dice(15);

@@ -18,7 +18,7 @@ fn add(log: &mut Log, what: &str) -> String {
     log.add(&Entry { at: NOW, decision, who, what, request: [0; 16], reason })
 }
 
-/// The position of a log, as its own node signs it.
+/// The position of a log, signed by its own node.
 fn told(log: &Log, at: UnixTime) -> Head {
     Head::sign(log.position().expect("it has a record"), at, &keys(9))
 }
@@ -47,7 +47,7 @@ fn a_member_signs_no_log_that_was_cut_or_rewritten() {
     assert!(sign(&log).unwrap().1);
 }
 
-/// A relay sends a head again that a node has signed before: the log of that node was not cut off.
+/// A relay repeats a head that a node has signed before. This does not show that the log of that node was cut off.
 #[test]
 fn a_head_that_is_sent_again_is_no_sign_of_a_cut() {
     let (member, names) = (keys(5), [name("r1"), name("r2")]);
@@ -60,14 +60,14 @@ fn a_head_that_is_sent_again_is_no_sign_of_a_cut() {
     let sign = |heads: &mut Heads, head: &Head| heads.countersign(head, &names[0], NOW, &names[1], &member);
     assert!(sign(&mut heads, &first).unwrap().1 && sign(&mut heads, &second).unwrap().1);
     assert_eq!(sign(&mut heads, &first), Err(HeadError::Old));
-    // The same holds after a restart. A later head of the node itself still counts.
+    // The same holds after a restart. A later head by the node itself is still accepted.
     let mut read = Heads::from_text(&heads.to_text()).unwrap();
     assert_eq!(sign(&mut read, &first), Err(HeadError::Old));
     let cut = told(&early, NOW.plus(2));
     assert_eq!(sign(&mut read, &cut), Err(HeadError::Cut { found: 1, signed: 2 }));
 }
 
-/// Old heads stay, so a log that was rewritten and has grown since is found out.
+/// Old heads are kept, so a log that was rewritten and has grown since is detected.
 #[test]
 fn some_heads_of_all_times_are_kept() {
     let (member, r2) = (keys(5), name("r2"));
@@ -118,7 +118,7 @@ fn heads_of_others_have_a_limit_and_a_form() {
     assert_eq!(Heads::from_text(&changed), Err(HeadError::Line { line: 1 }));
 }
 
-/// A log that continues in another file: a signature on the end of the first file is known to the second.
+/// A log that continues in another file: a signature on the end of the first file also applies to the second.
 #[test]
 fn the_end_of_the_file_before_is_signed_too() {
     let (mut log, _) = Log::begin(TEAM, NODE, None);

@@ -1,7 +1,8 @@
-//! Valid bytes that were manipulated, by seeds: bits flipped, pieces cut out, doubled, and taken from another. Nothing
-//! panics, no member becomes trusted, and every value that can be read is rewritten as it was.
+//! Valid bytes that are manipulated by seeds: bits are flipped, and pieces are cut out, duplicated, or taken from other bytes. Nothing
+//! panics, no member becomes trusted, and every value that can be read is written again as the same bytes.
 //!
-//! `HOSTILE=1000000 cargo test --release -p trust --test all hostile` runs so many of each kind; `fuzz/targets` has the same for cargo-fuzz.
+//! `HOSTILE=1000000 cargo test --release -p trust --test all hostile` runs this many of each kind. `fuzz/targets` has the same checks for
+//! cargo-fuzz.
 
 use crate::bundle::bundle;
 use crate::world::{NOW, World, keys};
@@ -17,7 +18,7 @@ use trust::role::Action;
 use trust::team::{Credential, Judge};
 use zeroize::Zeroizing;
 
-/// How many of each kind are tried.
+/// How many manipulations of each kind are tried.
 fn rounds() -> u64 {
     std::env::var("HOSTILE").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(3000)
 }
@@ -33,7 +34,7 @@ impl Seeded {
         usize::try_from(self.0 % (end.max(1) as u64)).expect("it is below a usize")
     }
 
-    /// Manipulates bytes, with another valid piece beside them.
+    /// Manipulates bytes; `other` is another valid value, from which pieces may be taken.
     fn work_on(&mut self, good: &[u8], other: &[u8]) -> Vec<u8> {
         let mut bytes = good.to_vec();
         for _ in 0..=self.below(4) {
@@ -109,7 +110,7 @@ fn hostile_certificates() {
     });
 }
 
-/// A manipulated credential gives no more rights than its holder has, and no other name; at most a renewal is lost.
+/// A manipulated credential gives no more rights than its holder has, and no other name. At most a renewal is lost.
 #[test]
 fn hostile_capabilities() {
     let world = World::new();
@@ -125,7 +126,7 @@ fn hostile_capabilities() {
             assert_eq!(read.to_bytes(), bytes, "a credential has one form");
             if let Ok(standing) = read.check(&judge) {
                 assert!(mine(good, &read), "somebody else is trusted");
-                // A renewal that does not count is as none.
+                // A renewal that is not valid is treated as missing.
                 let plain = Credential { renewal: None, ..good.clone() };
                 assert!(Ok(standing) == good.check(&judge) || Ok(standing) == plain.check(&judge));
                 let gains =
@@ -158,7 +159,7 @@ fn hostile_lines_of_invitations() {
     let (good, other) = (invite(5).to_line(), invite(6).to_line());
     Seeded::each_text(&good, &other, |line| {
         let Ok(read) = Invite::from_line(line) else { return };
-        // Blanks around it, and letters that look alike, are not another line.
+        // Surrounding blanks and look-alike letters do not make a different line.
         assert_eq!(*read.to_line(), *good, "{line}");
     });
 }

@@ -1,4 +1,4 @@
-//! Two machines that never met.
+//! Two machines that have never met before.
 
 use crate::world::{NOW, World, keys};
 use proptest::prelude::*;
@@ -68,7 +68,7 @@ fn a_robot_joins_with_one_line() {
         panic!("{effects:?}");
     };
     assert_eq!((*hash, &**given), (invite(&world.team).hash(), &welcome.certificate));
-    // The answer was lost: the same robot gets it again, and nothing is spent twice.
+    // The answer was lost: the same robot gets it again, and no second invitation is used up.
     let again = inviter.proven((&nonce, &OWN), &proof, NOW, &mut entropy()).unwrap();
     assert_eq!(again, effects[1..]);
     let (own, team, credential) = joiner.welcomed((**welcome).clone(), NOW).unwrap();
@@ -107,8 +107,8 @@ fn the_joiner_speaks_to_the_right_team_alone() {
     let other = Team::found("acme".parse().unwrap(), &keys(50));
     let impostor = Inviter::new(other, keys(50), None);
     assert_eq!(refused(offer(&impostor, nonce)), JoinError::OtherTeam);
-    // The right team's name and keys, but without its secret key; a member that may not invite; an answer to another
-    // joiner.
+    // An inviter with the right team's name and keys, but without its secret key; a member without the right to
+    // invite; an answer to another joiner.
     let thief = Inviter::new(world.team.clone(), keys(51), None);
     assert_eq!(refused(offer(&thief, nonce)), JoinError::Signature);
     let viewer = Inviter::new(world.team.clone(), keys(4), Some(world.viewer.1.clone()));
@@ -132,7 +132,7 @@ fn who_listens_can_neither_use_nor_change_a_proof() {
     for changed in cases {
         assert_eq!(inviter.proven((&nonce, &OWN), &changed, NOW, &mut entropy()), Err(JoinError::NoInvite));
     }
-    // In another conversation it means nothing.
+    // The proof is not valid in another conversation.
     assert_eq!(inviter.proven((&nonce, &[1; 32]), &good, NOW, &mut entropy()), Err(JoinError::NoInvite));
     assert!(inviter.proven((&nonce, &OWN), &good, NOW, &mut entropy()).is_ok());
 }

@@ -1,4 +1,4 @@
-//! The room as its users see it: a small team, and strangers who would like to be in it.
+//! The room as its users see it: a small team, and strangers who try to get into it.
 
 mod audit;
 mod bundle;

@@ -34,7 +34,7 @@ fn what_the_file_allows_is_started_within_its_limits() {
     let asked = start(&devices, &secrets);
     let cores = Some(1500);
     assert_eq!(policy.admit(&asked), Ok(Limits { cores, ..asked.limits }));
-    // A program that asks for nothing gets the limits of the node, and no priority.
+    // A program that requests nothing gets the limits of the node, and no priority.
     let modest = Start { limits: Limits::default(), ..asked };
     assert_eq!(policy.admit(&modest), Ok(Limits { memory: Some(1_000_000), cores, ..Limits::default() }));
     assert_eq!(
@@ -44,7 +44,7 @@ fn what_the_file_allows_is_started_within_its_limits() {
     );
 }
 
-/// A variable such as `LD_PRELOAD` would have a listed program run anything else.
+/// A variable such as `LD_PRELOAD` would make a listed program run any other code.
 #[test]
 fn where_only_some_programs_run_specs_set_only_listed_variables() {
     let variables = ["LD_PRELOAD", "ROS_DOMAIN_ID", "ROS_*"].map(str::to_owned);

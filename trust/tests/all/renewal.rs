@@ -16,7 +16,8 @@ fn renewed(asker: &Node, by: &Node, judge: &Judge<'_>) -> Result<Credential, Ren
     renew(Kind::Node, &asker.1, &by.0, &by.1, judge)
 }
 
-/// `r1` may not renew, `r2` may, and no member renews `r2`: it is in its grace at the end, and can still renew `r1`.
+/// `r1` may not renew others, `r2` may, and no member renews `r2`. At the end `r2` is in its grace period, and can
+/// still renew `r1`.
 #[test]
 fn a_year_without_the_operator() {
     let world = World::new();
@@ -56,17 +57,18 @@ fn nobody_is_renewed_early_late_or_by_the_wrong_one() {
     assert!(matches!(by_member, Err(RenewalError::Trust(TrustError::Role { .. }))));
     let user = renewed(&world.viewer, &r2, &world.judge(now));
     assert_eq!(user, Err(RenewalError::Kind));
-    // A member that was offline for longer than the grace is no longer trusted.
+    // A member that was offline for longer than the grace period is no longer trusted.
     let late = renewed(&r1, &r2, &world.judge(NOW.plus(38 * DAY)));
     assert!(matches!(late, Err(RenewalError::Trust(TrustError::Expired(_)))));
     let in_grace = renewed(&r1, &r2, &world.judge(NOW.plus(36 * DAY))).unwrap();
     assert!(matches!(in_grace.check(&world.judge(NOW.plus(36 * DAY))), Ok(Standing::Valid(_))));
-    // An offered renewal has to be for this certificate, and better.
+    // An offered renewal has to be for this certificate, and valid for longer.
     let good = renewed(&r1, &r2, &world.judge(now)).unwrap();
     assert_eq!(accept(&r2.1, &good, &world.judge(now)), Err(RenewalError::Useless));
     assert_eq!(accept(&good, &r1.1, &world.judge(now)), Err(RenewalError::Useless));
     assert_eq!(accept(&r1.1, &good, &world.judge(now)), Ok(()));
-    // A revoked node cannot be renewed, and a revoked renewer's renewals no longer count: another renewer is asked.
+    // A revoked node cannot be renewed, and a revoked renewer's renewals are not valid any more: the node asks
+    // another renewer.
     let gone = BTreeMap::from([(r2.1.certificate().subject(), now)]);
     let set = RevokedSet::sign(&world.team, 1, gone, &world.root, None).unwrap();
     let mut revoked = Revocations::default();
@@ -88,7 +90,7 @@ fn a_user_asks_for_itself_and_now() {
     for other in [UnixTime(now.0 - 600), now.plus(600)] {
         assert_eq!(asked(&bytes, other), Err(RenewalError::Time));
     }
-    // With the certificate of another, or changed anywhere, it is nothing.
+    // With the certificate of another user, or changed anywhere, the request is refused.
     assert_eq!(asked(&ask(viewer, r2_keys, now), now), Err(RenewalError::Signature));
     for at in 0..bytes.len() {
         let mut wrong = bytes.clone();

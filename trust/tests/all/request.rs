@@ -36,7 +36,8 @@ fn ask(world: &World, request: &Request, by: &(SecretKeys, Credential)) -> Resul
     check(&bytes, BODY, &context(world, None), &mut Replays::default())
 }
 
-/// Cases 37 of the study: unsigned, wrong audience, expired, lower epoch, role too low, another body, another team.
+/// Case 37 of the study: unsigned, wrong audience, expired, lower epoch, insufficient role, another body, another
+/// team.
 #[test]
 fn each_wrong_request_has_its_refusal() {
     let world = World::new();
@@ -87,7 +88,7 @@ fn a_number_far_ahead_of_the_time_is_refused_and_spends_nothing() {
 fn a_signature_belongs_to_one_signer() {
     let world = World::new();
     let good = request(&world);
-    // A stranger with a borrowed credential; a member that speaks for another.
+    // A stranger with a stolen credential, and a member that uses another member's credential.
     for signer in [&keys(99), &world.viewer.0, &world.admin.0] {
         let bytes = good.sign(BODY, signer, &world.deployer.1);
         let found = check(&bytes, BODY, &context(&world, None), &mut Replays::default());

@@ -11,8 +11,8 @@ fn set(world: &World, number: u64, revoked: &[KeyId], by: (&SecretKeys, Option<&
     RevokedSet::sign(&world.team, number, keys, by.0, by.1.cloned()).expect("the input is good")
 }
 
-/// Acceptance: a revocation reaches a robot over a chain of two meetings, and the revoked member is refused from then
-/// on.
+/// Acceptance test: a revocation reaches a robot through two meetings, and the robot refuses the revoked member from
+/// then on.
 #[test]
 fn a_revocation_travels_from_member_to_member() {
     let world = World::new();
@@ -53,12 +53,13 @@ fn no_set_takes_anybody_back() {
     let (received, later) = receive(4, &[second]);
     assert_eq!((received, later.sets().len(), later.number_of(&world.team.id())), (Ok(Received::New(0)), 2, 4));
     assert!(later.has(&first) && later.has(&second));
-    // A set that has all their keys replaces all of them, whatever its number.
+    // A set that has all keys of the others replaces them, regardless of its number.
     let (received, joined) = receive(1, &[first, second]);
     assert_eq!((received, joined.sets().len(), joined.keys().len()), (Ok(Received::New(0)), 1, 2));
 }
 
-/// Admins take no room from the team's key. A member without room for more reports it, and keeps what it knows.
+/// Admins' sets do not reduce the room for those of the team's key. A member without room for more reports this, and
+/// keeps what it has.
 #[test]
 fn what_is_held_has_an_end() {
     let world = World::new();
@@ -91,7 +92,7 @@ fn what_is_held_has_an_end() {
     );
 }
 
-/// An admin's revocations stay valid after a restart, even if the admin was revoked since.
+/// An admin's revocations remain valid after a restart, even if the admin was revoked since.
 #[test]
 fn what_was_kept_counts_whatever_became_of_its_signer() {
     let world = World::new();
@@ -121,7 +122,7 @@ fn only_the_team_and_its_admins_revoke() {
     let with_borrowed = set(&world, 1, &target, (&world.r2.0, Some(&world.admin.1)));
     assert_eq!(revoked.receive(with_borrowed, &judge), Err(RevocationError::Signer));
     assert_eq!(revoked, Revocations::default());
-    // A revoked admin can revoke no more, and the members it has admitted are not trusted.
+    // A revoked admin cannot revoke any more, and members that this admin has admitted are not trusted.
     let admin = world.admin.1.certificate().subject();
     revoked.receive(set(&world, 1, &[admin], (&world.root, None)), &judge).unwrap();
     let late = set(&world, 9, &target, (&world.admin.0, Some(&world.admin.1)));
@@ -154,9 +155,9 @@ fn the_order_does_not_matter() {
     }
 }
 
-/// Several copies of the team's key and an admin sign sets with any numbers, even equal ones. Members hear some of
-/// them, twice or never, are restarted from their disks, and meet. Each knows at any time every set it has ever heard,
-/// and in the end all hold the same.
+/// Several copies of the team's key and an admin sign sets with any numbers, even equal ones. Members receive some of
+/// them, possibly repeatedly, are restarted from their disks, and meet. At any time, each member knows every set that
+/// it has ever received. In the end all members hold the same sets.
 #[test]
 fn members_that_meet_come_to_hold_the_same() {
     let world = World::new();
@@ -179,7 +180,7 @@ fn members_that_meet_come_to_hold_the_same() {
         let mut members: [(Revocations, BTreeSet<KeyId>); 3] = Default::default();
         let all: BTreeSet<KeyId> = sets.iter().flat_map(|set| set.keys().keys().copied()).collect();
         for step in 0..40 {
-            // Each is heard somewhere.
+            // Each set is received by at least one member.
             let index = if step < sets.len() { step } else { random(sets.len()) };
             let (at, other) = (random(3), random(3));
             match random(3) {

@@ -19,7 +19,7 @@ fn everybody_of_the_team_is_trusted_for_what_the_role_allows() {
     assert_eq!(refused.to_string(), "`vic` is viewer, who may not deploy");
 }
 
-/// A key of another team, a chain that is too long, an issuer without the role, another issuer than it says, a changed claim.
+/// Refused: a key of another team, a chain that is too long, an issuer without the role, a wrong issuer, a changed claim.
 #[test]
 fn nobody_else_can_issue() {
     let world = World::new();
@@ -47,7 +47,7 @@ fn nobody_else_can_issue() {
     let other = Team::found("acme".parse().unwrap(), &own);
     let certificate = Certificate::issue(claims(&other, "eve", Role::Admin, &own), &own).unwrap();
     assert!(matches!(Credential::new(certificate, None).check(&judge), Err(TrustError::OtherTeam(_))));
-    // A certificate that reaches further than its issuer's.
+    // A certificate that lasts longer than its issuer's.
     let far = Claims { renewable_until: NOW.plus(400 * DAY), ..claims(&world.team, "eve", Role::Viewer, &own) };
     let far = Certificate::issue(far, &world.admin.0).unwrap();
     assert!(matches!(Credential::new(far, Some(admin)).check(&judge), Err(TrustError::Issuer(_))));
@@ -103,7 +103,8 @@ fn a_node_has_a_grace_and_a_user_has_none() {
     }
 }
 
-/// With the operator switched off for weeks, a renewer keeps the others in the team, and another one the renewer.
+/// While the operator's machine is off for weeks, a renewer keeps the others in the team, and another renewer keeps this
+/// renewer in it.
 #[test]
 fn members_renew_each_other_up_to_the_time_that_was_set() {
     let world = World::new();

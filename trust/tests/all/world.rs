@@ -1,4 +1,5 @@
-//! A team with an admin, a deployer, a viewer and two robots. Everything follows from numbers, so it is always the same.
+//! A team with an admin, a deployer, a viewer and two robots. All keys come from fixed numbers, so the team is always
+//! the same.
 
 use trust::certificate::{Certificate, Claims, DAY};
 use trust::identity::{Entropy, SecretKeys};

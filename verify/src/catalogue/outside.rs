@@ -1,7 +1,8 @@
-//! Suspects, which may get stuck alone, and whether the parts around them end them: a limit, or another process.
+//! Suspects: nodes that may get stuck when their part is alone. This module checks whether the parts around them end
+//! them, by a limit or another process.
 //!
-//! A group is first explored alone, without its surroundings. Each suspect found there is searched again in the groups
-//! around it, the nearest first, until it always goes on in one of them.
+//! A group is first explored alone, without its surroundings. Each suspect found there is checked again in the groups
+//! around it, the nearest group first, until it can always continue in one of them.
 
 use super::{Asked, Catalogue, ends_round, waits_or_is_active};
 use crate::explore::{Limits, Nobody, Reached, explore};
@@ -15,25 +16,26 @@ use crate::system::{Mode, System};
 pub(super) struct Suspect {
     pub(super) part: usize,
     pub(super) node: usize,
-    /// Whether it waits for a resource, and not only for its end.
+    /// Whether the node waits for a resource, not only for its end.
     pub(super) waits: bool,
-    /// Whether the part has anything that waits for a resource.
+    /// Whether the part has a node that waits for a resource.
     pub(super) has_usings: bool,
-    /// How many findings precede it.
+    /// The number of earlier findings.
     pub(super) place: usize,
     pub(super) finding: Finding,
 }
 
-/// The result for a suspect inside the parts around it.
+/// The result for a suspect, together with the parts around it.
 enum Outside {
     /// Something ends it.
     Ends,
-    /// Nothing ends it; with its story, if it differs from that of the part alone.
+    /// Nothing ends it. The story is given if it differs from that of the part alone.
     Stuck(Option<Story>),
     Open(Reached),
 }
 
-/// Adds the suspects that nothing around them ends to the findings: one for each part, at its place.
+/// Adds a finding for each suspect that nothing around it ends: at most one for each part, at its place among the
+/// findings.
 pub(super) fn judge(
     model: &Model<'_>,
     suspects: Vec<Suspect>,
@@ -59,7 +61,7 @@ pub(super) fn judge(
         };
         last = Some(suspect.part);
         asked.stuck |= !suspect.waits;
-        // For a part that is stuck, waiting for a resource is not asked any more.
+        // If a part is stuck, it is not also checked for nodes that wait for resources.
         asked.waits |= suspect.waits || suspect.has_usings;
         found.push((suspect.place, finding));
     }
@@ -68,7 +70,7 @@ pub(super) fn judge(
     }
 }
 
-/// For each part, the one around it.
+/// Returns for each part the part around it.
 fn around(model: &Model<'_>) -> Vec<Option<usize>> {
     let mut around = vec![None; model.parts.len()];
     for (part, source) in model.parts.iter().enumerate() {
@@ -83,13 +85,13 @@ fn around(model: &Model<'_>) -> Vec<Option<usize>> {
 
 fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limits: &Limits<'_>) -> Outside {
     if suspect.part != 0 && around[suspect.part].is_none() {
-        // No part runs this one.
+        // No other part runs this one.
         return Outside::Ends;
     }
     let mut stuck = Outside::Stuck(None);
     let mut inside = vec![suspect.part];
     while let Some(root) = around[inside[inside.len() - 1]] {
-        // Other parts that may hang are opened as well: two of them may depend on each other to end.
+        // Other parts that may hang are explored as well, because two of them may need each other to end.
         let is_open = |part: usize| inside.contains(&part) || model.parts[part].may_hang;
         let mut system = System::new(model, root, &is_open);
         system.mode = Mode { aborts: true, stops: true, ..Mode::default() };

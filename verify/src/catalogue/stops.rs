@@ -9,7 +9,7 @@ use crate::system::System;
 use language::Code;
 use language::plan::Expression;
 
-/// A state after a stop from which the end cannot be reached.
+/// Finds a state after a stop from which the end cannot be reached.
 fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<Finding> {
     let over = graph.which(system, is_over);
     let can = graph.can_reach(&over, &|label| system.is_natural(label));
@@ -23,7 +23,7 @@ fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<F
     Some(Finding::fails(found, Some(story_to_the_end(system, graph, state))))
 }
 
-/// Checks that every stop of a part ends. The operands of a `shield` or a `finally` are explored if they may run for
+/// Checks that every stop of a part ends. The operands of a `shield` or a `finally` are checked if they may run for
 /// ever.
 pub(super) fn judge(
     alone: &System<'_>,
@@ -54,7 +54,7 @@ pub(super) fn judge(
     }
 }
 
-/// The nodes of a part that hold a stop up.
+/// Returns the nodes of a part that delay a stop.
 pub(super) fn shields(system: &System<'_>, part: usize) -> Vec<usize> {
     let (mut nodes, mut node) = (Vec::new(), 0);
     crate::model::walk(&system.model.parts[part].expression, &mut |expression| {

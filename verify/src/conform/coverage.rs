@@ -1,4 +1,4 @@
-//! Which part of the verified behaviour of a group a run has seen.
+//! The part of a group's verified behaviour that occurred in a run.
 
 use super::{Follower, Steps};
 use crate::explore::{Found, Limits, Nobody, explore};
@@ -6,22 +6,23 @@ use crate::model::Model;
 use crate::system::{Label, Mode, System};
 use std::collections::BTreeSet;
 
-/// Which part of the verified behaviour of one group a run has seen.
+/// The part of a group's verified behaviour that occurred in a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coverage {
     /// The path of the group.
     pub group: String,
-    /// How many of its states the run was in, and how many there are.
+    /// How many of the group's states the run reached, and how many the group has.
     pub states: (usize, usize),
-    /// How many of its transitions the run took, and how many there are.
+    /// How many of the group's transitions the run took, and how many the group has.
     pub transitions: (usize, usize),
-    /// How many of the states that only a failure leads to the run was in, and how many there are.
+    /// The same for states that can be reached only by a failure.
     pub fault_states: (usize, usize),
-    /// The members whose failure was never seen.
+    /// The members that never failed in the run.
     pub never_failed: Vec<String>,
-    /// The number of events outside the verified behaviour: a stop that was not confirmed, a service that was done.
+    /// The number of events outside the verified behaviour, such as a stop that was not confirmed, or a service that
+    /// was done.
     pub outside: usize,
-    /// Whether a limit was reached: there are more states and transitions than were counted.
+    /// Whether a limit was reached: the group has more states and transitions than were counted.
     pub is_limited: bool,
 }
 
@@ -57,7 +58,7 @@ impl Coverage {
     }
 }
 
-/// The part of the system that a run has reached: packed states, transitions, and the members that failed.
+/// The part of the system that a run has reached: packed states, transitions, and failed members.
 #[derive(Default)]
 struct Seen {
     states: BTreeSet<Vec<u8>>,

@@ -1,4 +1,4 @@
-//! The first step of a supervisor that differs from its program.
+//! Finds the first step of a supervisor that differs from its program.
 
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Model, walk};
@@ -7,7 +7,7 @@ use language::algebra::{Command, Event, Outcome, Program, State, StepRecord, ste
 use language::plan::{Expression, Group, TimerKind};
 use language::{Code, Span};
 
-/// How many steps before the deviation the story tells.
+/// How many steps before the deviation the story has at most.
 const TOLD_MAX: usize = 12;
 
 /// Returns the first deviation of a supervisor, as a story.
@@ -21,7 +21,7 @@ pub(super) fn deviation(model: &Model<'_>, group: u32, steps: &[StepRecord]) -> 
         let mut commands = Vec::new();
         let outcome = step(&program, &mut state, seen.event.clone(), &mut commands);
         let mut expected = StepRecord::new(seen.event.clone(), commands, outcome);
-        // The results of a value that was cut off are unknown as well.
+        // If a value was cut off in the record, its results are unknown as well.
         are_values_known &= !seen.is_cut;
         let mut compared = seen.clone();
         if !are_values_known {
@@ -59,7 +59,7 @@ impl Teller<'_, '_> {
         Finding::fails(found, Some(story))
     }
 
-    /// The place in the spec of the first command that differs.
+    /// Returns the place in the spec of the first command that differs.
     fn place(&self, seen: &StepRecord, expected: &StepRecord) -> Span {
         let sites = &self.model.sites.groups[self.group as usize];
         let count = seen.commands.len().max(expected.commands.len());
@@ -126,12 +126,12 @@ impl Teller<'_, '_> {
         }
     }
 
-    /// Whether a timer is that of a `within`.
+    /// Returns whether a timer belongs to a `within`.
     fn is_limit(&self, timer: u32) -> bool {
         self.source.expression.timers().get(timer as usize) == Some(&TimerKind::Limit)
     }
 
-    /// Whether the bytes of a member's value begin with a tag.
+    /// Returns whether the bytes of a member's value begin with a tag.
     fn has_outcomes(&self, member: u32) -> bool {
         let leaf = match self.source.members.get(member as usize).map(|member| member.kind) {
             Some(language::plan::MemberKind::Leaf(leaf)) => self.model.plan.leaves.get(leaf as usize),

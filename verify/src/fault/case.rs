@@ -15,11 +15,11 @@ use language::algebra::Activity;
 use std::cell::RefCell;
 use std::time::Duration;
 
-/// The thing in a system that a fault strikes.
+/// The target of a fault in a system.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Struck {
     pub(super) kind: FaultKind,
-    /// The program; none for a host.
+    /// The struck program; none for a host.
     pub(super) seat: Option<MemberRef>,
 }
 
@@ -29,11 +29,12 @@ pub(super) struct Case<'c, 'm, 'a> {
     system: &'c System<'a>,
     graph: &'c Graph,
     struck: Vec<Struck>,
-    /// For each state: whether an end can be reached from it, and without a limit that passes: success, failure.
+    /// For each state, whether the mission can end from it. Also whether it can succeed (`done`) or fail (`fails`)
+    /// without a limit that passes.
     ends: Vec<bool>,
     done: Vec<bool>,
     fails: Vec<bool>,
-    /// For each step that may hang, and each state, whether something can end it.
+    /// For each step that may hang, and for each state, whether something can end the step.
     ended: Vec<Vec<bool>>,
     /// For each unit, which of its timers are limits.
     limits: Vec<Vec<bool>>,
@@ -41,16 +42,16 @@ pub(super) struct Case<'c, 'm, 'a> {
     stepper: RefCell<Stepper<'c>>,
 }
 
-/// A fault in one state, judged.
+/// The result of a fault in one state.
 #[derive(Debug)]
 pub(super) struct Judged {
     pub(super) phase: String,
     pub(super) severity: Severity,
-    /// The longest time until nothing runs, if that is known.
+    /// The longest time until nothing runs, if it is limited.
     pub(super) safe_within: Option<Duration>,
     mission: Mission,
     settled: Settled,
-    /// The state in which the fault happens, and the state that follows.
+    /// The state in which the fault happens, and the state after it.
     before: Frame,
     state: u32,
     fault: Label,
@@ -63,7 +64,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .map(|unit| is_limit(&system.model.parts[system.units[unit].part].expression))
             .collect();
         let is_lossy = system.mode.lost.is_some();
-        // A program that was given up fails each time that it is started.
+        // A program that was given up fails at each further start.
         let is_given_up = |seat: MemberRef| {
             let given_up = |kind| matches!(kind, FaultKind::GivenUp | FaultKind::Unanswered);
             struck.iter().any(|struck| struck.seat == Some(seat) && given_up(struck.kind))
@@ -93,7 +94,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         Self { times, system, graph, struck, ends, done, fails, ended, limits, readers, stepper }
     }
 
-    /// Judges the last fault in every state in which it happens.
+    /// Calls `take` with the result of the last fault, for every state in which the fault happens.
     pub(super) fn each_fault(&self, mut take: impl FnMut(Judged)) {
         let (mut before, mut after) = (self.system.initial(), self.system.initial());
         for state in 0..self.graph.store.count() {
@@ -107,7 +108,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                     continue;
                 }
                 let judged = self.judge(&before, &after, state, label, target);
-                // A process that is being stopped ends in any case, whatever fault strikes it.
+                // A process that is being stopped ends in any case, regardless of the fault.
                 if self.is_asked(&before, label) && judged.severity < Severity::Adrift {
                     continue;
                 }
@@ -120,7 +121,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         let settled = self.settle(after);
         let mission = self.mission(&settled, target);
         let severity = self.severity(before, after, &settled, mission, fault, target);
-        // The mission could already fail without the fault.
+        // The mission could also fail without the fault.
         let may_anyway = mission == Mission::MayFail && self.fails[state as usize];
         let mission = if may_anyway { Mission::CanBeDone } else { mission };
         let safe_within = self.safe_within(&settled).filter(|_| severity == Severity::Safe);
@@ -132,7 +133,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         settle(self.times, self.system, &mut self.stepper.borrow_mut(), frame)
     }
 
-    /// Whether a program that crashes or hangs, or a group around it, has been asked to stop.
+    /// Returns whether a program that crashes or hangs, or a group around it, has been asked to stop.
     fn is_asked(&self, frame: &Frame, fault: Label) -> bool {
         let seat = struck_by(fault);
         let is_own = |struck: &&Struck| struck.seat == seat && struck.kind != FaultKind::Unanswered;
@@ -223,7 +224,8 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// Whether a process of a mission that is a service waits for a resource that a lost host may still use.
+    /// Returns whether a process waits for a resource that a lost host may still use. Only for a mission that is a
+    /// service.
     fn waits(&self, frame: &Frame, mission: Mission) -> bool {
         let waits = |unit: usize| {
             let mut members = frame.states[unit].members_active();
@@ -240,7 +242,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// The programs that ran before a fault, and no longer do.
+    /// Returns the programs that ran before a fault and do not run after it.
     fn gone(&self, before: &Frame, after: &Frame) -> Vec<u32> {
         let left = self.system.there(after);
         let gone = self.system.there(before).into_iter().filter(|seat| !left.contains(seat));
@@ -248,19 +250,19 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .collect()
     }
 
-    /// The program that hangs because of this fault, if there is one.
+    /// Returns the program that hangs because of this fault, if there is one.
     fn hung(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault)?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Hang).then_some(seat)
     }
 
-    /// The program that is started again after this fault, if there is one.
+    /// Returns the program that is restarted after this fault, if there is one.
     fn restarted(&self, fault: Label) -> Option<MemberRef> {
         let seat = struck_by(fault).filter(|seat| self.system.is_restarted(*seat))?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Crash).then_some(seat)
     }
 
-    /// The clause about a program that is restarted.
+    /// Returns the clause about a restarted program.
     fn restart(&self, MemberRef { unit, member }: MemberRef) -> String {
         let model = self.system.model;
         let group = model.parts[self.system.units[unit].part].group;
@@ -273,8 +275,8 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// The members that run and are not being stopped, except those that the faults strike. Members on a lost host are
-    /// included.
+    /// Returns the members that run and are not being stopped, except the targets of the faults. Members on a lost
+    /// host are included.
     fn others(&self, frame: &Frame) -> Vec<MemberRef> {
         let is_struck = |seat: MemberRef| self.struck.iter().any(|struck| struck.seat == Some(seat));
         let is_stopping =
@@ -288,7 +290,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         seats.filter_map(|MemberRef { unit, member }| member_name(self.system, unit, member)).collect()
     }
 
-    /// The pause after a fault before the run continues: a timer that was not armed before.
+    /// Returns the pause before the run continues after a fault: the time of a timer that was not armed before.
     fn new_pause(&self, before: &Frame, after: &Frame) -> Option<Duration> {
         (0..self.system.units.len()).find_map(|unit| {
             let program = self.system.program(unit);
@@ -304,7 +306,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         timer_of(&self.system.model.parts[self.system.units[unit].part].expression, timer as usize)
     }
 
-    /// The current step of the run: the members that run and will end.
+    /// Returns the phase of the run: the running members that will end.
     fn phase(&self, frame: &Frame) -> String {
         let own = self.names();
         let (mut steps, mut stopping) = (Vec::new(), Vec::new());
@@ -383,7 +385,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// The shortest limit that ends the hanging program.
+    /// Returns the shortest limit that ends the hanging program.
     fn limit_that_ends(&self, frame: &Frame, seat: MemberRef) -> Option<Duration> {
         let MemberRef { unit, member } = seat;
         if !is_step(self.system, seat) {
@@ -407,9 +409,9 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         limits.into_iter().min()
     }
 
-    /// The longest time until nothing runs, if nothing does.
+    /// Returns the longest time until nothing runs, if everything ends.
     fn safe_within(&self, settled: &Settled) -> Option<Duration> {
-        // Programs beyond the loss that stop by themselves do so in parallel.
+        // Programs beyond the loss stop by themselves at the same time.
         settled.beyond.iter().try_fold(settled.after?, |longest, seat| {
             let waits = stops_by_itself_after(self.system.link_loss(*seat));
             Some(longest.max(waits.saturating_add(longest_stop(self.times, self.system, *seat)?)))
@@ -417,7 +419,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     }
 }
 
-/// Whether a member is a step, which ends, and no service.
+/// Returns whether a member is a step, which ends, and not a service.
 pub(super) fn is_step(system: &System<'_>, MemberRef { unit, member }: MemberRef) -> bool {
     match &system.units[unit].seats[member as usize] {
         Occupant::Box(ends) => !ends[0].done.is_empty(),
@@ -425,7 +427,7 @@ pub(super) fn is_step(system: &System<'_>, MemberRef { unit, member }: MemberRef
     }
 }
 
-/// The program that a fault strikes.
+/// Returns the program that a fault strikes.
 fn struck_by(fault: Label) -> Option<MemberRef> {
     if let Label::Fault(unit, member) | Label::Second(unit, member) = fault {
         Some(MemberRef { unit: usize::from(unit), member: u32::from(member) })

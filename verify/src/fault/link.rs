@@ -1,5 +1,5 @@
-//! The effects of losing a link between two hosts while a third host passes messages on: control goes on, data does not
-//! take the way around.
+//! The effects of losing a link between two hosts while a third host relays messages: control continues, but data is
+//! not relayed.
 
 use super::case::is_step;
 use super::span::{Span, span};
@@ -12,10 +12,10 @@ use crate::times::Times;
 use crate::wires::{Line, lines};
 use std::collections::BTreeMap;
 
-/// The phase in which no step runs.
+/// The phase in which no step is running.
 const BETWEEN: &str = "between two steps";
 
-/// Adds a row for each link and each set of wires that go dead with it.
+/// Adds a row for each link, and for each set of wires that stop carrying data with it.
 pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table) {
     let model = times.model;
     if model.plan.hosts.len() < 3 {
@@ -53,7 +53,7 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
             let name = |host: u32| model.plan.hosts[host as usize].as_str();
             let program = format!("{} - {}", name(one), name(other));
             let key = (program.clone(), words.join(", "));
-            // A phase with a step in it is more informative than one with orders in transit.
+            // A phase with a running step is more informative than a phase with orders in transit.
             let phase = phase(&system, &frame);
             if rows.get(&key).is_some_and(|known| known.phase != BETWEEN || phase == BETWEEN) {
                 continue;
@@ -75,7 +75,7 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
     table.rows.extend(rows.into_values());
 }
 
-/// The steps that run.
+/// Returns the running steps.
 fn phase(system: &System<'_>, frame: &Frame) -> String {
     let steps = system.there(frame).into_iter().filter(|seat| is_step(system, *seat));
     let names: Vec<String> = steps.filter_map(|MemberRef { unit, member }| member_name(system, unit, member)).collect();

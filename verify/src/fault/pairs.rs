@@ -5,9 +5,9 @@ use crate::explore::{Limits, WorkDone};
 use crate::times::Times;
 use std::collections::BTreeMap;
 
-/// Examines each pair of faults of different programs, and the loss of a host together with a fault of a program, in
-/// every order and at any time. A pair has one row, the worst of all phases. It has none if one of the two faults alone
-/// is as bad in that phase, or in another phase if it cannot happen there.
+/// Explores each pair of faults of different programs, and each loss of a host together with a fault of a program, in
+/// every order and at any time. A pair has one row: the worst over all phases. It has no row if one of the two faults
+/// alone is as bad in the same phase. If that fault cannot happen in this phase, its other phases are compared.
 pub(crate) fn pairs(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
     let singles = table(times, limits);
     let mut pairs = Table { unfinished: singles.unfinished, states: singles.states, ..Table::default() };

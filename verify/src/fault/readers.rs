@@ -1,4 +1,4 @@
-//! Finds the programs that lose their data with another program, now or in a later step.
+//! Finds the programs that lose their data because another program fails, now or in a later step.
 
 use super::span::{Span, span};
 use crate::explore::Graph;
@@ -13,15 +13,16 @@ use std::collections::{BTreeMap, BTreeSet};
 /// For each state, whether a property holds there.
 type InStates = Vec<bool>;
 
-/// The wires of a system, and the states in which their readers lose something.
+/// The wires of a system, and the states in which their readers lose data.
 pub(super) struct Readers<'c, 'a> {
     system: &'c System<'a>,
     graph: &'c Graph,
-    /// The wires to inputs that their programs need.
+    /// The wires to inputs that their programs require.
     lines: OnceCell<Vec<Line>>,
-    /// For each program that sends, and each state: whether data of it is read there or later.
+    /// For each sending program and each state, whether its data is read in this state or later.
     heard: RefCell<BTreeMap<u32, InStates>>,
-    /// For each input and each state: whether its program runs there or later without a sender, although it never does without a fault.
+    /// For each input and each state, whether its program runs without a sender in this state or later, although it never does without
+    /// a fault.
     missed: RefCell<BTreeMap<(u32, String), Option<InStates>>>,
 }
 
@@ -30,7 +31,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         Self { system, graph, lines: OnceCell::new(), heard: RefCell::default(), missed: RefCell::default() }
     }
 
-    /// Whether a program reads the output of `sender`, in a state or after it.
+    /// Returns whether a program reads the output of `sender`, in this state or later.
     pub(super) fn hear(&self, sender: u32, state: u32) -> bool {
         let mut heard = self.heard.borrow_mut();
         let heard = heard.entry(sender).or_insert_with(|| {
@@ -42,7 +43,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         heard.get(state as usize).copied().unwrap_or(false)
     }
 
-    /// Whether a program runs without its lost sender, in a state or later, although it never does so without a fault.
+    /// Returns whether a program runs without its lost sender, in this state or later, although it never does without a fault.
     pub(super) fn miss(&self, gone: &[u32], settled: &Frame, state: u32) -> bool {
         let model = self.system.model;
         let of_gone = |line: &&Line| gone.contains(&model.plan.wires[line.wire as usize].from.leaf);
@@ -72,7 +73,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         works(settled) && !is_sent || missed.get(state as usize).copied().unwrap_or(false)
     }
 
-    /// For each state, whether it has a property, or a state with the property follows it, in a run without faults.
+    /// Returns for each state whether it, or a later state in a run without faults, has a property.
     fn leads_to(&self, has: impl FnMut(&Frame) -> bool) -> Vec<bool> {
         let goals = self.graph.which(self.system, has);
         self.graph.can_reach(&goals, &|label| self.system.is_natural(label))
@@ -96,7 +97,7 @@ impl<'c, 'a> Readers<'c, 'a> {
     }
 }
 
-/// The input that a wire leads to.
+/// Returns the input at the end of a wire.
 fn input(model: &Model<'_>, line: &Line) -> (u32, String) {
     let to = &model.plan.wires[line.wire as usize].to;
     (to.leaf, to.port.clone())

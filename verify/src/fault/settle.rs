@@ -1,4 +1,4 @@
-//! The state after a fault, once every supervisor has heard of it and all stops are answered, each as late as possible.
+//! The state after a fault, once every supervisor has received all news and all stops are answered, each as late as possible.
 
 use crate::model::Seat;
 use crate::story::effects;
@@ -9,10 +9,10 @@ use language::plan::LinkLoss;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// From the loss of a host to when every other has noted it, at the latest: the next question comes within 1 s, the absence of the host
-/// starts 1 s after that question, and the host is lost 5 s later. Round trips come on top.
+/// The longest time from the loss of a host until every other host has noticed it. The next question comes within 1 s, the host counts
+/// as absent 1 s after that question, and as lost 5 s later. Round trips come on top.
 pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(7);
-/// From the loss of a host to when a program beyond it stops by itself, if it does.
+/// Returns the time from the loss of a host until a program beyond it stops by itself, if it does.
 pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
     match policy {
         LinkLoss::SafeStopAfter(time) => time.saturating_add(Duration::from_secs(1)),
@@ -27,17 +27,17 @@ const ANSWERS_MAX: usize = 2000;
 #[derive(Debug)]
 pub(super) struct Settled {
     pub(super) frame: Frame,
-    /// How long that took; none if nothing bounds it.
+    /// How long settling took; none if it is not limited.
     pub(super) after: Option<Duration>,
-    /// The programs that ran beyond the loss of a host: they stop by themselves, as their `on_link_loss` says.
+    /// The programs that ran beyond the loss of a host. They stop by themselves, according to their `on_link_loss`.
     pub(super) beyond: BTreeSet<MemberRef>,
-    /// The actions of the nodes when they noted the loss of a host.
+    /// The actions of the nodes when they noticed the loss of a host.
     pub(super) noted: Vec<String>,
-    /// Whether it never came to rest.
+    /// Whether the state never settles.
     pub(super) is_restless: bool,
 }
 
-/// Lets the nodes note a loss and all stops be answered. Programs that could be done in that time stay running.
+/// Makes the nodes notice a loss, and answers all stops. Programs that could be done in that time keep running.
 pub(super) fn settle<'s>(
     times: &Times<'_, '_>,
     system: &'s System<'_>,
@@ -108,7 +108,7 @@ pub(super) fn settle<'s>(
     settled
 }
 
-/// The most time that a stop of a member takes.
+/// Returns the longest time that stopping a member takes.
 pub(super) fn longest_stop(
     times: &Times<'_, '_>,
     system: &System<'_>,

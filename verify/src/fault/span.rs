@@ -1,4 +1,4 @@
-//! A wire in a system: where its two ends are, and when data goes over it.
+//! A wire in a system: the hosts of its two ends, and the states in which data goes over it.
 
 use crate::model::{Model, short, walk};
 use crate::property::place_of;
@@ -7,12 +7,13 @@ use crate::system::{Frame, System};
 use crate::wires::Line;
 use language::plan::{Expression, LeafPort};
 
-/// A wire with the set that opens it.
+/// A wire, with the set that opens it.
 #[derive(Clone, Debug)]
 pub(super) struct Span {
-    /// The hosts of its ends, the smaller first.
+    /// The hosts of its two ends, the smaller number first.
     pub(super) hosts: (u32, u32),
-    /// A unit of the group that has the wire, and the nodes that open it, each with its unit; none if it is always open.
+    /// A unit of the group that has the wire, and the nodes that open the wire, each with its unit; none if it is always
+    /// open.
     unit: usize,
     nodes: Option<Vec<(usize, usize)>>,
     pub(super) from: MemberRef,
@@ -21,7 +22,7 @@ pub(super) struct Span {
     pub(super) words: String,
 }
 
-/// The wire of a line; none if its group is not looked into.
+/// Returns the wire of a line; none if its group is a black box.
 pub(super) fn span(system: &System<'_>, line: &Line) -> Option<Span> {
     let model = system.model;
     let wire = &model.plan.wires[line.wire as usize];
@@ -59,7 +60,7 @@ fn end(model: &Model<'_>, port: &LeafPort) -> String {
     format!("{}.{}", short(&model.plan.leaves[port.leaf as usize].path), port.port)
 }
 
-/// The seat of a program, or of the innermost group around it that is not looked into.
+/// Returns the seat of a program, or of the innermost black box around it.
 fn seat_of(system: &System<'_>, leaf: u32) -> Option<MemberRef> {
     let around = |(group, _): &(u32, u32)| system.model.around[*group as usize];
     let mut places = std::iter::successors(place_of(system.model, leaf), around);
@@ -67,7 +68,7 @@ fn seat_of(system: &System<'_>, leaf: u32) -> Option<MemberRef> {
 }
 
 impl Span {
-    /// Whether data goes over it.
+    /// Returns whether data goes over the wire in a state.
     pub(super) fn carries(&self, system: &System<'_>, frame: &Frame) -> bool {
         let is_open = match &self.nodes {
             None => frame.states[self.unit].is_node_active(0),

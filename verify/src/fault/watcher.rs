@@ -1,4 +1,4 @@
-//! Whether a step watches others, so that they continue unwatched while it hangs.
+//! Decides whether a step watches other processes, which would continue unwatched while the step hangs.
 
 use super::case::is_step;
 use crate::system::MemberRef;
@@ -6,9 +6,9 @@ use crate::system::{Frame, System};
 use language::algebra::Activity;
 use language::plan::Expression;
 
-/// Whether others run in parallel with a step and continue without it: in another operand of a `#` or an `any`, or
-/// beside an operand that is never done, as `button ; fail("...")` is. A limit further in is for the step itself. A
-/// limit further out also ends the watched step.
+/// Returns whether other processes run in parallel with a step and continue without it. They may be in another operand
+/// of a `#` or an `any`. Or the step is beside an operand that is never done, such as `button ; fail("...")`. A limit
+/// further inside is for the step itself. A limit further outside also ends the watched processes.
 pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: MemberRef) -> bool {
     let seats = std::iter::successors(Some(seat), |MemberRef { unit, .. }| system.units[*unit].parent);
     let mut looks = seats.filter_map(|MemberRef { unit, member }| {
@@ -27,7 +27,7 @@ struct Look<'l, 'a> {
     member: u32,
     /// The number of the next node.
     node: usize,
-    /// The answer of the innermost operator that decides it.
+    /// The answer of the innermost operator that decides the question.
     is_watcher: Option<bool>,
 }
 
@@ -36,11 +36,11 @@ struct Look<'l, 'a> {
 struct Sight {
     /// The step.
     own: bool,
-    /// Something else that runs.
+    /// Whether another process runs.
     other: bool,
-    /// A timer that runs.
+    /// Whether a timer runs.
     timer: bool,
-    /// Whether it can be done.
+    /// Whether the expression can be done.
     can_be_done: bool,
 }
 
@@ -69,8 +69,7 @@ impl Look<'_, '_> {
     }
 }
 
-/// Returns whether an operator makes one of its operands a watcher of the step; `None` if the operator does not decide
-/// that.
+/// Returns whether an operator makes one of its operands a watcher; `None` if the operator does not decide this.
 fn decides(expression: &Expression, of: &[Sight], own: usize) -> Option<bool> {
     let besides = || of.iter().enumerate().filter(|(index, _)| *index != own).map(|(_, sight)| sight);
     let is_enough = matches!(expression, Expression::AnyOf { count, .. } if of.len() > *count as usize);

@@ -1,6 +1,6 @@
-//! Finds the steps that a limit leaves no time for: `(a else (wait(20 s) ; b)) within 10 s` never starts `b`.
+//! Finds the steps for which a limit leaves no time: `(a else (wait(20 s) ; b)) within 10 s` never starts `b`.
 //!
-//! An exploration takes no notice of how long timers are, so these are found from the least times alone.
+//! An exploration ignores the durations of timers, so these steps are found from the shortest times alone.
 
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
@@ -14,16 +14,16 @@ use std::time::Duration;
 /// How long a process may still run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Left {
-    /// No limit is known that stops it.
+    /// No known limit stops the node.
     Free,
-    /// It is stopped once `limit` has passed, of which at least `used` have passed.
+    /// The node is stopped once `limit` has passed. At least `used` of this time has already passed.
     Within { limit: Duration, used: Duration },
-    /// It never starts, because it would start only after `used`. `cause` is the node at which this shows.
+    /// The node never starts, because it would start only after `used`. `cause` is the node that makes it too late.
     Over { limit: Duration, used: Duration, cause: usize },
 }
 
 impl Left {
-    /// Returns the time that is left for a node after another time. An unknown time changes nothing.
+    /// Returns the time that is left after a further time. An unknown time changes nothing.
     fn after(self, time: Option<Duration>, node: usize) -> Self {
         match (self, time) {
             (Self::Within { limit, used }, Some(time)) => {
@@ -45,7 +45,7 @@ impl Left {
         }
     }
 
-    /// Returns the one of the two that leaves more time.
+    /// Returns the alternative that leaves more time.
     fn or(self, other: Self) -> Self {
         let rest = |left: Self| match left {
             Self::Free => Duration::MAX,
@@ -56,16 +56,16 @@ impl Left {
     }
 }
 
-/// The places of the steps of each group, by their text.
+/// The occurrences of the steps of each group, by their text.
 type Tries = BTreeMap<(u32, Span), Vec<Try>>;
 
-/// One place of a step: for a `retry`, its text describes several tries.
+/// One occurrence of a step. The same text in a `retry` has one occurrence for each try.
 #[derive(Clone, Copy, Debug)]
 struct Try {
     group: u32,
     member: u32,
     left: Left,
-    /// Set if the step begins in time, but its try ends too late: the least end of this try, and its node.
+    /// Set if the step begins in time, but its try ends too late: the earliest end of this try, and its node.
     too_late: Option<(Duration, usize)>,
 }
 
@@ -75,13 +75,13 @@ pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
     let mut tries: Tries = BTreeMap::new();
     let mut lefts: Vec<Option<Left>> = vec![None; model.plan.groups.len()];
     lefts[0] = Some(Left::Free);
-    // A group has a greater number than the group around it.
+    // A group has a greater number than the group that contains it.
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         let Some(left) = lefts[group as usize] else { continue };
         let mut walk = Walk { times, group, source, node: 0, too_late: None, tries: &mut tries, lefts: &mut lefts };
         walk.at(&source.expression, left);
     }
-    // The steps after one that never starts have the same cause. A text is reported once for all instances of its
+    // Steps after one that never starts have the same cause. A text is reported only once for all instances of its
     // group.
     let (mut causes, mut places) = (BTreeSet::new(), BTreeSet::new());
     let found = tries.into_iter().filter_map(|((group, span), tries)| {
@@ -91,7 +91,7 @@ pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
     found.collect()
 }
 
-/// Returns the finding about a step, with the node that causes it.
+/// Returns the finding for a step, with the node that causes it.
 fn finding(model: &Model<'_>, span: Span, tries: &[Try]) -> Option<(usize, Finding)> {
     let (first, others) = tries.split_first()?;
     let name = model.name(first.group, first.member);
@@ -128,7 +128,7 @@ struct Walk<'w, 'm, 'a> {
     source: &'w Group,
     /// The number of the next node.
     node: usize,
-    /// Set if the try ends too late: the least time to its end, and the number of its node.
+    /// Set if the try ends too late: the shortest time to its end, and the number of its node.
     too_late: Option<(Duration, usize)>,
     tries: &'w mut Tries,
     lefts: &'w mut Vec<Option<Left>>,
@@ -169,12 +169,12 @@ impl Walk<'_, '_, '_> {
                     self.at(operand, left.within(others.filter_map(|(_, bound)| *bound).min()));
                 }
             }
-            // It also runs when all is stopped.
+            // The operand also runs when everything is stopped.
             Expression::Finally(one, other) => {
                 self.at(one, left);
                 self.at(other, Left::Free);
             }
-            // A shield that has begun is not stopped.
+            // A shield that has begun cannot be stopped.
             Expression::Shield { of, .. } => {
                 self.at(of, if matches!(left, Left::Over { .. }) { left } else { Left::Free });
             }
@@ -201,7 +201,7 @@ impl Walk<'_, '_, '_> {
         }
     }
 
-    /// Looks at an operand that runs when another one has failed: it may begin, and have no time to be done.
+    /// Checks an operand that runs when another one has failed. It may begin without enough time to be done.
     fn instead(&mut self, other: &Expression, left: Left) {
         let before = self.too_late;
         if let Left::Within { limit, used } = left {
@@ -221,7 +221,7 @@ impl Walk<'_, '_, '_> {
         if let MemberKind::Group(inner) = self.source.members[member as usize].kind
             && !matches!(left, Left::Over { .. })
         {
-            // An order to stop takes its time to another host.
+            // An order to stop takes some time to reach another host.
             let is_near = self.times.model.plan.groups[inner as usize].host == self.source.host;
             let left = if is_near { left } else { Left::Free };
             let known = &mut self.lefts[inner as usize];
@@ -229,14 +229,14 @@ impl Walk<'_, '_, '_> {
         }
     }
 
-    /// The most time until an expression has ended, if no message between hosts takes a part of it.
+    /// Returns the longest time until an expression has ended, if no message between hosts is involved.
     fn bound(&self, expression: &Expression) -> Option<Duration> {
         self.times.take_messages();
         let end = self.times.of(self.group, self.source, expression).end;
         end.filter(|_| !self.times.take_messages())
     }
 
-    /// The least time until an expression fails; none if it never does.
+    /// Returns the shortest time until an expression fails; none if it never does.
     fn failed(&self, expression: &Expression) -> Option<Duration> {
         let sooner = |of: Vec<Option<Duration>>| of.into_iter().flatten().min();
         match expression {

@@ -8,7 +8,7 @@ use super::{Term, Test, Var};
 use language::plan::{Expression, Group};
 
 impl Writer<'_> {
-    /// The group of the plan that is being written.
+    /// Returns the group of the plan that is being written.
     pub(super) fn source(&self) -> &Group {
         &self.model.plan.groups[self.group]
     }
@@ -51,8 +51,8 @@ impl Writer<'_> {
         root
     }
 
-    /// `using`. Phases: 1 it waits; 2 it has its resources. The other rules follow once every `using` of the group is
-    /// known.
+    /// `using`. Phases: 1 it waits; 2 it has its resources. The other rules are written once every `using` of the
+    /// group is known.
     pub(super) fn using(&mut self, node: Node, resources: &[String], of: &Expression) {
         let number = self.uses.len();
         let place = self.own(node, "place", self.nodes as usize + number + 1);
@@ -67,7 +67,7 @@ impl Writer<'_> {
         self.uses.push(Use { node, place, kept, takes: resources.to_vec(), inner });
     }
 
-    /// Writes the rules of the root: a `using` starts at once, waits, gets its turn, and gives back its resources.
+    /// Writes the rules of the root: a `using` starts at once, waits, gets its turn, and releases its resources.
     fn takes_turns(&mut self, root: Node, index: usize) {
         let Use { node, place, kept, inner, ref takes } = self.uses[index];
         let waiting = self.groups[self.group].waiting;
@@ -108,20 +108,20 @@ impl Writer<'_> {
         self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.stop(inner));
     }
 
-    /// Something is to be delivered for a group: that it starts, or its result to the group around it.
+    /// Registers a delivery for a group: that it starts, or its result for the group around it.
     fn deliver(&self, group: usize, result: Term, value: Term) -> Sets {
         let place = self.groups[group].place;
         let place = vec![(place, Term::OneMore(self.pending)), (self.pending, Term::OneMore(self.pending))];
         [place, self.says(group, result, value)].concat()
     }
 
-    /// The result that is delivered at once, or is in transit.
+    /// Returns the effect of a result, which is delivered at once or is in transit.
     fn says(&self, group: usize, result: Term, value: Term) -> Sets {
         let own = &self.groups[group];
         vec![(own.result, result), (own.value, value)]
     }
 
-    /// A group is to start: at once, or when the order reaches its host.
+    /// Orders the start of a group: at once, or when the order reaches its host.
     pub(super) fn orders(&self, group: u32, value: Term) -> Sets {
         let group = group as usize;
         match self.groups[group].travels {
@@ -132,13 +132,13 @@ impl Writer<'_> {
         }
     }
 
-    /// A message is the last on its link.
+    /// Puts a message at the end of its link.
     pub(super) fn sends(&self, place: Var, link: Link) -> Sets {
         let count = self.links[&link];
         vec![(place, Term::OneMore(count)), (count, Term::OneMore(count))]
     }
 
-    /// A message leaves its link; those behind it move up.
+    /// Removes a message from its link; those behind it move up.
     fn takes(&self, place: Var, link: Link) -> Sets {
         let all = self.groups.iter().filter_map(|group| group.travels).flat_map(|travels| {
             [(travels.start, travels.link), (travels.stop, travels.link), (travels.report, travels.back)]
@@ -149,7 +149,7 @@ impl Writer<'_> {
         sets
     }
 
-    /// The rules between groups: the start and the stop of the whole, and all messages.
+    /// Writes the rules between groups: the start and the stop of the whole, and all messages.
     pub(super) fn between(&mut self, roots: &[Node]) {
         let starts = [vec![(self.whole, Term::Number(RUNNING))], self.start(roots[0], Term::Number(0))].concat();
         self.event("start".to_owned(), &[Test::Is(self.whole, 0)], starts);
@@ -193,7 +193,7 @@ impl Writer<'_> {
         }
     }
 
-    /// The reaction of each node that runs a group to the result of that group.
+    /// Returns the reaction of each node that runs a group to the result of that group.
     fn hears(&self, group: u32) -> Vec<(Vec<Test>, Sets)> {
         let (result, value) = (self.groups[group as usize].result, self.groups[group as usize].value);
         let runs = self.runs.iter().filter(|(inner, _)| *inner == group).map(|(_, node)| *node);
@@ -211,7 +211,7 @@ impl Writer<'_> {
         all
     }
 
-    /// The order to stop a group reaches it.
+    /// Writes the rule for the arrival of the order to stop a group.
     fn reached(&mut self, group: u32, root: Node) {
         let GroupVars { is_ordered, travels, .. } = self.groups[group as usize];
         let word = format!("reached({})", self.model.group_name(group));

@@ -11,19 +11,19 @@ use language::plan::{Expression, Group};
 struct Join {
     node: Node,
     operands: Vec<Node>,
-    /// The outcome that is decided, 0 before.
+    /// The decided outcome; 0 before the decision.
     held: Var,
-    /// The value that it leaves.
+    /// The value for the next process.
     kept: Var,
-    /// The value that every operand starts with.
+    /// The value with which every operand starts.
     given: Var,
 }
 
-/// The effect of ended operands on a node that waits for some of them.
+/// The counters of a node that waits for the ends of some operands.
 struct Count {
     /// How many ends the node waits for.
     open: Var,
-    /// Whether it will abort.
+    /// Whether the node will abort.
     is_bad: Var,
     /// The changes for each outcome of each operand.
     outcomes: Vec<Vec<(Vec<Test>, Sets)>>,
@@ -44,7 +44,7 @@ impl Writer<'_> {
         (left, is_bad, at_first)
     }
 
-    /// `P , Q`: until every task has ended; a service that aborts ends it at once.
+    /// `P , Q`: runs until every task has ended; a service that aborts ends it at once.
     pub(super) fn concurrent(&mut self, node: Node, of: &[Expression]) {
         let join = self.join(node, of);
         let services: Vec<bool> = of.iter().map(|operand| is_service(operand, self.source())).collect();
@@ -64,7 +64,7 @@ impl Writer<'_> {
         self.counts(&join, &count);
     }
 
-    /// `P & Q`: until all are done, or one aborts.
+    /// `P & Q`: runs until all operands are done, or one aborts.
     pub(super) fn fail_fast(&mut self, node: Node, of: &[Expression]) {
         let join = self.join(node, of);
         let (open, is_bad, at_first) = self.counting(&join, of.len());
@@ -76,7 +76,7 @@ impl Writer<'_> {
         self.counts(&join, &count);
     }
 
-    /// `any k of`: until k are done, or too many have aborted for k to be done.
+    /// `any k of`: runs until k operands are done, or too many have aborted for that.
     pub(super) fn any(&mut self, node: Node, count: u32, of: &[Expression]) {
         let join = self.join(node, of);
         let (open, is_bad, mut at_first) = self.counting(&join, count as usize);
@@ -98,7 +98,7 @@ impl Writer<'_> {
         self.counts(&join, &count);
     }
 
-    /// `at least k of`: until all have ended. It aborts if too few of them are done.
+    /// `at least k of`: runs until all operands have ended. It aborts if too few of them are done.
     pub(super) fn at_least(&mut self, node: Node, count: u32, of: &[Expression]) {
         let join = self.join(node, of);
         let (open, is_bad, mut at_first) = self.counting(&join, of.len());
@@ -116,7 +116,7 @@ impl Writer<'_> {
         self.counts(&join, &count);
     }
 
-    /// All operands start; each outcome counts; when enough have ended the others are stopped.
+    /// Starts all operands and counts each outcome. When enough have ended, the others are stopped.
     fn counts(&mut self, join: &Join, count: &Count) {
         let Join { node, operands, held, kept, given } = join;
         let (node, last) = (*node, operands.len() - 1);
@@ -156,7 +156,7 @@ impl Writer<'_> {
         self.is_stopped(join);
     }
 
-    /// `P # Q`: the first outcome counts, and the others are stopped; operands behind it do not start any more.
+    /// `P # Q`: the first outcome decides, and the other operands are stopped; later operands do not start any more.
     pub(super) fn disable(&mut self, node: Node, of: &[Expression]) {
         let join = self.join(node, of);
         let (begins, ends) = (Test::Is(node.phase, 1), Test::Not(self.result, RUNS));
@@ -182,8 +182,7 @@ impl Writer<'_> {
         self.is_stopped(&join);
     }
 
-    /// The operands that still run are stopped. The outcome is the one already decided, once all operands have
-    /// confirmed.
+    /// Stops the operands that still run. The outcome is the already decided one, once all operands have confirmed.
     fn drains(&mut self, join: &Join, cleared: &[(Var, Term)]) {
         let Join { node, operands, held, kept, given } = join;
         let (node, number) = (*node, |count: usize| u32::try_from(count).unwrap_or(u32::MAX));
@@ -210,14 +209,14 @@ impl Writer<'_> {
         self.rule(node, STOP, &[drains], [killed, self.reports(node, RUNS)].concat());
     }
 
-    /// A stop while the operands run: their results are discarded.
+    /// Handles a stop while the operands run: their results are discarded.
     fn is_stopped(&mut self, join: &Join) {
         let stopped = vec![self.enter(join.node, 3), (join.held, Term::Number(STOPPED)), (join.kept, Term::Number(0))];
         self.rule(join.node, STOP, &[Test::Is(join.node.phase, 2)], [stopped, self.todo(join.node, HALT, 0)].concat());
     }
 
-    /// `P ::[n] Q`. Phases: 1 it runs; 2 a place of the pool starts; 3 and 4 as above; 5 the source is stopped, since
-    /// something has failed; 6 the pool comes to its own end. While no place is free, `owed` says that `kept` holds the
+    /// `P ::[n] Q`. Phases: 1 it runs; 2 a place of the pool starts; 3 and 4 as for the other operators; 5 the source is stopped,
+    /// since something has failed; 6 the pool comes to its own end. While no place is free, `owed` tells that `kept` holds the
     /// result of the source.
     pub(super) fn pool(&mut self, node: Node, source: &Expression, pool: &[Expression]) {
         let operands: Vec<Expression> = std::iter::once(source).chain(pool).cloned().collect();
@@ -277,7 +276,7 @@ impl Writer<'_> {
     }
 }
 
-/// Whether an expression never ends without a fault.
+/// Returns whether an expression never ends without a fault.
 fn is_service(expression: &Expression, group: &Group) -> bool {
     let is = |operand: &Expression| is_service(operand, group);
     match expression {

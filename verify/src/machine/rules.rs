@@ -6,11 +6,11 @@ use super::{Term, Test};
 use crate::story::seconds;
 use language::plan::{Expression, Given, Group, MemberKind};
 
-/// How the second of two operands follows the first.
+/// How the second of two operands follows the first one.
 struct Turn {
-    /// The outcome of the first after which the second follows.
+    /// The outcome of the first operand after which the second one follows.
     after: u32,
-    /// The value with which the second starts.
+    /// The value with which the second operand starts.
     given: Term,
     /// Whether the first follows again.
     is_loop: bool,
@@ -62,14 +62,14 @@ impl Writer<'_> {
         node
     }
 
-    /// The word for the next timer of the group.
+    /// Returns the word for the next timer of the group.
     fn timer(&mut self, time: String) -> String {
         self.timers += 1;
         let group = self.model.group_name(u32::try_from(self.group).unwrap_or(u32::MAX));
         format!("elapsed({group}, {time}, {})", self.timers - 1)
     }
 
-    /// An operand that runs from its start until it is stopped. It confirms the stop at once.
+    /// An operand that runs until it is stopped, and confirms the stop at once.
     fn lasting(&mut self, node: Node) {
         let starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
         self.rule(node, START, &[], starts);
@@ -77,7 +77,7 @@ impl Writer<'_> {
         self.rule(node, STOP, &[], stops);
     }
 
-    /// A process. Phases: 1 it runs, 2 it has been asked to stop.
+    /// A process. Phases: 1 it runs; 2 it was asked to stop.
     fn run(&mut self, node: Node, member: u32) {
         let group = u32::try_from(self.group).unwrap_or(u32::MAX);
         let source: &Group = &self.model.plan.groups[self.group];
@@ -108,7 +108,7 @@ impl Writer<'_> {
                 self.runs.push((inner, node));
                 starts.extend(self.orders(inner, Term::Of(self.value)));
                 if let Some(travels) = self.groups[inner as usize].travels {
-                    // An order to stop finds nothing to stop if the group has already ended.
+                    // If the group has already ended, an order to stop has no effect.
                     let ended = [Test::Is(node.phase, 1), Test::Not(travels.report, 0)];
                     self.rule(node, STOP, &ended, stops.clone());
                     stoppable.push(Test::Is(travels.report, 0));
@@ -122,14 +122,14 @@ impl Writer<'_> {
         self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.reports(node, RUNS));
     }
 
-    /// The number of a tag; values without one have number 0.
+    /// Returns the number of a tag; values without a tag have the number 0.
     pub(super) fn tag(&self, tag: &str) -> u32 {
         let index = self.tags.iter().position(|known| known == tag);
         index.and_then(|index| u32::try_from(index + 1).ok()).unwrap_or(0)
     }
 
-    /// `;` `:` `;;` and `else`. Phases: 1 the first operand runs; 2 the second runs; 3 the running operand was stopped
-    /// and the other is forgotten.
+    /// `;` `:` `;;` and `else`. Phases: 1 the first operand runs; 2 the second operand runs; 3 the running operand was
+    /// stopped, and the other one does not run any more.
     fn in_turn(&mut self, node: Node, [p, q]: [&Expression; 2], Turn { after, given, is_loop }: Turn) {
         let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
         let (nothing, left) = (Term::Number(0), Term::Of(self.value));
@@ -154,7 +154,7 @@ impl Writer<'_> {
         self.rule(node, STOP, &[Test::Is(node.phase, 3)], self.reports(node, RUNS));
     }
 
-    /// Phases: 1 P runs, 2 Q does.
+    /// Phases: 1 `P` runs; 2 `Q` runs.
     fn finally(&mut self, node: Node, [p, q]: [&Expression; 2]) {
         let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
         let (held, kept) = (self.own(node, "held", 3), self.own(node, "kept", self.tags.len()));
@@ -166,7 +166,7 @@ impl Writer<'_> {
         let next = [outcome, self.start(second, Term::Number(0))].concat();
         self.rule(node, REPORT, &[is_first.clone(), Test::Not(self.result, RUNS)], next);
         self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.result, RUNS)], self.passes(node));
-        // The failure of Q counts if P was done.
+        // If `P` was done, a failure of `Q` is the result.
         let fails = Test::All(vec![Test::Is(self.result, ABORTED), Test::Is(held, DONE)]);
         let aborts = [cleared.to_vec(), self.reports(node, ABORTED)].concat();
         self.rule(node, REPORT, &[is_second.clone(), fails.clone()], aborts);
@@ -178,7 +178,7 @@ impl Writer<'_> {
         self.rule(node, STOP, &[is_second], waits);
     }
 
-    /// Phases: the number of the arm that runs, from 1.
+    /// Phases: the number of the running arm, from 1.
     fn matching(&mut self, node: Node, expression: &Expression) {
         let Expression::Match(arms) = expression else { return };
         self.machine.variables[node.phase.0].most = u32::try_from(arms.len()).unwrap_or(u32::MAX);
@@ -201,7 +201,7 @@ impl Writer<'_> {
         self.passes_on(node, &[]);
     }
 
-    /// Phases: 1 it runs, 2 a stop waits for it, 3 the stop has waited long enough.
+    /// Phases: 1 the operand runs; 2 a stop waits for it; 3 the stop has waited long enough.
     fn shield(&mut self, node: Node, timer: Option<String>, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let is_asked = Test::Not(node.phase, 1);
@@ -218,7 +218,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Phases: 1 it runs, 2 its operand was stopped.
+    /// Phases: 1 the operand runs; 2 it was stopped.
     fn repeat(&mut self, node: Node, until: &[String], of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let (runs, is_stopped) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
@@ -232,7 +232,7 @@ impl Writer<'_> {
         self.rule(node, STOP, &[is_stopped], self.reports(node, RUNS));
     }
 
-    /// A value has no tag here unless it begins with the bytes of one.
+    /// Here a value has a tag only if it begins with the bytes of a tag.
     fn given(&mut self, node: Node, given: &Given, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let tag = given.value.tag().map_or(0, |tag| self.tag(tag));

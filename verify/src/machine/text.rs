@@ -27,7 +27,7 @@ pub(super) fn jani(name: &str, machine: &Machine) -> String {
     )
 }
 
-/// A text with the quotes and escapes of JSON.
+/// Returns a text with the quotes and escapes of JSON.
 fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for letter in text.chars() {
@@ -117,7 +117,7 @@ pub(super) fn mcrl2(machine: &Machine) -> String {
     )
 }
 
-/// The actions of mCRL2: each word in letters, digits and `_`, no two alike.
+/// The action names for mCRL2: each word in letters, digits and `_`, and no two of them equal.
 struct Names {
     actions: Vec<(String, String)>,
 }

@@ -1,91 +1,91 @@
-//! The parts of every rule: the control that all nodes share, calls and reports.
+//! The parts of all rules: the control that all nodes share, calls and reports.
 
 use super::{Change, Machine, Term, Test, Var};
 use crate::model::Model;
 use language::plan::Expression;
 use std::collections::BTreeMap;
 
-/// The machine is at rest: no node has anything to do. Events can only happen in this state.
+/// The machine is at rest: no node has an action to perform. Events can happen only in this state.
 pub(super) const REST: u32 = 0;
 /// The node starts, with `value`.
 pub(super) const START: u32 = 1;
-/// The node is asked to stop.
+/// The node has to stop.
 pub(super) const STOP: u32 = 2;
-/// The node hears of its operand number `operand`: `result`, and the `value` that it has left.
+/// The node gets a report from its operand number `operand`: its `result`, and its `value` for the next process.
 pub(super) const REPORT: u32 = 3;
-/// The node goes through its operands, as far as number `operand`, to stop those that run.
+/// The node goes through its operands, up to number `operand`, and stops those that run.
 pub(super) const HALT: u32 = 4;
-/// The node decides from the reports of its operands.
+/// The node decides, from the reports of its operands.
 pub(super) const WEIGH: u32 = 5;
-/// The group whose root is this node gives free resources to the `using` that waits in place `operand`.
+/// The group whose root is this node gives free resources to the `using` at position `operand` of the queue.
 pub(super) const GRANT: u32 = 6;
-/// The first of the orders and reports between groups is delivered.
+/// The first order or report between groups is delivered.
 pub(super) const DELIVER: u32 = 7;
-/// The root of a group has reacted: `result`.
+/// The root of a group has reacted with `result`.
 pub(super) const SETTLE: u32 = 8;
 
-/// The results: it runs, or how it has ended.
+/// The results: the node runs, or how it has ended.
 pub(super) const RUNS: u32 = 0;
 pub(super) const DONE: u32 = 1;
 pub(super) const ABORTED: u32 = 2;
 pub(super) const STOPPED: u32 = 3;
 
-/// The phase of a node that is not active. The other phases are documented where they are used.
+/// The phase of an inactive node. The other phases are documented where they are used.
 pub(super) const IDLE: u32 = 0;
 
-/// The whole: not started, running, stopping, over.
+/// The state of the whole: not started, running, stopping, over.
 pub(super) const RUNNING: u32 = 1;
 pub(super) const STOPPING: u32 = 2;
 pub(super) const OVER: u32 = 3;
 
 pub(super) type Sets = Vec<(Var, Term)>;
 
-/// A node of an expression that has been given its number and its phase.
+/// A node of an expression, with its number and its phase.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     pub(super) number: u32,
     pub(super) phase: Var,
-    /// The operator around it, and which of its operands it is.
+    /// The operator around the node, and the number of the operand.
     around: Option<(u32, u32)>,
 }
 
 /// One `using` of a group.
 pub(super) struct Use {
     pub(super) node: Node,
-    /// Its place in the queue, from 1; 0 if it does not wait.
+    /// The position in the queue, from 1; 0 if it does not wait.
     pub(super) place: Var,
-    /// The value that it starts with when its turn comes.
+    /// The value with which it starts when its turn comes.
     pub(super) kept: Var,
     pub(super) takes: Vec<String>,
     pub(super) inner: Node,
 }
 
-/// The variables of a group beside those of its nodes.
+/// The variables of a group, other than those of its nodes.
 pub(super) struct GroupVars {
-    /// An order to stop is on its way to it.
+    /// Whether an order to stop the group is in transit.
     pub(super) is_ordered: Var,
-    /// Its place among the deliveries, from 1; 0 if there is none.
+    /// The position among the deliveries, from 1; 0 if there is none for this group.
     pub(super) place: Var,
-    /// The content of the delivery: 0 for a start, else the result that is reported.
+    /// The content of the delivery: 0 for a start, otherwise the reported result.
     pub(super) result: Var,
     pub(super) value: Var,
-    /// How many of its `using`s wait.
+    /// How many `using`s of the group wait.
     pub(super) waiting: Var,
-    /// Where it is on another host than the group around it.
+    /// Set if the group is on another host than the group around it.
     pub(super) travels: Option<Travels>,
 }
 
-/// From one host to another: indices into `Plan::hosts`.
+/// A link from one host to another: indices into `Plan::hosts`.
 pub(super) type Link = (u32, u32);
 
-/// The messages between a group and the group around it: the place of each message on its link, from 1; 0 if there is
-/// none.
+/// The messages between a group and the group around it. Each variable is the position of a message on its link, from
+/// 1; 0 if there is no such message.
 #[derive(Clone, Copy)]
 pub(super) struct Travels {
     pub(super) start: Var,
     pub(super) stop: Var,
     pub(super) report: Var,
-    /// To its host, and back.
+    /// The links to the group's host, and back.
     pub(super) link: Link,
     pub(super) back: Link,
 }
@@ -100,19 +100,19 @@ pub(super) struct Writer<'m> {
     pub(super) result: Var,
     pub(super) value: Var,
     pub(super) whole: Var,
-    /// How many things are to be delivered between groups.
+    /// The number of deliveries between groups that are pending.
     pub(super) pending: Var,
     pub(super) groups: Vec<GroupVars>,
-    /// How many messages are on each link.
+    /// The number of messages on each link.
     pub(super) links: BTreeMap<Link, Var>,
     pub(super) nodes: u32,
     pub(super) tags: Vec<String>,
-    // Of the group that is being written:
+    // The following fields are those of the group that is being written.
     pub(super) group: usize,
     pub(super) timers: usize,
     pub(super) uses: Vec<Use>,
     pub(super) held: Vec<(String, Var)>,
-    /// For each member that is a group, the nodes that run it.
+    /// For each member that is a group, the node that runs it.
     pub(super) runs: Vec<(u32, Node)>,
 }
 
@@ -167,7 +167,7 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
     writer.machine
 }
 
-/// The variables for the messages of a group, if these messages take time.
+/// Returns the variables for the messages of a group, if these messages take time.
 fn travels(model: &Model<'_>, group: usize, machine: &mut Machine, links: &mut BTreeMap<Link, Var>) -> Option<Travels> {
     let (around, _) = model.around[group]?;
     let host = |group: usize| model.plan.groups[group].host;
@@ -175,7 +175,7 @@ fn travels(model: &Model<'_>, group: usize, machine: &mut Machine, links: &mut B
     if own == other {
         return None;
     }
-    // An order to start and one to stop, or a report, of each group.
+    // For each group an order to start, and an order to stop or a report.
     let most = 2 * model.plan.groups.len();
     let (link, back) = ((own, other), (other, own));
     for (from, to) in [link, back] {
@@ -185,7 +185,7 @@ fn travels(model: &Model<'_>, group: usize, machine: &mut Machine, links: &mut B
     Some(Travels { start: own("start"), stop: own("stop"), report: own("report"), link, back })
 }
 
-/// The tags that outcomes may have, if anything looks at them.
+/// Returns the tags that outcomes may have, if an expression distinguishes them.
 fn tags(model: &Model<'_>) -> Vec<String> {
     if !model.has_tags() {
         return Vec::new();
@@ -213,19 +213,19 @@ fn widest(expression: &Expression) -> usize {
 }
 
 impl Writer<'_> {
-    /// A silent change of a node, when it has this to do.
+    /// Writes a silent change of a node for the action `todo`.
     pub(super) fn rule(&mut self, node: Node, todo: u32, tests: &[Test], sets: Sets) {
         let own = [Test::Is(self.todo, todo), Test::Is(self.at, node.number)];
         self.change(None, own.into_iter().chain(tests.iter().cloned()).collect(), sets);
     }
 
-    /// Writes an event, which can happen only while no node has anything to do.
+    /// Writes an event, which can happen only while no node has an action to perform.
     pub(super) fn event(&mut self, word: String, tests: &[Test], sets: Sets) {
         let rests = [Test::Is(self.todo, REST), Test::Not(self.whole, OVER)];
         self.change(Some(word), rests.into_iter().chain(tests.iter().cloned()).collect(), sets);
     }
 
-    /// Of several numbers for one variable the last counts.
+    /// Writes a change. If a variable is set several times, the last value applies.
     pub(super) fn change(&mut self, word: Option<String>, tests: Vec<Test>, mut sets: Sets) {
         let mut last: Sets = Vec::new();
         while let Some((var, term)) = sets.pop() {
@@ -246,21 +246,21 @@ impl Writer<'_> {
         (node.phase, Term::Number(phase))
     }
 
-    /// A node is called to start with a value.
+    /// Calls a node to start with a value.
     pub(super) fn start(&self, node: Node, value: Term) -> Sets {
         let mut sets = self.todo(node, START, 0);
         sets.extend([(self.result, Term::Number(RUNS)), (self.value, value)]);
         sets
     }
 
-    /// A node is called to stop.
+    /// Calls a node to stop.
     pub(super) fn stop(&self, node: Node) -> Sets {
         let mut sets = self.todo(node, STOP, 0);
         sets.extend([(self.result, Term::Number(RUNS)), (self.value, Term::Number(0))]);
         sets
     }
 
-    /// A node reports its state to the operator around it.
+    /// Reports the state of a node to the operator around it.
     pub(super) fn report(&self, node: Node, result: Term, value: Term) -> Sets {
         let mut sets = match node.around {
             Some((around, operand)) => vec![
@@ -278,12 +278,12 @@ impl Writer<'_> {
         self.report(node, Term::Number(result), Term::Number(0))
     }
 
-    /// A node reports the result of its operand as its own.
+    /// Reports the result of an operand as the result of the node itself.
     pub(super) fn passes(&self, node: Node) -> Sets {
         self.report(node, Term::Of(self.result), Term::Of(self.value))
     }
 
-    /// While its operand runs, so does the node; when that has ended, so has the node, in the same way.
+    /// Writes the rules of a node that runs as long as its operand, and ends in the same way.
     pub(super) fn passes_on(&mut self, node: Node, tests: &[Test]) {
         let with = |test: Test| tests.iter().cloned().chain([test]).collect::<Vec<_>>();
         self.rule(node, REPORT, &with(Test::Is(self.result, RUNS)), self.passes(node));
@@ -291,7 +291,7 @@ impl Writer<'_> {
         self.rule(node, REPORT, &with(Test::Not(self.result, RUNS)), ends);
     }
 
-    /// A node with its phases up to this number.
+    /// Returns a new node with phases up to this number.
     pub(super) fn node(&mut self, around: Option<(Node, u32)>, phases: usize) -> Node {
         let number = self.nodes;
         self.nodes += 1;
@@ -299,7 +299,7 @@ impl Writer<'_> {
         Node { number, phase, around: around.map(|(node, operand)| (node.number, operand)) }
     }
 
-    /// A variable of a node in addition to its phase.
+    /// Returns a variable of a node, in addition to its phase.
     pub(super) fn own(&mut self, node: Node, what: &str, most: usize) -> Var {
         self.machine.variable(format!("n{}_{what}", node.number), most)
     }

@@ -1,8 +1,9 @@
-//! `holds ltl "..."`: a formula of linear temporal logic, by an automaton of the runs on which it does not hold.
+//! `holds ltl "..."`: checks a formula of linear temporal logic with an automaton for the runs on which the formula
+//! does not hold.
 //!
-//! A formula that can only be violated at some position, such as `G (a -> b)`, is proved of every run, with failures
-//! and stops, like `never`. A formula that promises something, such as `F b`, is proved of the runs without them, like
-//! `eventually`. The parts of a formula that `&` joins are proved one by one.
+//! Some formulas can only be violated at some position, such as `G (a -> b)`. They are proved for every run, including
+//! failures and stops, like `never`. A formula that promises something, such as `F b`, is proved for runs without
+//! failures and stops, like `eventually`. Parts that are joined by `&` are proved one by one.
 
 mod automaton;
 mod run;
@@ -19,7 +20,7 @@ use language::sites::{Atom, EventKind, Formula, ProcessRef};
 use run::{Run, Seen};
 pub(super) use trace::{Breaks, Followed};
 
-/// The answer to a formula above the limit.
+/// The answer for a formula above the limit.
 const TOO_LARGE: &str = "the formula is too large: write several sentences, or fewer `U`, `F` and `W` in one";
 
 impl Question<'_, '_, '_> {
@@ -74,7 +75,7 @@ impl Question<'_, '_, '_> {
     }
 }
 
-/// A run on which the formula of an automaton holds.
+/// Searches a run on which the formula of an automaton holds.
 fn accepted(
     system: &System<'_>,
     graph: &Graph,
@@ -84,7 +85,7 @@ fn accepted(
 ) -> Result<Option<Run>, crate::explore::Reached> {
     let letters: Vec<u32> = (0..graph.store.count()).map(|state| letter(system, graph.store.get(state))).collect();
     let events = atoms.iter().zip(0..).filter(|(atom, _)| matches!(atom, Atom::Happens(_)));
-    // In a system where programs do not fail by themselves, a failure comes from an inner group.
+    // In a system in which programs do not fail by themselves, a failure comes from an inner group.
     let is_natural = |label| system.is_natural(label) || matches!(label, Label::Aborted(..)) && !system.mode.aborts;
     let seen = Seen {
         graph,
@@ -96,13 +97,13 @@ fn accepted(
     run::find(&seen, automaton, limits)
 }
 
-/// The atoms that are true, as noted with a state.
+/// Returns the true atoms that are noted with a state.
 fn letter(system: &System<'_>, bytes: &[u8]) -> u32 {
     let notes = &bytes[bytes.len() - system.notes..];
     notes.iter().rev().fold(0, |letter, byte| letter << 8 | u32::from(*byte))
 }
 
-/// A number for each configuration. The notes are not part of a configuration.
+/// Returns a number for the configuration of each state. The notes are not part of a configuration.
 fn configurations(system: &System<'_>, graph: &Graph) -> Vec<u32> {
     let count = graph.store.count();
     let bytes = |state: u32| {
@@ -126,14 +127,14 @@ fn process(atom: &Atom) -> ProcessRef {
     }
 }
 
-/// Notes with each state which atoms are true there.
+/// Notes with each state the atoms that are true there.
 struct Letters<'l> {
     atoms: &'l [Atom],
     seats: Seats,
 }
 
 impl Letters<'_> {
-    /// The atoms that are true at a position.
+    /// Returns the atoms that are true at a position.
     fn at(&self, system: &System<'_>, changes: &[Change], frame: &Frame) -> u32 {
         let is_true = |(_, atom): &(u32, &Atom)| self.is_true(system, atom, changes, frame);
         (0_u32..).zip(self.atoms).filter(is_true).fold(0, |letter, (bit, _)| letter | 1 << bit)

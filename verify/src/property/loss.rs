@@ -1,4 +1,4 @@
-//! The sentences about the loss of a host, and the effects of a loss on the other hosts.
+//! The sentences about the loss of a host, and the effects of such a loss on the other hosts.
 
 use super::watch::Goal;
 use super::{Question, follow_starts, place_of};
@@ -11,8 +11,8 @@ use language::sites::{Consequence, Occurrence, ProcessRef};
 use std::time::Duration;
 
 impl<'m> Question<'_, 'm, '_> {
-    /// Adds an assumption to the proof that some processes never run at the same time, if they may do so after a host
-    /// is lost: it is then unknown whether the processes there have stopped.
+    /// Adds an assumption to the proof that some processes never run at the same time, if they may do so after the loss
+    /// of a host: it is then unknown whether the processes there have stopped.
     pub(super) fn unless_lost(&self, found: Finding, all: &[ProcessRef]) -> Finding {
         let hosts = &self.times.model.plan.hosts;
         if found.verdict != Verdict::Proved || hosts.len() < 2 {
@@ -38,7 +38,7 @@ impl<'m> Question<'_, 'm, '_> {
         Finding { assumes: assumed, ..found }
     }
 
-    /// How two of these may run at the same time after a loss, as a finding.
+    /// Returns a finding that shows how two of these processes may run at the same time after a loss.
     fn beside_each_other(&self, loss: Loss, all: &[ProcessRef]) -> Option<Finding> {
         let named: Vec<(u32, u32)> = all.iter().filter_map(|who| Some((who.group, who.member?))).collect();
         let mut system = torn(self.times.model, &named);
@@ -48,7 +48,7 @@ impl<'m> Question<'_, 'm, '_> {
         self.is_safe(&system, &Goal::BesideEachOther(all.to_vec()))
     }
 
-    /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
+    /// Returns a finding if a stop because of the loss of a host may take longer, measured from the moment of the loss.
     fn stops_after_loss(&self, host: u32, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
         let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
             let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
@@ -58,7 +58,7 @@ impl<'m> Question<'_, 'm, '_> {
             Some(slot) => self.times.of_member(who.group, slot).stop,
             None => self.times.of_group(who.group).stop,
         };
-        // Its supervisor may be on the lost host, or be cut off from it: then it stops by itself.
+        // The process's supervisor may be on the lost host, or cut off from it. The process then stops by itself.
         let by_itself = self.leaves_of(who).into_iter().filter(|leaf| self.is_cut_off(host, *leaf));
         let by_itself =
             by_itself.map(|leaf| stops_by_itself_after(self.times.model.plan.leaves[leaf as usize].policy.link_loss));
@@ -67,7 +67,7 @@ impl<'m> Question<'_, 'm, '_> {
         self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after(*member, who, rest)))
     }
 
-    /// Whether the loss of a host separates a program from the home, or a supervisor above it.
+    /// Returns whether the loss of a host separates a program from its home host, or from a supervisor above it.
     fn is_cut_off(&self, lost: u32, leaf: u32) -> bool {
         let model = self.times.model;
         let own = model.plan.leaves[leaf as usize].host;
@@ -76,7 +76,8 @@ impl<'m> Question<'_, 'm, '_> {
         above.any(|group| (model.plan.groups[group as usize].host == lost) != (own == lost))
     }
 
-    /// A host dies, or is cut off; or it is back at once, every program on it has died, and they are reported one by one.
+    /// Checks a sentence about the loss of a host. The host may die or be cut off. Or it returns at once, and every
+    /// program on it has died; these deaths are reported one by one.
     pub(super) fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
         let model = self.times.model;
         let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {
@@ -106,7 +107,7 @@ impl<'m> Question<'_, 'm, '_> {
         if let Some(found) = self.on_loss_of_all(host, consequence) {
             return found;
         }
-        // After the host returns it runs nothing, so the resources kept for it are free.
+        // After its return the host runs nothing, so the resources that were kept for it are free.
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
         let mode = Mode { lost: Some(Loss { host, kind: LossKind::Programs }), ..Mode::default() };
         let mut system = self.system(&whom, mode);
@@ -121,8 +122,8 @@ impl<'m> Question<'_, 'm, '_> {
         }
     }
 
-    /// The host either dies with its supervisors or goes on unreachable. In both cases the sentence has to hold for the
-    /// whole mission.
+    /// Checks the losses of a host with its supervisors. The host either dies, or continues but cannot be reached. In
+    /// both cases the sentence has to hold for the whole mission.
     fn on_loss_of_all(&self, host: u32, consequence: &Consequence) -> Option<Finding> {
         let model = self.times.model;
         let seen = |who: ProcessRef| match (who.member, model.around[who.group as usize]) {

@@ -1,8 +1,8 @@
-//! Sentences looked for in a recorded run, instead of in every order of events.
+//! Checks sentences in a recorded run, instead of in every order of events.
 //!
 //! The order of the events of one supervisor is known; the order between two supervisors is not. So a run can decide a
-//! sentence only if it names members of one group and forbids something, or is a formula that can be violated at some
-//! position.
+//! sentence only if the sentence names members of one group and forbids something, or is a formula that can be
+//! violated at some position.
 
 use super::formula::{Breaks, Followed};
 use super::watch::{Goal, Watch};
@@ -16,7 +16,7 @@ use language::Code;
 use language::algebra::Event;
 use language::sites::{Consequence, ProcessRef, Property, Sentence};
 
-/// How many steps of a story are told: the last ones.
+/// How many steps of a story are shown: the last ones.
 const TOLD_MAX: usize = 12;
 
 /// Returns for each sentence whether it held; `records` has the steps of each group.
@@ -89,14 +89,14 @@ enum Wanted {
     Unbroken(Breaks),
 }
 
-/// The state of such a sentence while a run is followed.
+/// The state of such a sentence while the steps of a run are followed.
 enum Eye<'w> {
     Watch(Watch<'w>),
     Formula(Followed<'w>),
 }
 
 impl Eye<'_> {
-    /// The group is started.
+    /// Notes that the group is started.
     fn begins(&mut self) {
         if let Self::Formula(followed) = self {
             followed.begins();
@@ -112,7 +112,7 @@ impl Eye<'_> {
     }
 }
 
-/// The violation to look for, and the processes it names; none for a sentence that one run cannot violate.
+/// Returns the violation to look for, and the named processes; none for a sentence that a single run cannot violate.
 fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
     if let Sentence::Holds(formula) = sentence {
         let breaks = Breaks::of(formula);
@@ -123,7 +123,8 @@ fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
     Some((Wanted::Never(goal), whom))
 }
 
-/// The goal that must never be reached, and the processes it names; none for a sentence that one run cannot violate.
+/// Returns the goal that must never be reached, and the named processes; none for a sentence that a single run cannot
+/// violate.
 fn goal(sentence: &Sentence) -> Option<(Goal, Vec<ProcessRef>)> {
     Some(match sentence {
         Sentence::NeverTogether(all) => (Goal::Together(all.clone()), all.clone()),

@@ -1,7 +1,8 @@
-//! The time that a stop takes: from its cause until the process of the sentence has stopped.
+//! Computes the time of a stop: from its cause until the process in the sentence has stopped.
 //!
-//! A process ends, and the innermost operator around both stops the other side. First the rest of the cause's side has
-//! to stop, then the order finds its way down to the process: past every `shield` and every `finally` around it.
+//! When a process ends, the innermost operator around both processes stops the other side. First, the rest of the
+//! cause's own side has to stop. Then the order goes down to the other process, past every `shield` and every
+//! `finally` around it.
 
 use crate::model::runs;
 use crate::times::Times;
@@ -18,7 +19,7 @@ struct Place<'p> {
 }
 
 impl Times<'_, '_> {
-    /// The most time from when something has happened to `cause` until `who` has stopped; none if nothing bounds it.
+    /// Returns the longest time from an event of `cause` until `who` has stopped; none if it is not limited.
     pub(super) fn stop_after(&self, cause: ProcessRef, who: ProcessRef) -> Option<Duration> {
         let (causes, stopped) = (self.outwards(cause), self.outwards(who));
         let common = causes.iter().find_map(|&(group, slot)| {
@@ -54,14 +55,15 @@ impl Times<'_, '_> {
         Place { group, source: &self.model.plan.groups[group as usize], slot }
     }
 
-    /// A process and the groups around it, the innermost first, each by its place.
+    /// Returns a process and the groups around it, the innermost first, each by its group and slot.
     fn outwards(&self, who: ProcessRef) -> Vec<(u32, u32)> {
         let around = |group: u32| self.model.around[group as usize];
         let first = who.member.map(|slot| (who.group, slot)).or_else(|| around(who.group));
         std::iter::successors(first, |(group, _)| around(*group)).collect()
     }
 
-    /// The longest over all operators that have both on different sides; nothing if there is none.
+    /// Returns the longest time over all operators that have the two processes in different operands; none if there is
+    /// no such operator.
     fn across(
         &self,
         place: Place<'_>,
@@ -85,7 +87,7 @@ impl Times<'_, '_> {
         (!found.is_empty()).then(|| longest(found.into_iter()))
     }
 
-    /// The most time until everything of an expression but the cause has stopped.
+    /// Returns the longest time until everything in an expression except the cause has stopped.
     fn rest_stops(&self, place: Place<'_>, cause: u32, expression: &Expression) -> Option<Duration> {
         if matches!(expression, Expression::Run { member, .. } if *member == cause) {
             return Some(Duration::ZERO);
@@ -97,7 +99,7 @@ impl Times<'_, '_> {
         longest(operands.into_iter().map(|operand| self.rest_stops(place, cause, operand)))
     }
 
-    /// The most time from an order to stop until the member, or the named process inside it, has stopped.
+    /// Returns the longest time from an order to stop until the member, or the named process inside it, has stopped.
     fn until_stopped(&self, place: Place<'_>, expression: &Expression, stopped: &[(u32, u32)]) -> Option<Duration> {
         let of = |operand: &Expression| self.of(place.group, place.source, operand);
         let inner = |operand: &Expression| match runs(operand).contains(&place.slot) {
@@ -109,7 +111,7 @@ impl Times<'_, '_> {
         }
         if let Expression::Shield { bound, of: body } = expression {
             return match (bound, of(body).end) {
-                // An operand that ends before its bound is never stopped.
+                // An operand that ends within its time limit is never stopped.
                 (Some(bound), Some(end)) if end < *bound => Some(end),
                 (Some(bound), _) => sum(*bound, inner(body)),
                 (None, end) => end,

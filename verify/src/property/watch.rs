@@ -1,4 +1,4 @@
-//! The goal of a sentence, watched while a system is explored.
+//! The goal of a sentence, which is checked while a system is explored.
 
 use super::is_running;
 use crate::explore::Observer;
@@ -7,33 +7,33 @@ use crate::system::{Change, Changed, Frame, Phase, System};
 use language::algebra::Activity;
 use language::sites::{EventKind, Occurrence, ProcessRef};
 
-/// The goal of a watch. One byte of notes goes with each state.
+/// The goal of a sentence. Each state carries one byte of notes for it.
 #[derive(Clone, Debug)]
 pub(super) enum Goal {
-    /// Forbidden: two of them at the same time.
+    /// Forbidden: two of these processes are active at the same time.
     Together(Vec<ProcessRef>),
-    /// Forbidden: two of them really run at the same time, even if their supervisors do not know it.
+    /// Forbidden: two of these processes really run at the same time, even if their supervisors do not know it.
     BesideEachOther(Vec<ProcessRef>),
-    /// Forbidden: the first runs, and the second does not.
+    /// Forbidden: the first process runs while the second does not.
     Without(ProcessRef, ProcessRef),
-    /// Forbidden: the process starts, and the event has never happened.
+    /// Forbidden: the process starts although the event has never happened.
     Before(ProcessRef, Occurrence),
-    /// Forbidden: the process starts more often.
+    /// Forbidden: the process starts more often than this.
     Often(ProcessRef, u32),
-    /// Forbidden: once the event, or the fault, has happened, the process runs and is not being stopped.
+    /// Forbidden: after the event (or the fault), the process runs and is not being stopped.
     StillRuns(Option<Occurrence>, ProcessRef),
-    /// Forbidden: after the event, or the fault, the other happens.
+    /// Forbidden: after the first event (or the fault), the second one happens.
     Then(Option<Occurrence>, Occurrence),
-    /// Owed from the event, or the fault, on: the other.
+    /// Owed after the first event (or the fault): the second event.
     Owed(Option<Occurrence>, Occurrence),
-    /// Owed once the fault has struck the first while it is active: that the second no longer runs.
+    /// Owed once the fault has struck the first process while it is active: the second process no longer runs.
     Ending(ProcessRef, ProcessRef),
     /// Owed from the start on.
     Sometime(Occurrence),
 }
 
 impl Goal {
-    /// The processes whose beginning counts, and not only that they are active.
+    /// Returns the processes for which the beginning counts, not only their activity.
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
@@ -50,7 +50,7 @@ impl Goal {
         events.into_iter().filter(|event| event.kind == EventKind::Started).map(|event| event.who).collect()
     }
 
-    /// Whether the goal is owed, and has not been reached yet.
+    /// Returns whether the goal is owed and has not been reached yet.
     pub(super) fn is_owed(&self, frame: &Frame) -> bool {
         let note = frame.notes.first().copied().unwrap_or(0);
         match self {
@@ -71,10 +71,10 @@ pub(super) struct Watch<'w> {
     seats: Seats,
 }
 
-/// Where each process that is named sits in a system.
+/// The seat of each named process in a system.
 pub(super) struct Seats(Vec<(ProcessRef, Option<Seat>)>);
 
-/// Unit and slot, and where it is noted that its program is away, if that is.
+/// The unit and slot, and the place of the notes about the absence of its program, if there are any.
 #[derive(Clone, Copy, Debug)]
 struct Seat {
     at: MemberRef,
@@ -102,7 +102,7 @@ impl<'w> Watch<'w> {
         self.seats.is_active(system, frame, who)
     }
 
-    /// Whether a process really runs, or something in it.
+    /// Returns whether a process, or something in it, really runs.
     fn is_there(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         self.seats.seat(who).is_some_and(|seat| system.is_anything_there(frame, seat.at))
     }
@@ -111,7 +111,8 @@ impl<'w> Watch<'w> {
         self.seats.is(change, event)
     }
 
-    /// Whether a process that is to start once there is a fault runs already, and goes on: nothing has struck it itself.
+    /// Returns whether a process that has to start after a fault already runs, and continues because the fault has not
+    /// struck it.
     fn goes_on(&self, system: &System<'_>, frame: &Frame, start: &Occurrence) -> bool {
         let Occurrence { who, kind: EventKind::Started } = *start else { return false };
         let at = self.seats.seat(who).map(|seat| seat.at);
@@ -121,14 +122,15 @@ impl<'w> Watch<'w> {
         !is_struck && runs && (who.member.is_none() || self.is_there(system, frame, who))
     }
 
-    /// Whether the event, or the fault, happens in a transition.
+    /// Returns whether the event (or the fault) happens in a transition.
     fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
         event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
     }
 }
 
 impl Watch<'_> {
-    /// Whether the other does not happen after the event, which has happened before if `is_over`.
+    /// Returns whether the other event does not happen after the first event. If `is_over`, the first event has happened
+    /// before.
     fn is_still_allowed(
         &self,
         mut is_over: bool,
@@ -161,7 +163,7 @@ impl Seats {
         self.0.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
     }
 
-    /// Whether a process is active, even while it stops, and its program exists.
+    /// Returns whether a process is active, or is being stopped, and its program exists.
     pub(super) fn is_active(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
             Some(Seat { at: MemberRef { unit, member }, away }) => {
@@ -173,12 +175,12 @@ impl Seats {
         }
     }
 
-    /// Whether no order to start a process is in transit any more, as far as messages to it are tracked.
+    /// Returns whether no order to start a process is in transit any more, as far as its messages are tracked.
     pub(super) fn has_begun(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         self.seat(who).is_none_or(|seat| !system.is_under_way(frame, seat.at))
     }
 
-    /// Whether a change is this event.
+    /// Returns whether a change is this event.
     pub(super) fn is(&self, change: &Change, event: &Occurrence) -> bool {
         let is_there = match (event.who.member, change.member) {
             (None, None) => true,
@@ -232,7 +234,7 @@ impl Observer for Watch<'_> {
                 if self.happens(is_fault, changes, event.as_ref()) {
                     after.notes[0] = 1;
                 }
-                // Members inside a group may have to stop before the outside hears of the end.
+                // Members inside a group may have to stop before the group's end is visible outside.
                 if after.notes[0] == 0 || system.has_stops(after) || system.is_held_up(after) {
                     return true;
                 }

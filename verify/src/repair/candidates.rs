@@ -1,4 +1,4 @@
-//! Candidate repairs for each kind of mistake. Nothing here is proved.
+//! Finds candidate repairs for each kind of mistake. This module proves nothing.
 
 use super::text::{has_word, head, inside, last_time, operand, steps, time};
 use language::plan::{Expression, Plan};
@@ -6,10 +6,10 @@ use language::sites::{Consequence, EventKind, Fault, Occurrence, ProcessRef, Sen
 use language::{Code, Diagnostic, Edit, Fix, Origin, Source, Span};
 use std::time::Duration;
 
-/// Limits that are tried, the longest first.
+/// The limits that are tried, the longest first, in seconds.
 const LIMITS: [u64; 7] = [120, 60, 30, 10, 5, 2, 1];
 
-/// An operator or process of an expression, with its place.
+/// An operator or process of an expression, with its place in the text.
 struct Node<'p> {
     group: usize,
     expression: &'p Expression,
@@ -23,12 +23,12 @@ struct Spec<'s> {
     nodes: Vec<Node<'s>>,
 }
 
-/// The edits that might repair a mistake, the most likely first.
+/// Returns the edits that might repair a mistake, the most likely first.
 #[expect(clippy::wildcard_enum_match_arm, reason = "most codes are not the verifier's")]
 pub(super) fn of(spec: &Source, plan: &Plan, sites: &Sites, found: &Diagnostic) -> Vec<Fix> {
     let mut nodes = Vec::new();
     for (group, source) in plan.groups.iter().enumerate() {
-        // As `walk` comes by, and `algebra::Program` numbers them.
+        // In the order of `walk`, in which `algebra::Program` also numbers them.
         let (mut open, mut spans) = (vec![&source.expression], sites.groups[group].nodes.iter());
         while let Some(expression) = open.pop() {
             open.extend(expression.operands().into_iter().rev());
@@ -57,7 +57,7 @@ impl Spec<'_> {
         self.spec.text.get(span.start as usize..span.end as usize).unwrap_or_default()
     }
 
-    /// Whether nothing but braces or parentheses is around a text.
+    /// Returns whether a text has only braces or parentheses around it.
     fn is_alone(&self, span: Span) -> bool {
         let (before, after) = (&self.spec.text[..span.start as usize], &self.spec.text[span.end as usize..]);
         let (before, after) = (before.trim_end(), after.trim_start());
@@ -72,7 +72,7 @@ impl Spec<'_> {
         Some(&self.plan.groups[who.group as usize].members[who.member? as usize].name)
     }
 
-    /// The places where a member is run.
+    /// Returns the places at which a member is run.
     fn runs(&self, who: ProcessRef) -> Vec<Span> {
         let is_it = |node: &&Node<'_>| {
             node.group == who.group as usize
@@ -86,7 +86,7 @@ impl Spec<'_> {
 
     // ---- the catalogue ----
 
-    /// `using(a) (.. using(b) ..)` takes both at once.
+    /// Changes `using(a) (.. using(b) ..)` so that it takes both resources at once.
     fn taken_at_once(&self, span: Span) -> Vec<Fix> {
         let groups: Vec<usize> =
             self.nodes.iter().filter(|node| node.span.contains(span)).map(|node| node.group).collect();
@@ -126,7 +126,7 @@ impl Spec<'_> {
         vec![Fix { title: format!("take them at once: {}", names.join(", ")), edits }]
     }
 
-    /// The step before it ends in the way that starts it.
+    /// Makes the previous step end in the way that starts this step.
     fn reached(&self, span: Span) -> Vec<Fix> {
         let mut fixes = Vec::new();
         for node in &self.nodes {
@@ -183,7 +183,7 @@ impl Spec<'_> {
         limits.into_iter().map(fix).collect()
     }
 
-    /// The connection that the advice names is opened.
+    /// Opens the connection that the advice names.
     fn opened(&self, found: &Diagnostic) -> Vec<Fix> {
         let written = found.help.iter().find_map(|help| help.split_once("write `")?.1.split_once('`'));
         let Some((with, _)) = written else { return Vec::new() };
@@ -222,7 +222,7 @@ impl Spec<'_> {
         }
     }
 
-    /// The end of an emergency stop is a failure of the whole.
+    /// Makes the end of an emergency stop a failure of the whole.
     fn counted_as_failure(&self, who: ProcessRef) -> Vec<Fix> {
         let Some(name) = self.name(who) else { return Vec::new() };
         let fail = |span: &Span| format!("({} ; fail(\"{name}\"))", self.text(*span));
@@ -232,7 +232,7 @@ impl Spec<'_> {
             .collect()
     }
 
-    /// `lock ; work ; unlock` becomes `lock ; (work finally unlock)`.
+    /// Changes `lock ; work ; unlock` to `lock ; (work finally unlock)`.
     fn in_any_case(&self, first: ProcessRef, last: ProcessRef) -> Vec<Fix> {
         let (Some(first), Some(last)) = (self.name(first), self.name(last)) else { return Vec::new() };
         let mut fixes = Vec::new();
@@ -253,7 +253,7 @@ impl Spec<'_> {
         fixes
     }
 
-    /// `retry(2) (pick ; place)` becomes `pick ; retry(2) place`.
+    /// Changes `retry(2) (pick ; place)` to `pick ; retry(2) place`.
     fn retried_alone(&self, who: ProcessRef) -> Vec<Fix> {
         let Some(name) = self.name(who) else { return Vec::new() };
         let mut fixes = Vec::new();
@@ -276,7 +276,7 @@ impl Spec<'_> {
         fixes
     }
 
-    /// The whole has a limit.
+    /// Gives the whole a limit.
     fn limited(&self, group: usize, limit: Duration) -> Vec<Fix> {
         let Some(root) = self.nodes.iter().find(|node| node.group == group) else { return Vec::new() };
         let text = operand(self.text(root.span));
@@ -287,7 +287,7 @@ impl Spec<'_> {
         parts(limit).into_iter().map(fix).collect()
     }
 
-    /// A step has a limit.
+    /// Gives a step a limit.
     fn limited_step(&self, who: ProcessRef) -> Vec<Fix> {
         let Some(name) = self.name(who) else { return Vec::new() };
         let fixes = |span: Span| {
@@ -300,12 +300,12 @@ impl Spec<'_> {
     }
 }
 
-/// All of a time, and parts of it: stops take some of it.
+/// Returns a time limit and parts of it, since stops take some of the time.
 fn parts(limit: Duration) -> Vec<Duration> {
     vec![limit, limit * 3 / 4, limit / 2, limit / 4]
 }
 
-/// A new text, in parentheses if the old one was.
+/// Returns the new text, in parentheses if the old one was.
 fn keep(old: &str, new: String) -> String {
     if inside(old).is_some() { format!("({new})") } else { new }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// A text as one operand: in parentheses, unless it is a word or in parentheses already.
+/// Returns a text as one operand: in parentheses, unless it is one word or already in parentheses.
 pub(super) fn operand(text: &str) -> String {
     let is_word = text.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '[' | ']' | '.'));
     let is_prefixed =
@@ -10,7 +10,7 @@ pub(super) fn operand(text: &str) -> String {
     if is_word || is_prefixed || inside(text).is_some() { text.to_owned() } else { format!("({text})") }
 }
 
-/// The text inside the parentheses around a whole text.
+/// Returns the text inside the parentheses around a whole text.
 pub(super) fn inside(text: &str) -> Option<&str> {
     let body = text.strip_prefix('(')?.strip_suffix(')')?;
     let mut depth = 0_i32;
@@ -21,7 +21,8 @@ pub(super) fn inside(text: &str) -> Option<&str> {
     body.chars().all(is_open).then(|| body.trim())
 }
 
-/// The operands of the outermost `;` of a text; one if there is none, or another operator of the same rank.
+/// Returns the operands of the outermost `;` of a text. The result is the text itself if there is none, or another
+/// operator of the same rank.
 pub(super) fn steps(text: &str) -> Vec<&str> {
     let body = inside(text).unwrap_or(text);
     let (mut depth, mut begin, mut steps) = (0_i32, 0, Vec::new());
@@ -45,7 +46,8 @@ pub(super) fn steps(text: &str) -> Vec<&str> {
     steps
 }
 
-/// The head of `using(a, b) P` or `retry(3) P` up to its `)`, the text between the parentheses, and P.
+/// Returns the three parts of `using(a, b) P` or `retry(3) P`: the head up to its `)`, the text between the
+/// parentheses, and P.
 pub(super) fn head<'t>(text: &'t str, word: &str) -> Option<(&'t str, &'t str, &'t str)> {
     let rest = text.strip_prefix(word)?;
     let open = rest.find(|c: char| !c.is_whitespace()).filter(|at| rest[*at..].starts_with('('))?;
@@ -54,17 +56,17 @@ pub(super) fn head<'t>(text: &'t str, word: &str) -> Option<(&'t str, &'t str, &
     Some((&text[..end], rest[open + 1..close].trim(), text[end..].trim_start()))
 }
 
-/// Whether a text has a word.
+/// Returns whether a text contains a word.
 pub(super) fn has_word(text: &str, word: &str) -> bool {
     text.split(|c: char| !(c.is_alphanumeric() || c == '_')).any(|other| other == word)
 }
 
-/// A time as a spec has it.
+/// Returns a time as a spec writes it.
 pub(super) fn time(time: Duration) -> String {
     crate::story::seconds(time)
 }
 
-/// `2 s`, `300 ms`, at the end of a sentence.
+/// Returns the time at the end of a sentence: `2 s`, `300 ms`.
 pub(super) fn last_time(text: &str) -> Option<Duration> {
     let mut words = text.rsplit(' ');
     let (unit, number) = (words.next()?, words.next()?);

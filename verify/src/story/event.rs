@@ -1,10 +1,10 @@
-//! The event of a label, in the form that a simulator and a test take.
+//! Converts a label to an event in the form that simulators and tests use.
 
 use crate::system::{FaultKind, Label, LossKind, System};
 use language::plan::MemberKind;
 use language::{ProgramFault, TraceEvent};
 
-/// Names the event of a label; none for an event of a piece of a group, which has no name.
+/// Returns the event of a label; none for an event of a piece of a group, which has no name.
 pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
     let member = |unit: u16, member: u16| path(system, usize::from(unit), u32::from(member));
     let group = |unit: u16| {
@@ -37,7 +37,7 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
     })
 }
 
-/// The path of a member; none for a piece of a group.
+/// Returns the path of a member; none for a piece of a group.
 pub(super) fn path(system: &System<'_>, unit: usize, member: u32) -> Option<String> {
     let plan = system.model.plan;
     let group = &plan.groups[system.model.parts[system.units[unit].part].group as usize];

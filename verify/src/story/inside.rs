@@ -1,7 +1,8 @@
-//! The way of a group with activities to its end, where a story only says that it ends.
+//! Adds the steps inside a group with activities to a story that would only say that the group ends.
 //!
-//! A system treats such a group as a box that may end in certain ways. Its own exploration has found a shortest way to
-//! each of them. The steps of that way stand in the story before the end, so that it names the cause, such as a time.
+//! A system treats such a group as a black box that may end in certain ways. The group's own exploration has found a
+//! shortest way to each of these ends. The story contains the steps of this way before the end, so it shows the cause,
+//! such as a time.
 
 use super::{Step, tell};
 use crate::model::{Part, Seat};
@@ -9,22 +10,22 @@ use crate::system::{Frame, Label, Mode, Occupant, System};
 use language::algebra::{Activity, Value};
 use language::plan::Expression;
 
-/// A way through a part to an end, from its start on.
+/// A way through a part, from its start to an end.
 #[derive(Clone, Debug)]
 pub(crate) struct Way {
-    /// Whether it is done; else it fails.
+    /// Whether the part is done; otherwise it has failed.
     pub(crate) is_done: bool,
-    /// The value that it leaves, or the report of its failure.
+    /// The value for the next process, or the report of the failure.
     pub(crate) value: Value,
     pub(crate) labels: Vec<Label>,
 }
 
-/// The behaviour of a part that is explored alone.
+/// Returns the mode in which a part is explored alone.
 pub(crate) fn mode(aborts: bool) -> Mode {
     Mode { aborts, stops: aborts, ..Mode::default() }
 }
 
-/// The steps of a box to its end, which is the last of them; none if the story tells only the end of the box.
+/// Returns the steps of a box up to its end, which is the last step; none if the story shows only the end of the box.
 pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<Vec<Step>> {
     let (is_done, unit, member, value) = if let Label::Done(unit, member, value) = label {
         (true, usize::from(unit), usize::from(member), system.value(value))
@@ -55,7 +56,7 @@ pub(super) fn steps(system: &System<'_>, frame: &Frame, label: Label) -> Option<
     (!steps.is_empty()).then_some(steps)
 }
 
-/// Whether a part is an activity, or has one inside.
+/// Returns whether a part is or contains an activity.
 pub(crate) fn has_activity(parts: &[Part], part: usize) -> bool {
     let own = &parts[part];
     let is_inside = |seat: &Seat| matches!(seat, Seat::Part(inner) if has_activity(parts, *inner));

@@ -1,10 +1,10 @@
-//! The states of activities, as a story names them.
+//! The names of the states of activities in stories.
 
 use crate::system::{Frame, System};
 use language::automaton::Trigger;
 use language::plan::Expression;
 
-/// The end of a timer of a transition; none for other timers.
+/// Returns the words for the end of a transition's timer; none for other timers.
 pub(super) fn timer(expression: &Expression, timer: usize, activity: &str, time: &str) -> Option<String> {
     let Expression::Chart(chart) = expression else { return None };
     let mut timed = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some());
@@ -20,7 +20,8 @@ pub(super) fn timer(expression: &Expression, timer: usize, activity: &str, time:
     })
 }
 
-/// For each unit, the names of the states that its activity is in; nothing while it runs none or waits for a stop.
+/// Returns for each unit the names of the present states of its activity. Empty while the unit runs no activity, or
+/// waits for a stop.
 pub(super) fn names(system: &System<'_>, frame: &Frame) -> Vec<String> {
     (0..system.units.len()).map(|unit| name(system, frame, unit).unwrap_or_default()).collect()
 }
@@ -33,7 +34,7 @@ fn name(system: &System<'_>, frame: &Frame, unit: usize) -> Option<String> {
     (!place.is_waiting()).then(|| names.join(", "))
 }
 
-/// The activities that are in other states than before.
+/// Returns the activities whose states differ from those before.
 pub(super) fn entered(system: &System<'_>, before: &[String], frame: &Frame) -> Vec<String> {
     let after = names(system, frame);
     let changed = before.iter().zip(&after).enumerate().filter(|(_, (before, after))| before != after);

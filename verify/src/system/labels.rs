@@ -6,7 +6,7 @@ use language::algebra::Activity;
 use language::automaton::Failure;
 
 impl System<'_> {
-    /// Everything that may happen next.
+    /// Appends all events that may happen next.
     pub(crate) fn labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
         labels.clear();
         match frame.phase {
@@ -51,13 +51,14 @@ impl System<'_> {
         }
     }
 
-    /// Whether a member that is active runs, so that its end is its own.
+    /// Returns whether an active member runs, so that it may end by itself.
     pub(crate) fn ends_by_itself(&self, frame: &Frame, unit: usize, member: u32) -> bool {
         let seat = MemberRef { unit, member };
         !self.is_refused(frame, seat) && !self.is_unheard(frame, seat) && !self.is_under_way(frame, seat)
     }
 
-    /// The number of the report of a member that is refused: it cannot be started any more, or its host is lost.
+    /// Returns the number of the report for a member that is refused: it cannot be started any more, or its host is
+    /// lost.
     fn refusal(&self, frame: &Frame, seat: MemberRef) -> u8 {
         self.report(if self.is_given_up(frame, seat) { &Failure::Crash } else { &Failure::HostLost })
     }
@@ -90,7 +91,7 @@ impl System<'_> {
             hangs |= has_happened && fault.is_some_and(|fault| is_struck(fault) && fault.kind == FaultKind::Hang);
         }
         let ends_by_itself = match is_stopping {
-            // Before the order to stop reaches it.
+            // The member may still end before the order to stop reaches it.
             true => self.is_distant_group(seat),
             false => !self.death_labels(frame, seat, labels),
         };
@@ -112,9 +113,9 @@ impl System<'_> {
         }
     }
 
-    /// Whether a label happens without a failure and without a request to stop: programs that end, stops that are
-    /// answered, timers. A closed group may fail although no program fails: `estop ; fail("stopped")`. It may also be
-    /// done only because a program has failed: `service else home`.
+    /// Returns whether a label happens without a failure and without a request to stop: a program ends, a stop is
+    /// answered, or a timer elapses. A black box may fail although no program fails: `estop ; fail("stopped")`. It
+    /// may also be done only because a program has failed: `service else home`.
     pub(crate) fn is_natural(&self, label: Label) -> bool {
         match label {
             Label::Done(unit, member, value) => match self.calm(unit, member) {
@@ -140,7 +141,7 @@ impl System<'_> {
         }
     }
 
-    /// How a member that is not looked into ends where no program fails.
+    /// Returns the possible ends of a black box if no program fails.
     fn calm(&self, unit: u16, member: u16) -> Option<&Ends> {
         match self.units[usize::from(unit)].seats.get(usize::from(member)) {
             Some(Occupant::Box([_, calm])) => Some(calm),

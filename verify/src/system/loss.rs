@@ -1,11 +1,11 @@
-//! The loss of a host, as the nodes on both sides of it take it.
+//! The loss of a host, and the reactions of the nodes on both sides of it.
 //!
-//! From outside, a host that has died and an unreachable host look alike. Once the node of a supervisor has noted the
-//! loss, the members there have failed for that supervisor, whether or not they still run. Unreachable programs go on
-//! until their own node has also noted the loss; then each follows its `on_link_loss`. A group goes on with its
-//! expression as long as any program below it may. A host that has lost the home, and has nothing that goes on, leaves
-//! the mission. Resources that a `using` holds for a member on a lost host are not given away. The rules are those of
-//! `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
+//! From outside, a dead host and an unreachable host look the same. Once the node of a supervisor has noticed the
+//! loss, the members there have failed for that supervisor, whether or not they still run. Unreachable programs
+//! continue until their own node has also noticed the loss; then each follows its `on_link_loss`. A group continues
+//! with its expression as long as any program below it may continue. A host that has lost the home host, and on which
+//! nothing continues, leaves the mission. Resources that a `using` holds for a member on a lost host are not given to
+//! others. The rules are those of `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
 
 mod note;
 
@@ -27,26 +27,26 @@ pub(crate) struct Loss {
 /// The state of a lost host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LossKind {
-    /// Its programs have died. Its node, and the supervisors there, continue.
+    /// The host's programs have died. Its node, and the supervisors there, continue.
     Programs,
-    /// It has died.
+    /// The host has died.
     Death,
-    /// It continues, and can reach no other host.
+    /// The host continues, but cannot reach any other host.
     Cut,
 }
 
-/// The reaction of a host to the loss: none yet, noted it, left the mission.
+/// The reaction of a host to the loss: none yet, noticed it, or left the mission.
 const NOTED: u8 = 1;
 const LEFT: u8 = 2;
 
 /// The state of a member: it runs, but its supervisor has given it up.
 const ORPHAN: u8 = 1;
-/// It has stopped, and its supervisor does not know.
+/// The member has stopped, but its supervisor does not know this.
 const GONE: u8 = 2;
-/// Its resources stay taken.
+/// The member's resources stay reserved.
 const FENCED: u8 = 4;
-/// It was started after the loss and has never begun: its host is unreachable or begins nothing new, or the resources
-/// it needs are fenced.
+/// The member was started after the loss and has never begun. Its host is unreachable or begins nothing new, or the
+/// resources that it needs are fenced.
 const UNREACHED: u8 = 8;
 const HELD: u8 = 16;
 const WAITS: u8 = 32;
@@ -62,18 +62,18 @@ pub(super) struct Rift {
     /// For each unit, where the flags of its members begin in `Frame::rift`.
     starts: Vec<usize>,
     length: usize,
-    /// For each unit, whether some program below it may continue without other hosts.
+    /// For each unit, whether some program below it may continue without the other hosts.
     endures: Vec<bool>,
-    /// For each group, the resources taken for each of its members.
+    /// For each group, the resources that are held for each of its members.
     taken: Vec<BTreeMap<u32, BTreeSet<String>>>,
-    /// The groups for which something is taken further out.
+    /// The groups for which a resource is held further outside.
     below: BTreeSet<u32>,
-    /// The hosts that have to note the loss, because it matters to them.
+    /// The hosts that have to notice the loss, because it affects them.
     concerned: Vec<u32>,
 }
 
 impl System<'_> {
-    /// Allows the loss of a host from now on. Groups that the loss may split have to be open: see [`is_torn`].
+    /// Allows the loss of a host in this system. Groups that the loss may split have to be open: see [`is_torn`].
     pub(crate) fn lose(&mut self, loss: Loss) {
         self.mode.lost = Some(loss);
         if loss.kind != LossKind::Programs {
@@ -83,7 +83,7 @@ impl System<'_> {
         }
     }
 
-    /// Keeps the resources of a `using` taken for a member whose stop is not confirmed.
+    /// Keeps the resources of a `using` reserved for a member whose stop is not confirmed.
     pub(super) fn keep_taken(&mut self, MemberRef { unit, member }: MemberRef) {
         if self.rift.is_some() {
             return;
@@ -125,7 +125,7 @@ impl System<'_> {
         Rift { home: plan.groups[0].host, units, seats, starts, length, endures, taken, below, concerned: Vec::new() }
     }
 
-    /// The hosts that have something to do when they note a loss.
+    /// Returns the hosts that have to act when they notice a loss.
     fn concerned(&self, rift: &Rift, loss: Loss) -> Vec<u32> {
         let mut hosts = BTreeSet::new();
         for (unit, &own) in rift.units.iter().enumerate() {
@@ -133,7 +133,8 @@ impl System<'_> {
                 if self.is_cut(own, host) {
                     hosts.extend([own, host]);
                 }
-                // A program that stops by itself minds every supervisor above it, not only its own.
+                // The loss of any supervisor above it makes a program stop by itself, not only the loss of its own
+                // supervisor.
                 if self.is_cut_from_above(rift, unit, host) {
                     hosts.insert(host);
                 }
@@ -151,18 +152,18 @@ impl System<'_> {
 
     // ---- where things stand ----
 
-    /// Whether a host has been lost and both sides go on separately.
+    /// Returns whether a host has been lost and both sides continue separately.
     pub(crate) fn is_split(&self, frame: &Frame) -> bool {
         self.mode.lost.is_some_and(|loss| loss.kind != LossKind::Programs) && frame.is_faulty
     }
 
-    /// Whether the supervisor of a unit has become silent: its host has died or has left the mission.
+    /// Returns whether the supervisor of a unit is silent, because its host has died or has left the mission.
     pub(crate) fn is_silent(&self, frame: &Frame, unit: usize) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_out(frame, rift.units[unit])
     }
 
-    /// Whether nothing runs on a host any more.
+    /// Returns whether nothing runs on a host any more.
     fn is_out(&self, frame: &Frame, host: u32) -> bool {
         let is_dead = |loss: Loss| loss.kind == LossKind::Death && loss.host == host;
         self.mode.lost.is_some_and(is_dead) || frame.rift.get(host as usize) == Some(&LEFT)
@@ -172,25 +173,25 @@ impl System<'_> {
         self.mode.lost.is_some_and(|loss| (one == loss.host) != (other == loss.host))
     }
 
-    /// The hosts that a host cannot reach after the loss.
+    /// Returns the hosts that a host cannot reach after the loss.
     fn beyond(&self, host: u32) -> impl Iterator<Item = u32> {
         let hosts = (0_u32..).zip(&self.model.plan.hosts).map(|(other, _)| other);
         hosts.filter(move |other| self.is_cut(host, *other))
     }
 
-    /// Whether the loss separates a member from its supervisor.
+    /// Returns whether the loss separates a member from its supervisor.
     pub(crate) fn is_severed(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut(rift.units[unit], rift.seats[unit][member as usize])
     }
 
-    /// Whether the loss separates a member from the home, or a supervisor above it.
+    /// Returns whether the loss separates a member from its home host, or from a supervisor above it.
     pub(crate) fn is_cut_off(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut_from_above(rift, unit, rift.seats[unit][member as usize])
     }
 
-    /// The same of a host on which a member of a unit runs, whether the loss has happened or not.
+    /// The same for a host on which a member of a unit runs, whether or not the loss has already happened.
     fn is_cut_from_above(&self, rift: &Rift, unit: usize, host: u32) -> bool {
         let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
         self.is_cut(rift.home, host) || above.any(|unit| self.is_cut(rift.units[unit], host))
@@ -200,7 +201,7 @@ impl System<'_> {
         frame.rift.get(host as usize).is_some_and(|noted| *noted != 0)
     }
 
-    /// Whether a member that is active has failed for its supervisor, or is about to, because its host is lost.
+    /// Returns whether an active member has failed for its supervisor, or is about to, because its host is lost.
     pub(crate) fn is_refused(&self, frame: &Frame, member_ref: MemberRef) -> bool {
         let MemberRef { unit, member } = member_ref;
         if self.is_given_up(frame, member_ref) {
@@ -215,18 +216,19 @@ impl System<'_> {
             || self.flags(frame, member_ref) & HELD != 0
     }
 
-    /// Whether a member is silent, and its supervisor does not know why yet.
+    /// Returns whether a member is silent, and its supervisor does not know the reason yet.
     pub(super) fn is_unheard(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.is_severed(frame, seat) && !self.is_refused(frame, seat)
     }
 
-    /// Whether the report that a member has ended may be on its way since before the loss, and be heard.
+    /// Returns whether the report of a member's end may have been in transit since before the loss, and may still
+    /// arrive.
     pub(super) fn may_have_ended(&self, frame: &Frame, seat: MemberRef) -> bool {
         let has_begun = self.flags(frame, seat) & (UNREACHED | HELD | WAITS) == 0 && !self.is_under_way(frame, seat);
         self.mode.hears_late && has_begun && self.is_unheard(frame, seat)
     }
 
-    /// Whether an active member has not begun because a lost host may still use its resources.
+    /// Returns whether an active member has not begun because a lost host may still use its resources.
     pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.flags(frame, seat) & WAITS != 0
     }
@@ -236,7 +238,8 @@ impl System<'_> {
         rift.map_or(0, |rift| frame.rift[rift.starts[unit] + member as usize])
     }
 
-    /// Whether a program, or a closed group, is really running or stopping, even if its supervisor does not know it.
+    /// Returns whether a program, or a black box, is really running or stopping, even if its supervisor does not know
+    /// this.
     pub(crate) fn is_there(&self, frame: &Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         let is_active = frame.states[unit].activity(member) != Activity::Idle && !self.is_under_way(frame, seat);
@@ -248,7 +251,7 @@ impl System<'_> {
         !self.is_out(frame, rift.seats[unit][member as usize]) && (flags & ORPHAN != 0 || is_active && has_begun)
     }
 
-    /// Whether a member is really running or stopping, or anything in it.
+    /// Returns whether a member, or anything in it, is really running or stopping.
     pub(crate) fn is_anything_there(&self, frame: &Frame, seat: MemberRef) -> bool {
         match self.units[seat.unit].seats[seat.member as usize] {
             Occupant::Box(_) => self.is_there(frame, seat),
@@ -259,13 +262,13 @@ impl System<'_> {
         }
     }
 
-    /// Whether a member is on the host that may be lost.
+    /// Returns whether a member is on the host that may be lost.
     pub(crate) fn is_on_lost(&self, MemberRef { unit, member }: MemberRef) -> bool {
         let host = self.rift.as_ref().map(|rift| rift.seats[unit][member as usize]);
         host.is_some() && host == self.mode.lost.map(|loss| loss.host)
     }
 
-    /// The programs that run or stop, and the groups that do and are not looked into.
+    /// Returns the programs and black boxes that are running or stopping.
     pub(crate) fn there(&self, frame: &Frame) -> Vec<MemberRef> {
         let mut there = Vec::new();
         for (unit, source) in self.units.iter().enumerate() {
@@ -278,7 +281,7 @@ impl System<'_> {
         there
     }
 
-    /// Whether a program runs without a supervisor that the mission can reach.
+    /// Returns whether a program runs without a supervisor that the mission can reach.
     pub(crate) fn is_adrift(&self, frame: &Frame, member_ref: MemberRef) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         let seats = std::iter::successors(Some(member_ref), |seat| self.units[seat.unit].parent);
@@ -287,13 +290,13 @@ impl System<'_> {
         self.is_there(frame, member_ref) && (is_home_away || seats.into_iter().any(is_lost))
     }
 
-    /// Whether a member runs and is not being stopped, it or a group around it.
+    /// Returns whether a member runs, and neither it nor a group around it is being stopped.
     pub(crate) fn is_running(&self, frame: &Frame, seat: MemberRef) -> bool {
         let mut at = Some(seat);
         while let Some(seat) = at {
             let MemberRef { unit, member } = seat;
             if self.is_severed(frame, seat) || self.is_silent(frame, unit) {
-                // The parts around it do not matter any more.
+                // The parts around it are no longer relevant.
                 return match self.units[unit].seats[member as usize] {
                     Occupant::Box(_) => self.is_there(frame, seat),
                     Occupant::Unit(inner) => frame.states[inner].is_node_active(0) && !self.is_silent(frame, inner),
@@ -308,7 +311,7 @@ impl System<'_> {
         true
     }
 
-    /// The reaction of the programs of a member to unreachable hosts; closed groups have none.
+    /// Returns how the programs of a member react to unreachable hosts; black boxes do not react.
     pub(crate) fn link_loss(&self, MemberRef { unit, member }: MemberRef) -> LinkLoss {
         match self.model.parts[self.units[unit].part].members.get(member as usize) {
             Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].policy.link_loss,
@@ -317,7 +320,8 @@ impl System<'_> {
     }
 }
 
-/// Whether the loss of a host may tear a group, or part it from the one around it: then it has to be looked into.
+/// Returns whether the loss of a host may split a group, or separate it from the group around it. Such a group has to
+/// be open.
 pub(crate) fn is_torn(model: &Model<'_>, group: u32) -> bool {
     let host = model.around[group as usize]
         .map_or(model.plan.groups[group as usize].host, |(around, _)| model.plan.groups[around as usize].host);
@@ -333,13 +337,13 @@ fn is_all_on(model: &Model<'_>, group: u32, host: u32) -> bool {
         })
 }
 
-/// Whether some program below a group may continue when hosts are lost.
+/// Returns whether some program below a group may continue when hosts are lost.
 fn endures(model: &Model<'_>, group: u32) -> bool {
     let leaves = model.leaves_of_group(group);
     leaves.into_iter().any(|leaf| model.plan.leaves[leaf as usize].policy.link_loss != LinkLoss::Leave)
 }
 
-/// The resources taken around each run of a member.
+/// Returns the resources that are held around each run of a member.
 fn taken(expression: &Expression) -> BTreeMap<u32, BTreeSet<String>> {
     let mut taken = BTreeMap::new();
     collect(expression, &BTreeSet::new(), &mut taken);
@@ -357,9 +361,9 @@ fn collect(expression: &Expression, around: &BTreeSet<String>, taken: &mut BTree
     expression.operands().into_iter().for_each(|operand| collect(operand, &around, taken));
 }
 
-/// The groups for which something is taken further out.
+/// Returns the groups for which a resource is held further outside.
 fn below(model: &Model<'_>, taken: &[BTreeMap<u32, BTreeSet<String>>]) -> BTreeSet<u32> {
-    // A group has a greater number than the group around it.
+    // A group has a greater number than the group that contains it.
     let mut below = BTreeSet::new();
     for (group, around) in (0_u32..).zip(&model.around) {
         if let Some((outer, slot)) = around

@@ -1,17 +1,17 @@
-//! The messages and notices that activities tell apart: any of them may come at any time. A lost host is the exception where the
-//! loss is a fault that is explored: there its notice comes when the node of the activity notes the loss.
+//! The messages and notices that activities distinguish: any of them may come at any time. The notice of a lost host is an
+//! exception if the loss is an explored fault. It then comes when the node of the activity notices the loss.
 
 use super::{System, small};
 use language::algebra::Event;
 use language::plan::{Expression, Notice, StateChart};
 
-/// The messages and notices that an activity tells apart; none for other groups.
+/// Returns the messages and notices that an activity distinguishes; none for other groups.
 pub(super) fn of(expression: &Expression) -> Vec<Event> {
     if let Expression::Chart(chart) = expression { chart.heard() } else { Vec::new() }
 }
 
 impl System<'_> {
-    /// The numbers of the messages and notices that may come to a unit.
+    /// Returns the numbers of the messages and notices that may come to a unit.
     pub(super) fn messages(&self, unit: usize) -> impl Iterator<Item = u16> {
         let is_faulty = self.mode.fault.is_some() || self.mode.lost.is_some();
         let is_loss = move |event: &Event| is_faulty && matches!(self.noticed(unit, event), Some(Notice::HostLost(_)));
@@ -19,13 +19,13 @@ impl System<'_> {
         messages.filter(move |(_, event)| !is_loss(event)).map(|(number, _)| small(number))
     }
 
-    /// The event of a unit that learns of the loss of a host; none if no transition waits for it.
+    /// Returns the event of a unit that learns of the loss of a host; none if no transition waits for it.
     pub(super) fn loss_notice(&self, unit: usize, host: u32) -> Option<Event> {
         let host = self.model.plan.hosts.get(host as usize)?;
         self.chart(unit)?.notice(&Notice::HostLost(host.clone()))
     }
 
-    /// Whether a unit waits for the loss of a host.
+    /// Returns whether a unit waits for the loss of a host.
     pub(super) fn awaits_loss(&self, unit: usize, host: u32) -> bool {
         self.loss_notice(unit, host).is_some()
     }
@@ -45,7 +45,7 @@ impl System<'_> {
         self.units[unit].messages.get(usize::from(number)).cloned()
     }
 
-    /// The number of a message or notice that came in a run.
+    /// Returns the number of a message or notice that came in a run.
     pub(crate) fn message_number(&self, unit: usize, event: &Event) -> Option<u16> {
         let is_it = |known: &Event| match (known, event) {
             (Event::Message { port, filters, .. }, Event::Message { port: other, filters: passed, .. }) => {
@@ -57,7 +57,7 @@ impl System<'_> {
         self.units[unit].messages.iter().position(is_it).map(small)
     }
 
-    /// The name of a message or notice for a person: of a message its port, its text and its priority.
+    /// Returns the name of a message or notice for people; for a message: its port, its text and its priority.
     pub(crate) fn message_name(&self, unit: usize, number: u16) -> String {
         let Some(chart) = self.chart(unit) else { return String::new() };
         if let Some(notice) = self.told(unit, number).and_then(|event| self.noticed(unit, &event)) {

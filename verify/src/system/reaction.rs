@@ -1,4 +1,4 @@
-//! Applies an event to a system: the parts react one after the other, until nothing further follows.
+//! Applies an event to a system: the parts react one after the other, until the event has no further consequences.
 
 use super::transit::Arrival;
 use super::zone::TimedReaction;
@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 /// Every activation of an explored state has this number.
 const ACTIVATION: Activation = Activation(1);
 
-/// Lets things happen in a system, and can take the last of them back.
+/// Applies events to a system, and can undo the last one.
 #[derive(Debug)]
 pub(crate) struct Stepper<'s> {
     system: &'s System<'s>,
@@ -19,20 +19,20 @@ pub(crate) struct Stepper<'s> {
     queue: VecDeque<(usize, Event)>,
     /// The changes of the last event: unit, item, and the previous word.
     journal: Vec<(usize, u32, u64)>,
-    /// Everything but the states, as it was before.
+    /// Everything except the states, as it was before the last event.
     before: Frame,
 }
 
 /// An effect of noting a loss on a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Blow {
-    /// It is stopped.
+    /// The unit is stopped.
     Stop(usize),
-    /// It is an activity, and is told that the host of this number is lost.
+    /// The unit is an activity, and learns that the host of this number is lost.
     News(usize, u32),
     /// A member that ran, or was already being stopped, has failed for this unit.
     End(usize, u32, Activity),
-    /// A member has stopped, and no confirmation arrives.
+    /// A member has stopped, but no confirmation arrives.
     Tell(usize, u32),
 }
 
@@ -58,7 +58,7 @@ impl<'s> Stepper<'s> {
         }
     }
 
-    /// The nodes of a unit that end at once at an event, including nodes that a loop restarts.
+    /// Returns the nodes of a unit that end at once at an event, including nodes that a loop restarts.
     pub(crate) fn ended(&mut self, frame: &Frame, label: Label) -> Vec<usize> {
         let Self { system, steps, queue, journal, .. } = self;
         let mut frame = frame.clone();
@@ -68,12 +68,12 @@ impl<'s> Stepper<'s> {
         steps[unit].ended(&frame.states[unit], event)
     }
 
-    /// Which items of which units the last thing that happened has changed.
+    /// Returns the items of units that the last event has changed.
     pub(crate) fn changed(&self) -> impl Iterator<Item = (usize, u32)> + '_ {
         self.journal.iter().map(|&(unit, item, _)| (unit, item))
     }
 
-    /// Takes the last thing that happened back.
+    /// Undoes the last event.
     pub(crate) fn undo(&mut self, frame: &mut Frame) {
         for (unit, item, word) in self.journal.drain(..).rev() {
             frame.states[unit].set(item, word);
@@ -82,19 +82,19 @@ impl<'s> Stepper<'s> {
     }
 }
 
-/// One thing that happens, with all that follows at once.
+/// One event, with all its immediate consequences.
 struct Reaction<'r, 'a> {
     system: &'r System<'a>,
     frame: &'r mut Frame,
     changes: Option<&'r mut Vec<Change>>,
     queue: &'r mut VecDeque<(usize, Event)>,
     journal: &'r mut Vec<(usize, u32, u64)>,
-    /// The remaining effects of noting a loss, once the previous ones have no further consequences.
+    /// The remaining effects of noticing a loss. Each waits until the previous ones have no further consequences.
     blows: VecDeque<Blow>,
 }
 
 impl Reaction<'_, '_> {
-    /// The consequence for the units: at most one event of one unit.
+    /// Returns the first consequence for the units: at most one event of one unit.
     fn begin(&mut self, label: Label) -> Option<(usize, Event)> {
         match label {
             Label::Start => {
@@ -182,7 +182,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// The supervisor hears nothing of it.
+    /// Handles the death of a program that is restarted. The supervisor does not learn of it.
     fn dies(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
         for (unit, member, what) in self.system.dies(self.frame, seat) {
             self.change(unit, Some(member), || what);
@@ -194,7 +194,7 @@ impl Reaction<'_, '_> {
         Some((self.system.too_many(self.frame, unit), Event::Stop))
     }
 
-    /// Orders to stop that are on their way to a host that has died do not arrive.
+    /// Discards orders to stop in transit to a host that has died.
     fn lose_orders(&mut self) {
         for unit in 0..self.system.units.len() {
             if self.system.is_silent(self.frame, unit) {
@@ -203,7 +203,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// Orders in transit over the loss do not arrive at a host that has noted it.
+    /// Discards orders in transit over the loss to a host that has noticed it.
     fn lose_late_orders(&mut self, host: u32) {
         for unit in 0..self.system.units.len() {
             let parent = self.system.units[unit].parent.filter(|_| self.system.host_of(unit) == host);
@@ -213,7 +213,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// No order to stop is in transit to a unit any more.
+    /// Notes that no order to stop is in transit to a unit any more.
     fn forget_order(&mut self, unit: usize) {
         self.frame.ordered[unit] = false;
         if let Some(seat) = self.system.units[unit].parent {
@@ -236,7 +236,7 @@ impl Reaction<'_, '_> {
                 Blow::End(unit, member, was) if !self.system.is_silent(self.frame, unit) => {
                     let is_severed = self.system.is_severed(self.frame, MemberRef { unit, member });
                     match self.frame.states[unit].activity(member) {
-                        // The news of the loss may have led to the stop.
+                        // Learning of the loss may have led to the stop.
                         Activity::Stopping if is_severed && was == Activity::Active => {
                             return Some((unit, self.ended(unit, member, failed(&Failure::HostLost))));
                         }
@@ -255,7 +255,7 @@ impl Reaction<'_, '_> {
 
     fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
         let seat = MemberRef { unit: usize::from(unit), member: u32::from(member) };
-        // A refusal is reported by the supervisor's own node.
+        // The supervisor's own node reports a refusal.
         let is_there = !self.system.is_refused(self.frame, seat) && self.system.is_distant_group(seat);
         if is_there && self.reports(seat, &outcome) {
             return None;
@@ -263,7 +263,8 @@ impl Reaction<'_, '_> {
         Some((seat.unit, self.ended(seat.unit, seat.member, outcome)))
     }
 
-    /// A group on another host has ended, and reports that to its supervisor. Returns whether it is one.
+    /// Handles the end of a group on another host, which is reported to its supervisor. Returns false if the group is
+    /// not on another host.
     fn reports(&mut self, seat: MemberRef, outcome: &Outcome) -> bool {
         let MemberRef { unit, member } = seat;
         let travels = self.system.send_end(self.frame, seat, outcome);
@@ -274,7 +275,7 @@ impl Reaction<'_, '_> {
         travels
     }
 
-    /// The order to start a member reaches its host.
+    /// Handles the arrival of the order to start a member at its host.
     fn arrives(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
         let Some(Arrival::Start(value)) = self.system.receive(self.frame, seat) else { return None };
         if !self.system.is_taken(self.frame, seat) {
@@ -287,7 +288,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// A unit hears how a member on another host has ended.
+    /// Handles the report that a member on another host has ended.
     fn hears(&mut self, seat: MemberRef) -> Option<(usize, Event)> {
         let MemberRef { unit, member } = seat;
         let Some(Arrival::End(outcome)) = self.system.receive(self.frame, seat) else { return None };
@@ -306,7 +307,7 @@ impl Reaction<'_, '_> {
         self.event_of(member, outcome)
     }
 
-    /// The event of a unit when a member has ended.
+    /// Returns the event of a unit for the end of a member.
     fn event_of(&self, member: u32, outcome: Outcome) -> Event {
         let activation = ACTIVATION;
         match outcome {
@@ -369,7 +370,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// A unit stops a member: a piece of the same group at once, another group when the order reaches it.
+    /// Makes a unit stop a member: a piece of the same group at once, another group when the order reaches it.
     fn stop(&mut self, unit: usize, member: u32) {
         self.change(unit, Some(member), || Changed::Stopping);
         let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] else { return };
@@ -379,7 +380,7 @@ impl Reaction<'_, '_> {
             // The member has never begun.
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
         } else if !self.system.is_severed(self.frame, MemberRef { unit, member }) {
-            // A member that has already ended has nothing to stop.
+            // A member that has already ended does not have to be stopped.
             if !self.system.has_ended_unheard(self.frame, MemberRef { unit, member }) {
                 self.frame.ordered[inner] = true;
                 self.system.send_stop(self.frame, MemberRef { unit, member });
@@ -387,13 +388,13 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// A unit has an outcome, which is that of the member around it, or of the whole.
+    /// Handles the outcome of a unit, which is the outcome of the member around it, or of the whole.
     fn over(&mut self, unit: usize, outcome: Outcome) {
         self.forget_order(unit);
         let is_escalated = self.system.take_escalation(self.frame, unit);
         let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed(&Failure::Crash) } else { outcome };
         if let Some(MemberRef { unit: around, member }) = self.system.units[unit].parent {
-            // A stop that comes too late finds nothing: its answer is the outcome that was under way.
+            // A stop that comes too late has no effect: its answer is the outcome that was in transit.
             let is_heard = !self.system.is_severed(self.frame, MemberRef { unit: around, member })
                 && !self.system.is_silent(self.frame, around);
             let is_awaited = is_heard && self.frame.states[around].activity(member) != Activity::Idle;
@@ -413,7 +414,8 @@ impl Reaction<'_, '_> {
     }
 }
 
-/// The change that an observer sees at an end. A member with an order to stop has stopped, however it ends.
+/// Returns the change that observers see at an end. A member with an order to stop counts as stopped, whatever its
+/// outcome.
 fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     match outcome {
         Outcome::Aborted(reason) => Changed::Aborted(Failure::of(&reason.cause).report()),
@@ -431,7 +433,7 @@ pub(super) fn unconfirmed() -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::StopUnconfirmed })
 }
 
-/// A failure for this reason.
+/// Returns a failure with this reason.
 pub(super) fn failed(reason: &Failure) -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::Reported(reason.report()) })
 }

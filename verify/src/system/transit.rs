@@ -1,11 +1,11 @@
 //! Messages in transit between hosts: orders to start and to stop, and reports of an end.
 //!
-//! A supervisor sends the order to start a member to the node of its host. Until that node takes the order, the member
-//! does not run, although its supervisor counts it as active. A group that has ended reports to the supervisor around
-//! it, which treats the group as running until the report arrives. The end of a program counts from the moment its
-//! supervisor hears of it, because no other process knows it. Messages between two hosts keep their order. A message in
-//! transit on a lost link may arrive until the node at its end has noted the loss. The rules are those of
-//! `node/src/logic`: `link`, `executer`, `participant`.
+//! A supervisor sends the order to start a member to the node of the member's host. Until that node takes the order, the
+//! member does not run, although its supervisor counts it as active. A group that has ended reports this to the
+//! supervisor around it, which treats the group as running until the report arrives. The end of a program counts from
+//! the moment at which its supervisor learns of it, because no other process knows it before. Messages between two hosts
+//! keep their order. A message in transit on a lost link may arrive until the receiving node has noticed the loss. The
+//! rules are those of `node/src/logic`: `link`, `executer`, `participant`.
 
 use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};
@@ -14,18 +14,18 @@ use crate::system::MemberRef;
 use language::algebra::{Activity, Outcome};
 use language::automaton::Failure;
 
-/// The order to start is under way.
+/// An order to start is in transit.
 const START: u8 = 1;
-/// A report is under way: how it has ended.
+/// A report is in transit: how the group has ended.
 const DONE: u8 = 2;
 const ABORTED: u8 = 3;
 const STOPPED: u8 = 4;
 const UNCONFIRMED: u8 = 5;
 
-/// The bytes kept for each member: the message to or from it, its value, its place on the link, and the place of an
-/// order to stop.
+/// The number of bytes for each member: the message to or from it, the value of the message, its position on the link,
+/// and the position of an order to stop.
 const BYTES: usize = 4;
-/// Their offsets: the message, and the two places. The first message on a link has place 1.
+/// The offsets of these bytes: the message, and the two positions. The first message on a link has position 1.
 const WHAT: usize = 0;
 const VALUE: usize = 1;
 const MESSAGE: usize = 2;
@@ -36,11 +36,11 @@ const STOP: usize = 3;
 pub(super) struct Transit {
     /// The members whose messages are tracked.
     seats: Vec<MemberRef>,
-    /// For each of them, the host of its supervisor and its own: indices into `Plan::hosts`.
+    /// For each of these members, the host of its supervisor and its own host: indices into `Plan::hosts`.
     hosts: Vec<(u32, u32)>,
 }
 
-/// The message that has arrived.
+/// A message that has arrived.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
     /// The order to start, with a value.
@@ -50,8 +50,8 @@ pub(super) enum Arrival {
 }
 
 impl System<'_> {
-    /// Makes messages take time between hosts: to and from every open group, and to those of `members` that are not
-    /// open.
+    /// Makes messages between hosts take time: to and from every open group, and those black boxes that are in
+    /// `members`.
     pub(crate) fn follow_messages(&mut self, members: &[MemberRef]) {
         let mut followed = Transit::default();
         for unit in 0..self.units.len() {
@@ -72,8 +72,8 @@ impl System<'_> {
         self.transit = followed;
     }
 
-    /// Makes all orders to start that share a link with the order to a member take time, so that a later message on the
-    /// link finds them there.
+    /// Makes all orders to start take time that share a link with the order to a member, so that a later message on the
+    /// link is behind them.
     pub(crate) fn follow_link(&mut self, member_ref: MemberRef) {
         let MemberRef { unit, .. } = member_ref;
         let link = (self.host_of(unit), self.host_of_seat(member_ref));
@@ -104,12 +104,12 @@ impl System<'_> {
         BYTES * self.transit.seats.len()
     }
 
-    /// The place of the messages to and from a member; none if they are not tracked.
+    /// Returns the place of the messages to and from a member; none if they are not tracked.
     fn transit_of(&self, seat: MemberRef) -> Option<usize> {
         self.transit.seats.iter().position(|other| *other == seat)
     }
 
-    /// Whether the messages to and from a member are tracked.
+    /// Returns whether the messages to and from a member are tracked.
     pub(super) fn is_followed(&self, seat: MemberRef) -> bool {
         self.transit_of(seat).is_some()
     }
@@ -118,27 +118,29 @@ impl System<'_> {
         self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + WHAT])
     }
 
-    /// Whether something is under way to or from a member: it does not run, although its supervisor takes it for active.
+    /// Returns whether a message is in transit to or from a member. The member does not run then, although its
+    /// supervisor counts it as active.
     pub(crate) fn is_under_way(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.message(frame, seat) != 0
     }
 
-    /// Whether a member has ended, and its supervisor does not know.
+    /// Returns whether a member has ended, but its supervisor does not know this.
     pub(super) fn has_ended_unheard(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.message(frame, seat) > START
     }
 
-    /// Whether a member is a group whose messages are tracked.
+    /// Returns whether a member is a group whose messages are tracked.
     pub(super) fn is_distant_group(&self, seat: MemberRef) -> bool {
         self.is_group(seat) && self.is_followed(seat)
     }
 
-    /// Whether a group is active for the supervisor around it and does not run: something is under way to or from it.
+    /// Returns whether a group counts as active for the supervisor around it but does not run, because a message is in
+    /// transit.
     pub(crate) fn is_group_under_way(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.is_under_way(frame, seat) && self.is_distant_group(seat)
     }
 
-    /// Whether anything is under way at all.
+    /// Returns whether any message is in transit.
     pub(super) fn has_messages(&self, frame: &Frame) -> bool {
         frame.transit.iter().skip(WHAT).step_by(BYTES).any(|message| *message != 0)
     }
@@ -154,18 +156,18 @@ impl System<'_> {
         }
     }
 
-    /// Whether an order to stop a member may arrive: nothing is before it on the link.
+    /// Returns whether an order to stop a member may arrive: no other message is before it on the link.
     pub(super) fn is_stop_next(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.transit_of(seat).is_none_or(|place| frame.transit[BYTES * place + STOP] == 1)
     }
 
-    /// The way of a message: from which host to which.
+    /// Returns the link of a message: the sending and the receiving host.
     fn way(&self, place: usize, of: usize, kind: u8) -> (u32, u32) {
         let (own, host) = self.transit.hosts[place];
         if of == MESSAGE && kind != START { (host, own) } else { (own, host) }
     }
 
-    /// The places on one link of all that is under way on it, to be changed.
+    /// Returns mutable positions of all messages on one link.
     fn on_link<'f>(&self, frame: &'f mut Frame, link: (u32, u32)) -> impl Iterator<Item = &'f mut u8> {
         let mut of_link = Vec::new();
         for (place, bytes) in frame.transit.chunks_exact_mut(BYTES).enumerate() {
@@ -189,7 +191,7 @@ impl System<'_> {
         bytes[of] = last.saturating_add(1);
     }
 
-    /// Takes something off its link.
+    /// Removes a message from its link.
     fn take(&self, frame: &mut Frame, place: usize, of: usize) -> [u8; 2] {
         let bytes = &mut frame.transit[BYTES * place..][..BYTES];
         let (kind, value, before) = (bytes[WHAT], bytes[VALUE], std::mem::take(&mut bytes[of]));
@@ -203,7 +205,7 @@ impl System<'_> {
         [kind, value]
     }
 
-    /// Sends the order to start a member. Returns whether it has to travel.
+    /// Sends the order to start a member. Returns whether it takes time.
     pub(super) fn send_start(&self, frame: &mut Frame, seat: MemberRef, value: &Value) -> bool {
         let place = self.transit_of(seat);
         if let Some(place) = place {
@@ -212,21 +214,21 @@ impl System<'_> {
         place.is_some()
     }
 
-    /// Sends the order to stop a member, if it has to travel on a link and is not under way.
+    /// Sends the order to stop a member, if it takes time and is not in transit yet.
     pub(super) fn send_stop(&self, frame: &mut Frame, seat: MemberRef) {
         if let Some(place) = self.transit_of(seat).filter(|place| frame.transit[BYTES * place + STOP] == 0) {
             self.send(frame, place, STOP, [0; 2]);
         }
     }
 
-    /// An order to stop has arrived, or has no target any more.
+    /// Handles an order to stop that has arrived, or has no target any more.
     pub(super) fn receive_stop(&self, frame: &mut Frame, seat: MemberRef) {
         if let Some(place) = self.transit_of(seat) {
             self.take(frame, place, STOP);
         }
     }
 
-    /// Sends the report that a group has ended. Returns whether it has to travel.
+    /// Sends the report that a group has ended. Returns whether it takes time.
     pub(super) fn send_end(&self, frame: &mut Frame, seat: MemberRef, outcome: &Outcome) -> bool {
         let message = match outcome {
             Outcome::Done(value) => [DONE, self.number(value)],
@@ -241,7 +243,7 @@ impl System<'_> {
         place.is_some()
     }
 
-    /// Takes the message to or from a member.
+    /// Takes the message to or from a member, which has arrived.
     pub(super) fn receive(&self, frame: &mut Frame, seat: MemberRef) -> Option<Arrival> {
         let place = self.transit_of(seat)?;
         let [kind, value] = self.take(frame, place, MESSAGE);
@@ -255,7 +257,7 @@ impl System<'_> {
         }
     }
 
-    /// Discards the messages that a host does not receive because it has stopped taking messages or has noted the loss
+    /// Discards the messages that a host does not receive because it takes no messages any more, or has noticed the loss
     /// of the link. Returns the members whose order to start never arrives.
     pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<MemberRef> {
         let mut unreached = Vec::new();
@@ -271,7 +273,7 @@ impl System<'_> {
         unreached
     }
 
-    /// Whether an answer to a stop, an order, a report between hosts, or the note of a loss is still in transit.
+    /// Returns whether an answer to a stop, an order, a report between hosts, or the notice of a loss is still expected.
     pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
         let is_stopping = |unit: usize| {
             let state = &frame.states[unit];
@@ -288,7 +290,7 @@ impl System<'_> {
             || (0..self.units.len()).any(is_stopping)
     }
 
-    /// Whether a `shield` or a `finally` holds a stop up.
+    /// Returns whether a `shield` or a `finally` delays a stop.
     pub(crate) fn is_held_up(&self, frame: &Frame) -> bool {
         let unit = |unit: usize| !self.is_silent(frame, unit) && frame.states[unit].is_held_up(self.program(unit));
         (0..self.units.len()).any(unit)

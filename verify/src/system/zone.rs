@@ -1,11 +1,11 @@
-//! The order in which the timers of an activity may run out.
+//! The order in which the timers of an activity may elapse.
 //!
-//! A supervisor lets the timers of an activity run out in the order of their due times. Of timers that are due together,
-//! the one that began first runs out first. A *zone* is the set of due times that are possible: an upper bound for each
-//! difference of two due times, and of a due time and now. Between two events any time may pass, up to the next due time.
-//! Source: D. L. Dill, "Timing assumptions and verification of finite-state concurrent systems", 1989.
+//! A supervisor makes the timers of an activity elapse in the order of their due times. If several timers are due at the
+//! same time, the one that began first elapses first. A *zone* is a set of possible due times. It has an upper bound for
+//! each difference between two due times, and between a due time and now. Between two events any time may pass, up to the
+//! next due time. Source: D. L. Dill, "Timing assumptions and verification of finite-state concurrent systems", 1989.
 //!
-//! Bounds far from 0 are rounded up, so that a short period beside a long time does not give a zone for each tick.
+//! Bounds far from 0 are rounded up, so that a short period beside a long time does not create a zone for each tick.
 
 use super::Frame;
 use crate::model::times_of;
@@ -17,12 +17,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Longer times count as this long: 36 years, in nanoseconds.
+/// The longest time, in nanoseconds: 36 years. Longer times are treated as this long.
 const LONGEST: u64 = 1 << 60;
-/// For a number of timers that are armed together, the significant bits of a bound. Every sign is exact.
+/// For each number of timers that are armed together: how many significant bits a bound has. The sign is always exact.
 const BITS: [u32; 6] = [8, 8, 8, 6, 5, 5];
 
-/// An upper bound of a difference: twice the bound, plus 1 if the difference may be equal to it.
+/// An upper bound of a difference: twice the bound, plus 1 if the difference may equal the bound.
 type Bound = i64;
 
 const fn at_most(bound: i64) -> Bound {
@@ -35,8 +35,8 @@ fn sum(one: Bound, other: Bound) -> Bound {
     (one >> 1).saturating_add(other >> 1) << 1 | one & other & 1
 }
 
-/// The possible due times of the armed timers. In `bounds`, row 0 and column 0 are now, and the others are the timers in the
-/// order in which they began.
+/// The possible due times of the armed timers. In `bounds`, row 0 and column 0 stand for now, and the others for the timers
+/// in the order in which they began.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Zone {
     timers: Vec<u32>,
@@ -61,7 +61,7 @@ impl Zone {
         self.bounds[place] = self.bounds[place].min(bound);
     }
 
-    /// Makes each bound as tight as the others imply.
+    /// Makes each bound as tight as the other bounds imply.
     fn close(&mut self) {
         for middle in 0..self.size() {
             for row in 0..self.size() {
@@ -90,7 +90,7 @@ impl Zone {
         self.timers.retain(|&timer| keeps(timer));
     }
 
-    /// The zone just after a timer has run out; none if another timer runs out before it.
+    /// Returns the zone just after a timer has elapsed; none if another timer elapses before it.
     fn elapsed(&self, timer: u32) -> Option<Self> {
         let (own, mut zone) = (self.place(timer)?, self.clone());
         for other in 1..self.size() {
@@ -119,7 +119,7 @@ impl Zone {
         self.timers.push(timer);
     }
 
-    /// Any time passes in which no timer runs out.
+    /// Lets any time pass in which no timer elapses.
     fn pass(&mut self) {
         for column in 1..self.size() {
             self.bounds[column] = at_most(0);
@@ -130,7 +130,7 @@ impl Zone {
     }
 }
 
-/// A bound with at most so many significant bits, rounded up.
+/// Returns a bound with at most `bits` significant bits, rounded up.
 fn rounded(bound: Bound, bits: u32) -> Bound {
     let value = bound >> 1;
     let shift = (u64::BITS - value.unsigned_abs().leading_zeros()).saturating_sub(bits);
@@ -138,7 +138,7 @@ fn rounded(bound: Bound, bits: u32) -> Bound {
     if round == value { bound } else { at_most(round) }
 }
 
-/// The zones of one activity that were met, by number.
+/// The zones of one activity that were found, by number.
 #[derive(Debug)]
 struct Zones {
     /// Whether the order of each timer matters.
@@ -148,7 +148,7 @@ struct Zones {
     known: Mutex<BTreeMap<u64, Arc<Known>>>,
 }
 
-/// A zone, and the timers that may run out next.
+/// A zone, and the timers that may elapse next.
 #[derive(Debug)]
 struct Known {
     zone: Zone,
@@ -156,7 +156,7 @@ struct Known {
 }
 
 impl Zones {
-    /// The zones of an activity; none for another expression, or if it has no two timers whose order matters.
+    /// Returns the zones of an activity. None for any other expression, or if it has fewer than two timers whose order matters.
     fn of(expression: &Expression) -> Option<Self> {
         let Expression::Chart(chart) = expression else { return None };
         let timed = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some());
@@ -172,7 +172,7 @@ impl Zones {
         self.matters.get(timer as usize).is_some_and(|matters| *matters)
     }
 
-    /// The zone of a number. Number 0 is that of no timers.
+    /// Returns the zone with a number. Number 0 is the zone without timers.
     fn known(&self, number: u64) -> Option<Arc<Known>> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner).get(&number).cloned()
     }
@@ -196,7 +196,7 @@ impl Zones {
     }
 }
 
-/// Whether anything but lines for people follows from a transition.
+/// Returns whether a transition has an effect other than lines for people.
 fn has_effect(transition: &Transition) -> bool {
     let is_shown = |action: &Action| matches!(action, Action::Log(_) | Action::Send { .. });
     transition.target != Target::Stay || !transition.actions.iter().all(is_shown)
@@ -211,7 +211,7 @@ fn common(one: u64, other: u64) -> u64 {
     if other == 0 { one } else { common(other, one % other) }
 }
 
-/// The zones of the activities of a system. A configuration has a number for each.
+/// The zones of all activities in a system. A configuration has one number for each.
 #[derive(Debug, Default)]
 pub(super) struct Clocks(Vec<Clock>);
 
@@ -223,12 +223,12 @@ struct Clock {
 }
 
 impl Clocks {
-    /// Adds a unit, if it is an activity with an order of timers.
+    /// Adds a unit, if it is an activity with timers whose order matters.
     pub(super) fn add(&mut self, unit: usize, expression: &Expression) {
         self.0.extend(Zones::of(expression).map(|zones| Clock { unit, zones }));
     }
 
-    /// How many numbers a configuration has.
+    /// Returns how many numbers a configuration has.
     pub(super) fn count(&self) -> usize {
         self.0.len()
     }
@@ -238,14 +238,14 @@ impl Clocks {
         Some((place, &self.0[place].zones))
     }
 
-    /// Whether no other timer of a unit runs out before this one.
+    /// Returns whether no other timer of a unit elapses before this one.
     pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, timer: u32) -> bool {
         let Some((place, zones)) = self.place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
         let known = zones.known(frame.zones[place]);
         known.is_none_or(|known| known.next.contains(&timer) || known.zone.place(timer).is_none())
     }
 
-    /// Follows the timers of a unit through its reaction to an event, which may be the end of a timer.
+    /// Updates the timers of a unit after its reaction to an event, which may be the end of a timer.
     pub(super) fn follow(&self, frame: &mut Frame, unit: usize, program: &Program, reaction: &TimedReaction<'_>) {
         let Some((place, zones)) = self.place(unit) else { return };
         let TimedReaction { elapsed, commands } = *reaction;
@@ -275,10 +275,10 @@ impl Clocks {
     }
 }
 
-/// The part of a reaction that is about timers.
+/// The part of a reaction that concerns timers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimedReaction<'c> {
-    /// The timer that has run out, if this is the event.
+    /// The elapsed timer, if this is the event.
     pub(super) elapsed: Option<u32>,
     pub(super) commands: &'c [Command],
 }
@@ -287,7 +287,7 @@ pub(super) struct TimedReaction<'c> {
 mod tests {
     use super::*;
 
-    /// The timers that may run out next.
+    /// Returns the timers that may elapse next.
     fn next(zone: &Zone) -> Vec<u32> {
         zone.timers.iter().copied().filter(|&timer| zone.elapsed(timer).is_some()).collect()
     }
@@ -299,7 +299,7 @@ mod tests {
         zone
     }
 
-    /// Lets a timer run out, after which others begin.
+    /// Makes a timer elapse, after which others begin.
     fn after(zone: &Zone, timer: u32, then: &[(u32, i64)]) -> Zone {
         let mut zone = zone.elapsed(timer).expect("it may run out");
         then.iter().for_each(|&(timer, time)| zone.arm(timer, time));
@@ -320,11 +320,11 @@ mod tests {
         let second = after(&first, 1, &[(2, 2)]);
         assert_eq!(next(&second), [2]);
         assert_eq!(next(&after(&second, 2, &[(3, 2)])), [0]);
-        // Due together: the one that began first.
+        // Both are due at the same time: the timer that began first elapses.
         assert_eq!(next(&after(&second, 2, &[(3, 1)])), [0]);
     }
 
-    /// A message comes at any time, so a timer that begins with it may be the earlier or the later one.
+    /// A message comes at any time, so a timer that begins with it may elapse earlier or later than the other one.
     #[test]
     fn an_event_without_a_time_leaves_the_order_open() {
         let mut zone = armed(&[(0, 5)]);

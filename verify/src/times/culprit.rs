@@ -1,25 +1,25 @@
-//! The step without a limit, where nothing limits how long a whole takes.
+//! Finds the step without a limit if the duration of a whole is not limited.
 
 use super::Times;
 use crate::system::is_restarted;
 use language::plan::{Expression, MemberKind};
 
-/// A step that nothing ends by a certain time.
+/// A step that nothing limits in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Culprit {
-    /// The group that it is a step of.
+    /// The group of the step.
     group: u32,
-    /// Its slot; none for the expression itself, which repeats or never ends.
+    /// The slot of the step; none for the expression itself, which repeats or never ends.
     slot: Option<u32>,
 }
 
 impl Times<'_, '_> {
-    /// Returns the first step of a group, in the order of the text, that nothing limits; none if the whole has a limit.
+    /// Returns the first step of a group, in the order of the text, that is not limited; none if the whole has a limit.
     pub(crate) fn culprit(&self, group: u32) -> Option<Culprit> {
         self.culprit_of(group, &self.model.plan.groups[group as usize].expression)
     }
 
-    /// Names the step without a limit, and the ways to give it one.
+    /// Returns a text that names the step without a limit, and the ways to give it one.
     pub(crate) fn without_limit(&self, group: u32) -> String {
         let Some(Culprit { group, slot }) = self.culprit(group) else {
             return "nothing limits how long it takes".to_owned();

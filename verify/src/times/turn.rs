@@ -1,21 +1,22 @@
-//! How long a `using` waits for its turn.
+//! Computes how long a `using` waits for its turn.
 //!
-//! A `using` that waits stands in a queue, behind every earlier one that wants the same resources. So each other
-//! `using` that may be active at the same time gets its resources at most once before this one's turn comes. The same
-//! bound applies to a `using` that shares nothing with this one but shares with another in the queue, which may have to
-//! wait for it.
+//! A waiting `using` is in a queue, behind every earlier one that wants the same resources. So each other `using` that may
+//! be active at the same time gets its resources at most once before this one's turn comes. The same limit applies to a
+//! `using` that shares no resource with this one, but shares one with another `using` in the queue, which may have to wait
+//! for it.
 
 use super::{Times, add};
 use language::plan::{Expression, Group};
 use std::time::Duration;
 
-/// A group, and the way to each of its `using`: the expressions around it, the outermost first, and itself.
+/// The way to a `using`: the expressions around it, the outermost first, and then the `using` itself.
 type Way<'e> = Vec<&'e Expression>;
 
 impl Times<'_, '_> {
-    /// The most time that a `using` of a group waits; none if nothing bounds it, or if each of two may wait for the other.
+    /// Returns the longest time that a `using` of a group waits. None if it is not limited, or if two may wait for each
+    /// other.
     pub(super) fn turn(&self, group: u32, source: &Group, own: &Expression) -> Option<Duration> {
-        // Two locks in opposite orders would otherwise recurse without end.
+        // Without this, two locks in opposite orders would recurse without end.
         let mark = std::ptr::from_ref(own) as usize;
         if self.turns.borrow().contains(&mark) {
             return None;
@@ -32,12 +33,12 @@ impl Times<'_, '_> {
         before
     }
 
-    /// The longest time that a `using` holds its resources, seen from another one.
+    /// Returns the longest time for which a `using` holds its resources while another one waits.
     fn hold(&self, group: u32, source: &Group, way: &Way<'_>, own: &Way<'_>) -> Option<Duration> {
         let (last, around) = way.split_last()?;
         let body = self.of(group, source, last.operands().into_iter().next()?);
         let stopping = around.iter().filter(|operator| is_stopping(operator));
-        // A stopped body gives its resources back once it has stopped.
+        // A stopped body releases its resources only once it has stopped.
         let by_itself = if stopping.clone().count() == 0 { body.end } else { add(body.end, body.stop) };
         let beside = stopping.filter(|operator| !own.iter().any(|other| std::ptr::eq(*other, **operator)));
         let by_others = beside.filter_map(|operator| self.of(group, source, operator).end);
@@ -45,7 +46,7 @@ impl Times<'_, '_> {
     }
 }
 
-/// The other `using`s that one may have to wait for.
+/// Returns the other `using`s for which one may have to wait.
 fn rivals(all: &[Way<'_>], own: usize) -> Vec<usize> {
     let (mut rivals, mut open) = (Vec::new(), vec![own]);
     while let Some(at) = open.pop() {
@@ -60,7 +61,7 @@ fn rivals(all: &[Way<'_>], own: usize) -> Vec<usize> {
     rivals
 }
 
-/// Whether two want the same.
+/// Returns whether two `using`s share a resource.
 fn share(one: &Way<'_>, other: &Way<'_>) -> bool {
     let taken = |way: &Way<'_>| match way.last() {
         Some(Expression::Using { resources, .. }) => resources.clone(),
@@ -70,7 +71,8 @@ fn share(one: &Way<'_>, other: &Way<'_>) -> bool {
     taken(one).iter().any(|name| others.contains(name))
 }
 
-/// Whether two may be active at the same time: the innermost operator around both runs its operands side by side.
+/// Returns whether two `using`s may be active at the same time: the innermost operator around both runs its operands in
+/// parallel.
 fn are_beside(one: &Way<'_>, other: &Way<'_>) -> bool {
     let both = one.iter().zip(other).take_while(|(one, other)| std::ptr::eq(**one, **other)).last();
     both.is_some_and(|(operator, _)| {
@@ -82,7 +84,7 @@ fn are_beside(one: &Way<'_>, other: &Way<'_>) -> bool {
     })
 }
 
-/// Whether an operator stops some of its operands when another has ended.
+/// Returns whether an operator stops some of its operands when another one has ended.
 fn is_stopping(operator: &Expression) -> bool {
     matches!(operator, Expression::Disable(_) | Expression::FailFast(_) | Expression::AnyOf { .. })
 }

@@ -1,4 +1,4 @@
-//! Activities: guards and finite variables are exact, messages may come at any time, and mistakes of activities are found.
+//! Activities: guards and finite variables are exact, messages may come at any time, and mistakes in activities are found.
 
 use language::sites::Sites;
 use language::{Options, Source, compile_with_sites};
@@ -12,7 +12,7 @@ module Go(host) { done; }
 module Arm(host) { done; claims arm; }
 ";
 
-/// A spec whose activity has this body.
+/// Returns a spec whose activity has this body.
 fn spec(body: &str) -> String {
     format!(
         "{MODULES}
@@ -33,7 +33,7 @@ process main(){{
     )
 }
 
-/// The codes of all that is said of a spec, by `dca check` and by `dca verify`.
+/// Returns the codes of all messages about a spec, from `dca check` and from `dca verify`.
 fn codes(text: &str) -> Vec<String> {
     let source = Source::new("a.dca", text);
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
@@ -54,7 +54,7 @@ fn explored(plan: &language::plan::Plan, sites: &Sites) -> Report {
     verify(plan, sites, &LIMITS)
 }
 
-/// The mistake, the code that says it, the activity with the mistake, and the activity without.
+/// The mistake, its code, an activity with the mistake, and one without it.
 const MISTAKES: [(&str, &str, &str, &str); 17] = [
     (
         "nothing leads out of the pause",
@@ -206,7 +206,7 @@ fn mistakes_of_activities_are_found_and_nothing_is_said_of_their_repairs() {
     assert_eq!(wrong, Vec::<String>::new());
 }
 
-/// An activity on `c1` that runs `walk` on `c2`, with these transitions of the state in which it walks.
+/// Returns a spec with an activity on `c1` that runs `walk` on `c2`. The state in which it walks has these transitions.
 fn guard(transitions: &str, sentence: &str) -> String {
     format!(
         "{MODULES}
@@ -233,14 +233,14 @@ fn the_loss_of_a_host_is_a_free_event() {
     assert_eq!(codes(&guard("on link far lost -> home;", "can finish;")), Vec::<String>::new());
 }
 
-/// Where the loss is the fault of a sentence, its news come when the node notes the loss, before the failures of the members
-/// there. A run that the activity leaves by it counts as failed, and not as a run whose stop is not confirmed.
+/// If the loss is the fault of a sentence, its notice comes when the node notices the loss, before the members there fail. A
+/// run that leaves the activity because of the notice counts as failed, not as a run whose stop is not confirmed.
 #[test]
 fn a_sentence_about_a_lost_host_knows_its_news() {
     let sentence = "on loss of host(c2): eventually back;";
     let both = guard("on host far lost -> home; on aborted -> home;", sentence);
     assert_eq!(codes(&both), Vec::<String>::new());
-    // If the host starts again, only its programs have died, and no host is lost.
+    // If the host restarts, only its programs have died, and no host is lost.
     assert_eq!(codes(&guard("on host far lost -> home;", sentence)), ["E0817"]);
     assert_eq!(codes(&guard("on host far lost -> done; on aborted -> home;", sentence)), ["E0817"]);
 }
@@ -269,7 +269,7 @@ fn faults_of_the_runs_of_an_activity_have_rows() {
     "#]].assert_eq(&table.markdown());
 }
 
-/// The failure of a group inside has a text, also if the group has to stop something first, or fails on another host.
+/// The failure of an inner group has a text, also if the group first has to stop something, or fails on another host.
 #[test]
 fn the_text_of_a_failure_inside_is_known() {
     let text = |host: &str, wanted: &str| {
@@ -302,14 +302,14 @@ process main(){{
     };
     for host in ["c1", "c2"] {
         assert_eq!(codes(&text(host, "\"no way\"")), Vec::<String>::new(), "on {host}");
-        // Nothing here is running already.
+        // No program is running here yet.
         assert_eq!(codes(&text(host, "busy")), ["E0812"], "on {host}");
     }
-    // A text that nothing has is never taken.
+    // A text that no failure has is never matched.
     assert_eq!(codes(&text("c1", "\"no wayy\"")), ["E0812", "W0905"]);
 }
 
-/// A `match` around an activity knows its outcomes: each arm is taken, and one that no end leads to is dead.
+/// A `match` around an activity knows its outcomes: each arm is used, and an arm without an outcome is dead.
 #[test]
 fn a_match_knows_the_outcomes_of_an_activity() {
     let text = |ends: &str| {
@@ -334,7 +334,7 @@ process main(){{
     assert_eq!(codes(&text(one)), ["E0812"], "`two` never begins");
 }
 
-/// The ports of an activity are a program that no event action runs: `verify` and `fmea` say nothing about it.
+/// The ports of an activity are a program that no event action runs: `verify` and `fmea` do not mention it.
 #[test]
 fn connections_change_nothing_of_a_proof() {
     let text = |connections: &str| {

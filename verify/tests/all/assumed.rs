@@ -1,5 +1,5 @@
-//! A proof is printed with its assumption: that two processes never run at the same time may no longer hold once a host
-//! is lost.
+//! A proof is printed with its assumption: after the loss of a host, it may no longer hold that two processes never run
+//! at the same time.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Alone, Always, Limits, Report, Verdict};
@@ -36,7 +36,7 @@ fn what_runs_on_a_lost_host_may_run_beside_what_comes_after_it() {
         (spec(["c2", "c1"], ";", "a else b"), Some("no host is lost: once `c2` is cut off, both may run")),
         (spec(["c2", "c1"], keep, "a else b"), Some("no host is lost: once `c2` is cut off, both may run")),
         (spec(["c1", "c2"], ";", "a else b"), None),
-        // Nothing comes after it.
+        // No process comes after the process on the lost host.
         (spec(["c2", "c1"], ";", "a ; b"), None),
         (spec(["c1", "c1"], ";", "a else b"), None),
         (spec(["c2", "c1"], ";", "using(arm) a else using(arm) b").replace("host{c1}", "host{c1} resource arm;"), None),
@@ -61,7 +61,7 @@ fn a_spec_of_several_hosts_says_that_none_is_lost() {
     assert!(!says(["c1", "c1"]));
 }
 
-/// A claim about time counts no time for messages, and says so if any are in transit.
+/// A claim about time counts no time for messages. Its proof says so if any messages are in transit.
 #[test]
 fn times_across_hosts_rest_on_messages_that_take_none() {
     let spec = |[one, other]: [&str; 2], sentence: &str| {

@@ -1,4 +1,5 @@
-//! Recorded steps compared with the spec: those of a supervisor that works, and of some that do not.
+//! Compares recorded steps with the spec: the steps of a supervisor that works, and those of some that have a
+//! mistake.
 
 use language::algebra::{Activation, Command, Event, Outcome, Program, State, StepRecord, Value, step};
 use language::plan::Plan;
@@ -15,7 +16,7 @@ const SPEC: &str = "
         verify{ never arm with back; back only after watch.ended; can finish; }
     }";
 
-/// Says of a command whether a supervisor loses it.
+/// Returns whether a supervisor loses a command.
 type Loses = fn(&Command) -> bool;
 
 fn compiled() -> (Plan, Sites) {
@@ -60,7 +61,7 @@ fn a_run_as_the_spec_says_conforms_and_covers_its_way() {
     let verdicts: Vec<Verdict> = found.sentences.iter().map(|sentence| sentence.verdict).collect();
     assert_eq!(verdicts, [Verdict::Proved, Verdict::Proved, Verdict::Open]);
     let [coverage] = &found.coverage[..] else { panic!("one group") };
-    // Idle; both; `arm` is stopped; `back`; done.
+    // The states: idle, both run, `arm` is being stopped, `back` runs, and done.
     assert_eq!((coverage.states.0, coverage.transitions.0), (5, 4));
     assert!(coverage.states.1 > 5 && coverage.transitions.1 > 4 && coverage.fault_states.1 > 0, "{coverage:?}");
     assert_eq!((coverage.fault_states.0, coverage.outside, coverage.is_limited), (0, 0, false));
@@ -117,7 +118,7 @@ fn a_success_that_was_none_is_a_deviation() {
     assert_eq!(compare(&plan, &sites, record).deviations.len(), 1);
 }
 
-/// The steps of a run, with the verdict on a formula.
+/// Returns the verdict on a formula for the steps of a run.
 fn on_formula(formula: &str, events: &[Event]) -> (Verdict, Option<usize>) {
     let text = SPEC.replace("can finish;", &format!("holds ltl \"{formula}\";"));
     let (compiled, sites) = compile_with_sites(&Source::new("test.dca", text), &[], &Options::named("test"));
@@ -136,14 +137,14 @@ fn a_formula_that_can_be_broken_is_decided_by_a_run() {
         ("G !(arm & back)", &whole(), Verdict::Proved, None),
         ("!back.started W watch.ended", &whole(), Verdict::Proved, None),
         ("G (watch.done -> G !arm.running)", &whole(), Verdict::Proved, None),
-        // Broken at its first, second and third position.
+        // The run breaks the formula at its first, second and third position.
         ("G !arm", &whole(), Verdict::Fails, Some(1)),
         ("G !watch.done", &whole(), Verdict::Fails, Some(2)),
         ("!back W watch.aborted", &whole(), Verdict::Fails, Some(3)),
         ("!back W watch.aborted", &with_failure, Verdict::Proved, None),
-        // Another start is another run.
+        // Another start begins another run.
         ("G (done -> G !arm)", &again, Verdict::Proved, None),
-        // A run cannot show that something always happens; it can show a violation.
+        // A run cannot show that something always happens, but it can show a violation.
         ("F done", &whole(), Verdict::Open, None),
         ("G !(arm & back) & F done", &whole(), Verdict::Open, None),
         ("G !watch.done & F done", &whole(), Verdict::Fails, Some(2)),

@@ -69,7 +69,7 @@ fn no_good_spec_is_refused() {
     }
 }
 
-/// The interfaces that the paper's controllers print.
+/// Returns the interfaces that the controllers of this package print.
 fn library() -> Vec<Source> {
     vec![read(&root().join("language/tests/graph/door_opening.interface"))]
 }
@@ -87,7 +87,7 @@ fn the_specs_of_this_repository_are_not_refused() {
     assert!(count >= 5, "only {count} have a plan");
 }
 
-/// The table of the door in the manual is the output of `dca fmea --markdown`.
+/// The manual's table for the door is the output of `dca fmea --markdown`.
 #[test]
 fn the_faults_of_the_door_are_those_of_the_manual() {
     let spec = read(&root().join("specs/door_opening.dca"));
@@ -119,8 +119,8 @@ fn what_nothing_runs_is_not_said_to_be_started() {
     assert!(report.findings.iter().any(|found| found.sentence == said), "{:?}", report.findings);
 }
 
-/// So many operands with limits are taken apart; what is inside a member group is still found in the piece that runs
-/// it.
+/// The verifier divides so many operands with limits into pieces. It still finds the contents of a member group, in
+/// the piece that runs the group.
 const LARGE: &str = "
 module Step { done; }
 process Arm(){
@@ -156,7 +156,7 @@ fn what_is_inside_a_member_of_a_large_group_is_found() {
     }
 }
 
-/// A question that a limit leaves open is undecided for the surrounding groups as well.
+/// If a limit leaves a question open, the question is undecided for the surrounding groups as well.
 #[test]
 fn a_limit_refuses_no_good_spec() {
     let good = specs(&root().join("verify/tests/corpus/good")).into_iter().chain(specs(&root().join("specs")));
@@ -173,8 +173,8 @@ fn a_limit_refuses_no_good_spec() {
     }
 }
 
-/// The specs of the manual are good ones, but for those that show what is refused and the pages about `dca verify`
-/// itself.
+/// The specs in the manual are good ones. The exceptions are specs that show what is refused, and the pages about
+/// `dca verify` itself.
 #[test]
 fn specs_of_the_manual_are_not_refused() {
     let mut count = 0;
@@ -196,7 +196,7 @@ fn specs_of_the_manual_are_not_refused() {
             }
             let spec = Source::new("spec.dca", block);
             let (compiled, _) = compile_with_sites(&spec, &library(), &Options::named("spec"));
-            // The page shows that `dca check` warns of it.
+            // The page shows that `dca check` warns of this spec.
             if compiled.diagnostics.iter().any(|found| [Code::W0306, Code::W0310].contains(&found.code)) {
                 continue;
             }
@@ -208,7 +208,7 @@ fn specs_of_the_manual_are_not_refused() {
     assert!(count >= 5, "only {count} blocks have a plan");
 }
 
-/// A story can also be drawn; the picture is always the same.
+/// A story can also be drawn, and the picture is always the same.
 #[test]
 fn stories_are_drawn() {
     for name in ["lock_cycle", "formula_goes_round"] {
@@ -220,7 +220,7 @@ fn stories_are_drawn() {
     }
 }
 
-/// The newcomer's page shows the exact output: each `$ dca verify FILE` is about the spec before it.
+/// The page for newcomers shows the exact output: each `$ dca verify FILE` is about the spec before it.
 #[test]
 fn the_manual_shows_what_is_printed() {
     let page = root().join("docs/src/verify.md");

@@ -1,6 +1,8 @@
-//! The exported models, compared with the explorer: read by a reader of their language, and explored by its semantics.
+//! Compares the exported models with the explorer. A reader of the model's language reads each model and explores it by the
+//! semantics of that language.
 //!
-//! They are written from the rules of the manual, the explorer calls `algebra::step`. `exports/storm.py` does the same with Storm.
+//! These readers are written from the rules in the manual, while the explorer calls `algebra::step`. `exports/storm.py` makes the
+//! same comparison with Storm.
 
 mod aut;
 mod jani;
@@ -16,7 +18,7 @@ use verify::{Alone, Always, Detail, Limits};
 
 const LIMITS: Limits<'static> = Limits { states: 2_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
 
-/// Compares both exports of a plan with the explorer; returns the number of states, or nothing if there are too many.
+/// Compares both exports of a plan with the explorer. Returns the number of states, or nothing if there are too many.
 pub(crate) fn compare((plan, sites): &(Plan, Sites)) -> Result<Option<usize>, String> {
     let all = verify::transitions(plan, sites, &LIMITS);
     if all.reached.is_some() {
@@ -49,7 +51,7 @@ fn exports_of_more_specs_have_the_state_space_of_the_explorer() {
     compare_exports(300..2_000);
 }
 
-/// One spec in a few is refused by the check, or is too large.
+/// The check refuses one spec in a few, or the spec is too large.
 fn compare_exports(seeds: Range<u64>) {
     let asked = usize::try_from(seeds.end - seeds.start).expect("few");
     let random = seeds.map(|seed| (format!("random {seed}"), specs::random(seed)));

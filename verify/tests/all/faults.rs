@@ -1,7 +1,8 @@
-//! Specs with a hole that a fault finds, and near misses: the expectations in their first lines match `dca fmea`.
+//! Specs with a gap that a fault reveals, and specs that almost have one. The expectations in their first lines match
+//! `dca fmea`.
 //!
-//! `// row: program | fault | verdict` is a row in some phase, with a story; a fourth part stands in another cell of
-//! it. `// pair:` is one of two faults. `// all: safe, handled` are all verdicts that there are.
+//! `// row: program | fault | verdict` is a row in some phase, with a story. A fourth part stands in another cell of
+//! this row. `// pair:` is one of two faults. `// all: safe, handled` lists all verdicts in the table.
 
 use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
@@ -30,13 +31,13 @@ fn looked_at(name: &str, text: &str, limits: &Limits<'_>, faults: Faults) -> Tab
     verify::fmea(&plan, &sites, limits, faults)
 }
 
-/// The values after `// key:` in the first lines.
+/// Returns the values after `// key:` in the first lines.
 fn after<'t>(text: &'t str, key: &str) -> Vec<&'t str> {
     let lines = text.lines().filter_map(|line| line.strip_prefix("// ")?.strip_prefix(key)?.strip_prefix(':'));
     lines.map(str::trim).collect()
 }
 
-/// Whether a table has a row with these parts.
+/// Returns whether a table has a row with these parts.
 fn has(table: &Table, row: &str) -> bool {
     let parts: Vec<&str> = row.split('|').map(str::trim).collect();
     let [program, fault, verdict, rest @ ..] = parts.as_slice() else { return false };
@@ -67,7 +68,7 @@ fn every_row_is_there() {
     assert_eq!(verdicts.len(), 8, "every verdict is in some spec: {verdicts:?}");
 }
 
-/// Nothing that runs, or may run, is called safe.
+/// No row in which something runs, or may run, is called safe.
 #[test]
 fn safe_is_where_nothing_runs() {
     for (name, text) in specs() {
@@ -98,7 +99,7 @@ fn pairs_are_told_where_they_are_worse() {
     assert!(count > 0);
 }
 
-/// A limit leaves some rows out, and this is reported.
+/// A limit leaves out some rows, and the table reports this.
 #[test]
 fn a_limit_is_told() {
     for (name, text) in specs() {

@@ -1,4 +1,4 @@
-//! The tests of `verify`, in one program.
+//! All tests of `verify`, in one program.
 
 mod activities;
 mod assumed;

@@ -1,12 +1,13 @@
-//! Mistakes and near misses: each spec in `mistakes/bad` is refused for the reason in its first lines, with a story
-//! where there is one to tell, and no spec in `mistakes/good` is refused. Their author is not that of the verifier.
+//! Specs with a mistake, and specs that almost have one. Each spec in `mistakes/bad` is refused for the reason in its
+//! first lines, with a story if the mistake has one. No spec in `mistakes/good` is refused. Their author did not
+//! write the verifier.
 
 use language::{Options, Severity, Source, compile_with_sites};
 use std::collections::BTreeSet;
 use std::path::Path;
 use verify::{Alone, Always, Finding, Limits, Report, Verdict};
 
-/// The mistakes of the catalogue, as the headers call them, with their code and whether a story belongs to it.
+/// The mistakes of the catalogue by their names in the first lines, with their codes and whether they have a story.
 const KINDS: [(&str, &str, bool); 7] = [
     ("deadlock", "E0811", true),
     ("lock order", "E0811", true),
@@ -46,7 +47,7 @@ fn entries(folder: &str) -> Vec<Entry> {
 }
 
 impl Entry {
-    /// The report on the spec with its sentences in a `verify` block.
+    /// Returns the report on the spec with its sentences in a `verify` block.
     fn verified(&self) -> Report {
         let sentences: String = self.sentences.iter().map(|sentence| format!("    {sentence};\n")).collect();
         let text = format!("{}\nverify main {{\n{sentences}}}\n", self.text);
@@ -59,7 +60,7 @@ impl Entry {
         verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always })
     }
 
-    /// The difference between the report on a spec and the mistake it should find.
+    /// Returns the difference between the report on the spec and the mistake that the report should contain.
     fn unfound(&self) -> Option<String> {
         let report = self.verified();
         let kind = self.found_by.as_ref().map(|found_by| {
@@ -72,7 +73,7 @@ impl Entry {
         let Some(found) = fails.iter().find(of_code) else {
             return Some(format!("{}: no {code} among {:?}", self.name, sentences(&fails)));
         };
-        // Limits of time are sums, without a story.
+        // Limits of time are sums, and they have no story.
         let is_told = |sentence: &String| !sentence.contains("within");
         let wants_story = kind.map_or(self.sentences.iter().all(is_told), |(.., story)| *story);
         (wants_story && found.story.is_none()).then(|| format!("{}: {code} without a story", self.name))

@@ -1,5 +1,5 @@
-//! The repairs that are offered for the known mistakes. Each was verified before it is offered; the list shows which
-//! repairs, and their changes.
+//! The repairs that are offered for the known mistakes. Each repair was verified before it was offered. The list
+//! shows the offered repairs and their changes.
 
 use language::{Options, Source, compile_with_sites};
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! Stories of the verifier, played by the simulator: another program than the explorer comes to the same, event by event.
+//! The simulator plays the stories of the verifier. It is a different program from the explorer, and comes to the same
+//! result, event by event.
 
 use language::{Options, ReplayError, Source, compile_with_sites};
 use std::path::Path;
@@ -6,7 +7,7 @@ use verify::{Alone, Always, Faults, Finding, Limits, PlayResult, Script, Story};
 
 const LIMITS: Limits<'static> = Limits { states: 200_000, memory: 256 << 20, threads: &Alone, goes_on: &Always };
 
-/// The specs of a folder with the sentences in their first lines.
+/// Returns the specs of a folder with the sentences in their first lines.
 fn specs(folder: &str) -> Vec<Source> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(folder);
     let files = std::fs::read_dir(&folder).expect("the folder is there").map(|file| file.expect("a file").path());
@@ -22,7 +23,7 @@ fn specs(folder: &str) -> Vec<Source> {
     files.into_iter().map(read).collect()
 }
 
-/// Plays a story; returns the mistake, and whether it could be played.
+/// Plays a story. Returns the mistake, or whether the story could be played.
 fn played(name: &str, story: &Story, plan: &language::plan::Plan) -> Result<bool, String> {
     let Some(script) = Script::of(story) else { return Ok(false) };
     assert_eq!(script.to_string().parse().as_ref(), Ok(&script), "{name}");

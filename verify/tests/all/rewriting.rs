@@ -1,4 +1,4 @@
-//! An independent author's reading of the rules, compared with `step` and `verify`.
+//! Compares an independent author's reading of the rules with `step` and `verify`.
 
 mod against_flat;
 mod against_formula;
@@ -19,7 +19,7 @@ pub(crate) mod text;
 
 use std::ops::Range;
 
-// Each comparison is run on two ranges of seeds: a tenth or so in the quick tests, the others in the long ones.
+// Each comparison runs on two ranges of seeds: about a tenth in the quick tests, the others in the long ones.
 
 #[test]
 fn step_does_what_the_rules_say() {
@@ -48,7 +48,7 @@ fn verify_says_what_brute_force_says_of_more_specs() {
     compare_verdicts(1_500..20_000);
 }
 
-/// One spec in a few is refused by the check, and left out.
+/// The check refuses one spec in a few. Such a spec is left out.
 fn compare_verdicts(seeds: Range<u64>) {
     let asked = seeds.end - seeds.start;
     let mut same = 0;
@@ -64,7 +64,7 @@ fn compare_verdicts(seeds: Range<u64>) {
     assert!(same * 2 >= asked, "only {same} specs were compared");
 }
 
-/// The least number of three seeds that have to give a comparison.
+/// Of three seeds, at least so many have to give a comparison.
 const FORMULAS_LEAST: u64 = 2;
 
 #[test]
@@ -95,7 +95,7 @@ fn compare_formulas(seeds: Range<u64>) {
     assert!(holds > asked / 10 && fails > asked / 10, "{holds} hold, {fails} do not");
 }
 
-/// The least number of ten seeds that have to give a comparison.
+/// Of ten seeds, at least so many have to give a comparison.
 const HOSTS_LEAST: usize = 3;
 
 #[test]
@@ -151,7 +151,7 @@ fn compare_times(seeds: Range<u64>) {
     assert!(proved > asked / 4, "only {proved} limits hold");
 }
 
-/// The least number of ten seeds that have to give a comparison.
+/// Of ten seeds, at least so many have to give a comparison.
 const FLAT_LEAST: usize = 3;
 
 #[test]

@@ -1,4 +1,4 @@
-//! Stories about activities name their causes, and the simulator plays each of them to the same end.
+//! Stories about activities name their causes. The simulator plays each story to the same end.
 
 use crate::timers::Chance;
 use language::{Options, Source, compile_with_sites};
@@ -8,7 +8,7 @@ use verify::{Alone, Always, Finding, Limits, PlayResult, Script, verify};
 const LIMITS: Limits<'static> = Limits { states: 60_000, memory: 256 << 20, threads: &Alone, goes_on: &Always };
 const RUNS: [&str; 6] = ["p", "p ; q", "p # q", "p?", "retry(2) q", "p within 2 s"];
 
-/// An activity `x` with these states, in a mission with these event actions and sentences.
+/// Returns an activity `x` with these states, in a mission with these event actions and sentences.
 fn spec(states: &str, actions: &str, sentences: &str) -> String {
     format!(
         "module M(host) {{ done(found | missing); }}
@@ -29,7 +29,7 @@ process main(){{
     )
 }
 
-/// The findings of a spec with their stories; none if the spec is refused.
+/// Returns the findings of a spec with their stories, or none if the check refuses the spec.
 fn findings(text: &str) -> Option<(language::plan::Plan, Vec<Finding>)> {
     let source = Source::new("a.dca", text);
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
@@ -38,7 +38,7 @@ fn findings(text: &str) -> Option<(language::plan::Plan, Vec<Finding>)> {
     Some((plan, findings))
 }
 
-/// Plays all stories of a spec. Returns how many there were, and the mistakes.
+/// Plays all stories of a spec. Returns the number of stories, and the mistakes.
 fn played(text: &str) -> (usize, Vec<String>) {
     let Some((plan, findings)) = findings(text) else { return (0, Vec::new()) };
     let (mut count, mut wrong) = (0, Vec::new());
@@ -131,7 +131,7 @@ fn each_story_of_many_activities_is_played_to_the_same_end() {
     all_are_played(1000..4000);
 }
 
-/// The lines of the story of the finding with a code.
+/// Returns the lines of the story of the finding with a code.
 fn told(text: &str, code: &str) -> Vec<String> {
     let (_, findings) = findings(text).expect("it compiles");
     let is_it = |finding: &&Finding| finding.diagnostic.as_ref().is_some_and(|it| it.code.to_string() == code);
@@ -151,7 +151,7 @@ fn a_story_names_the_timer_and_the_state() {
     assert_eq!(told(&spec(states, "x ; y", "can finish;"), "E0817"), expected);
 }
 
-/// An activity that ends in its first reaction has ended when it has started.
+/// An activity that ends in its first reaction has already ended at its start.
 #[test]
 fn an_activity_that_ends_at_once_has_no_event_of_its_end() {
     let text = spec("initial state one { on always -> two; } state two { on always -> one; }", "x ; y", "can finish;");

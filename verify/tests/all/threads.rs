@@ -1,4 +1,4 @@
-//! The result of an exploration does not depend on the number of threads.
+//! The result of an exploration is the same for every number of threads.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Always, Detail, Flat, Limits, Story, Threads, Verdict, flat, verify};
@@ -16,7 +16,8 @@ impl Threads for Crew {
     }
 }
 
-/// Some objects, each found and placed while a timeout runs, with a sentence that does not hold of the last of them.
+/// Returns some objects. Each is found and placed while a timeout runs. A sentence does not hold for the last of
+/// them.
 fn spec(objects: usize) -> String {
     let each = |write: fn(usize) -> String| (0..objects).map(write).collect::<Vec<_>>();
     let instances = each(|i| format!("f{i} instof Step(c1); p{i} instof Step(c1);")).join("\n");

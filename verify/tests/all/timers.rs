@@ -1,4 +1,4 @@
-//! The timers of an activity run out in the order of their times, in the verifier as in the simulator.
+//! The timers of an activity run out in the order of their times, in the verifier and in the simulator.
 
 use language::{Options, Simulation, Source, Transition, compile_with_sites};
 use std::collections::BTreeSet;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use verify::{Alone, Always, Limits, Verdict, verify};
 
 const LIMITS: Limits<'static> = Limits { states: 200_000, memory: 256 << 20, threads: &Alone, goes_on: &Always };
-/// How many states an activity can end in, each with a program that tells that it was entered.
+/// The number of states in which an activity can end. Each has a program that shows that the state was entered.
 const GOALS: u64 = 4;
 
 /// Numbers by chance.
@@ -20,7 +20,7 @@ impl Chance {
     }
 }
 
-/// A spec whose activity `a` has this body, beside the states `g0` to `g3` that run `w0` to `w3`.
+/// Returns a spec whose activity `a` has this body, as well as the states `g0` to `g3` that run `w0` to `w3`.
 fn spec(body: &str, sentences: &str) -> String {
     let mut text =
         "module Go(host) { done; }\nactivity A(h: Host){\n    var n: 0..9 = 0;\n    in m: Text;\n".to_owned();
@@ -40,7 +40,7 @@ process main(){{
     )
 }
 
-/// The goals that the verifier takes for possible, and whether it proves all sentences.
+/// Returns the goals that are possible for the verifier, and whether it proves all sentences.
 fn verified(text: &str) -> (BTreeSet<u64>, bool) {
     let source = Source::new("a.dca", text);
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
@@ -59,14 +59,14 @@ fn verified(text: &str) -> (BTreeSet<u64>, bool) {
     (goals, !said.iter().any(|said| said.starts_with("E0817")))
 }
 
-/// The goals that a simulation comes to, in which messages arrive at these times.
+/// Returns the goals that a simulation reaches in which messages arrive at these times.
 fn simulated(text: &str, messages: &[Duration]) -> BTreeSet<u64> {
     let source = Source::new("a.dca", text);
     let plan = compile_with_sites(&source, &[], &Options::named("a")).0.plan.expect("it was compiled before");
     let mut simulation = Simulation::start(&plan);
     for &at in messages {
         simulation.pass(at.saturating_sub(simulation.now()));
-        // A message may come when nothing waits for it any more.
+        // A message may arrive when nothing waits for it any more.
         let _is_heard = simulation.send("m", "go").is_ok();
     }
     simulation.pass(Duration::from_secs(300));
@@ -75,7 +75,7 @@ fn simulated(text: &str, messages: &[Duration]) -> BTreeSet<u64> {
     started.filter_map(|happening| happening.path.strip_prefix("main/a/w")?.parse().ok()).collect()
 }
 
-/// States with timers alone, and with messages if `hears`.
+/// Returns states with only timers, and also with messages if `hears`.
 fn states(chance: &mut Chance, prefix: &str, hears: bool) -> String {
     let count = 1 + chance.below(3);
     let mut text = String::new();
@@ -123,7 +123,7 @@ fn body(seed: u64, hears: bool) -> String {
     outer + &inner
 }
 
-/// Without messages there is one run, and the verifier knows it.
+/// Without messages there is only one run, and the verifier knows it.
 fn is_exact(seeds: std::ops::Range<u64>) {
     let mut wrong = Vec::new();
     for seed in seeds {
@@ -136,7 +136,8 @@ fn is_exact(seeds: std::ops::Range<u64>) {
     assert!(wrong.is_empty(), "{} wrong:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// Every run of the simulator with messages is possible for the verifier; all possible goals come of some messages.
+/// The verifier considers every run of the simulator with messages possible. Some messages lead to each possible
+/// goal.
 fn is_safe(seeds: std::ops::Range<u64>) {
     let (mut wrong, mut more, mut all) = (Vec::new(), 0, 0);
     for seed in seeds {
@@ -175,7 +176,7 @@ fn verify_and_sim_agree_about_timers_of_many_activities() {
     is_safe(20_000..20_400);
 }
 
-/// A claim that something can happen must not rest on an order of timers that no robot has.
+/// A claim that something can happen must not depend on an order of timers that is impossible on a robot.
 #[test]
 fn a_longer_timer_of_one_state_does_not_run_out_first() {
     let text = spec("initial state one { on after 3 s -> g0; on after 5 s -> done; }", "verify { can finish; }");
@@ -185,7 +186,7 @@ fn a_longer_timer_of_one_state_does_not_run_out_first() {
     assert_eq!(verified(&text), ([].into(), false));
 }
 
-/// Three steps of 2 s are later than 5 s, and two are earlier.
+/// Three steps of 2 s end later than 5 s, and two steps end earlier.
 #[test]
 fn times_of_states_in_sequence_add_up() {
     let steps = |last: &str| {
@@ -198,7 +199,7 @@ fn times_of_states_in_sequence_add_up() {
     assert_eq!(verified(&spec(&steps("g1"), "")).0, [0, 1].into());
 }
 
-/// A message may come at any time, and so may the confirmation of a stop.
+/// A message may arrive at any time, and so may the confirmation of a stop.
 #[test]
 fn a_wait_between_two_timers_leaves_their_order_open() {
     let text = spec("on after 5 s -> g0; initial state a { on message m -> b; } state b { on after 3 s -> g1; }", "");
@@ -208,7 +209,7 @@ fn a_wait_between_two_timers_leaves_their_order_open() {
     assert_eq!(verified(&text).0, [0, 1].into());
 }
 
-/// The count of ticks before another timer is known.
+/// The number of ticks before another timer is known.
 #[test]
 fn ticks_are_counted_exactly() {
     let text = |limit: u32| {

@@ -1,12 +1,12 @@
-//! How long a mission takes at most: `finishes within` holds for that time, and for no shorter one.
+//! The longest time of a mission: `finishes within` holds for that time, and for no shorter one.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Alone, Always, Limits, Verdict};
 
 const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
 
-/// `a`, `b`: unknown duration, 2 s to stop; `quick` and `slow` have known durations; `watch` is a service that takes 3
-/// s to stop.
+/// `a` and `b` have unknown durations and take 2 s to stop. `quick` and `slow` have known durations. `watch` is a
+/// service that takes 3 s to stop.
 fn holds(expression: &str, limit: &str) -> bool {
     let text = format!(
         "module Step {{ done; stop within 2 s; }}
@@ -33,26 +33,26 @@ fn holds(expression: &str, limit: &str) -> bool {
 fn it_finishes_within_what_it_takes_and_not_sooner() {
     let cases = [
         ("quick", 3),
-        // It is done before the limit passes, so nothing is stopped.
+        // The process is done before the limit passes, so nothing is stopped.
         ("quick within 5 s", 3),
-        // The limit passes, and the step takes its time to stop.
+        // The limit passes, and then the step takes its time to stop.
         ("a within 5 s", 7),
         ("quick within 2 s", 4),
-        // A process that exceeds its limit fails, and nothing follows it.
+        // A process that exceeds its limit fails, so nothing follows it.
         ("a within 5 s ; b within 5 s", 12),
         ("a within 5 s ; quick", 8),
         ("a within 5 s ; skip", 7),
-        // It fails at once, or at the limit, and the other begins then.
+        // The first one fails at once, or at the limit, and then the other begins.
         ("a within 5 s else quick", 10),
         ("(a within 5 s else quick) ; quick", 13),
         ("(a within 5 s) finally quick", 10),
-        // The slow one may fail before the other is done, which is stopped then.
+        // The slow process may fail before the other is done, and then the other is stopped.
         ("quick # slow", 5),
-        // Before that it is never done.
+        // The race is never done before that.
         ("(quick # slow) ; quick", 7),
         ("a # wait(5 s)", 7),
         ("(quick # wait(5 s)) ; quick", 6),
-        // At the end the service is stopped; if it fails, so is the step.
+        // At the end, the service is stopped. If the service fails, the step is also stopped.
         ("watch, quick", 6),
         ("(watch, quick) ; quick", 9),
         ("quick, slow", 9),
@@ -75,7 +75,8 @@ fn nothing_bounds_what_has_no_limit() {
     }
 }
 
-/// Whether it is proved that `p` on the lost host, whose supervisor is on another, stops within this many seconds.
+/// Returns whether `verify` proves that `p` stops within this many seconds on the lost host. The supervisor of `p` is
+/// on another host.
 fn stops_after_loss(policy: &str, limit: u32) -> bool {
     let text = format!(
         "module Watch {{ service; stop within 3 s; }}
@@ -93,8 +94,8 @@ fn stops_after_loss(policy: &str, limit: u32) -> bool {
     verify::sentences(&plan, &sites, &LIMITS).iter().all(|finding| finding.verdict == Verdict::Proved)
 }
 
-/// From the loss to its note 7 s, and 3 s for the stop; by its own rules it stops up to 1 s after the time that it
-/// says.
+/// The node notes the loss after 7 s, and the stop takes 3 s. A process with rules of its own stops up to 1 s after
+/// its stated time.
 #[test]
 fn what_is_cut_off_stops_by_its_own_rules() {
     for (policy, least) in [(";", 10), (" { on_link_loss safe_stop_after 10 s; }", 14)] {

@@ -1,4 +1,4 @@
-//! The kernel's word on its own calendar clock. `adjtimex` is in no safe crate that this workspace has.
+//! Asks the kernel about its calendar clock. No safe crate of this workspace has `adjtimex`.
 //!
 //! The service that disciplines the clock (chrony with `rtcsync`, ntpd, ptp4l with phc2sys, systemd-timesyncd) clears
 //! the flag `STA_UNSYNC`. The kernel sets it again by itself once its estimated error exceeds 16 s, about nine hours

@@ -1,4 +1,5 @@
-//! The time zone of this machine. The C library reads it, with the rules for years to come; no safe crate in use does.
+//! The time zone of this machine, read by the C library, which also knows the rules for later years. No safe crate in use does
+//! this.
 
 /// Returns by how many minutes local time is ahead of UTC at a moment; 0 if the C library does not know.
 #[expect(unsafe_code, reason = "no crate in use has a safe signature for localtime_r")]

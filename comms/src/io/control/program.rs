@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use zeroize::Zeroizing;
 
-/// How long a node may leave a notice unread.
+/// How long a node may leave notices unread.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 
 /// Sends notices to the node. Clones share one channel.
@@ -33,7 +33,7 @@ pub struct NoticeSender {
 pub struct OrderReceiver {
     channel: Arc<Channel>,
     decoder: Decoder,
-    /// When the node is given up, while it does not take what waits.
+    /// The time at which the node counts as stuck, while it does not read what was sent.
     stuck_at: Option<Time>,
 }
 
@@ -53,15 +53,15 @@ struct Channel {
     /// Never blocks.
     stream: UnixStream,
     outbox: Mutex<Outbox>,
-    /// Readable once something waits in the outbox.
+    /// Readable once a message waits in the outbox.
     filled: OwnedFd,
 }
 
-/// Connects a program to its node, which has `within` to accept the connection. For a suspended node, the system
-/// accepts as many connections as the backlog holds.
+/// Connects a program to its node, which has `within` to accept the connection. While a node is suspended, the system
+/// still accepts connections for it, up to the backlog.
 ///
 /// # Errors
-/// If no process listens on `path`, or it does not answer in time, or another user's process does.
+/// If no process listens on `path`, the listening process does not answer in time, or it belongs to another user.
 pub fn connect(path: &Path, within: Duration) -> Result<(NoticeSender, OrderReceiver), ControlError> {
     let failed = |cause: Errno| ControlError::Connect { path: path.to_owned(), cause: cause.into() };
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None).map_err(failed)?;
@@ -94,18 +94,19 @@ impl NoticeSender {
     /// [`OrderReceiver::recv`] waits.
     ///
     /// # Errors
-    /// If the notice is too long, or 256 wait already. A node that is gone is not an error: the receiver says so.
+    /// If the notice is too long, or 256 notices already wait. A node that has ended is not an error here:
+    /// [`OrderReceiver::recv`] reports the end.
     pub fn send(&self, notice: &Notice) -> Result<(), ControlError> {
         self.send_frame(notice_frame(notice)?)
     }
 
-    /// Sends what [`notice_frame`] has returned, as [`NoticeSender::send`] does.
+    /// Sends a frame that [`notice_frame`] has returned, like [`NoticeSender::send`].
     ///
     /// # Errors
-    /// If 256 wait already.
+    /// If 256 notices already wait.
     pub fn send_frame(&self, frame: Vec<u8>) -> Result<(), ControlError> {
         if !Outbox::send(&self.channel.outbox, Zeroizing::new(frame), &self.channel.stream)? {
-            // It fails only after an endless number of unread writes.
+            // The write fails only when the counter overflows, after an endless number of unread writes.
             rustix::io::write(&self.channel.filled, &1_u64.to_ne_bytes()).unwrap_or_default();
         }
         Ok(())
@@ -132,8 +133,8 @@ impl OrderReceiver {
     /// Waits for the next order; none once the node has closed its side.
     ///
     /// # Errors
-    /// If the channel breaks, the node has taken nothing for 2 s although something waits, or it does not keep to the
-    /// protocol. The channel is then of no more use.
+    /// If the channel breaks, the node breaks the protocol, or the node has read nothing for 2 s although messages
+    /// wait. The channel cannot be used afterwards.
     pub fn recv(&mut self) -> Result<Option<Order>, ControlError> {
         loop {
             match self.recv_until(None)? {
@@ -165,7 +166,7 @@ impl OrderReceiver {
             wait(&mut ready, until.into_iter().chain(self.stuck_at).min())?;
             let [stream, filled] = ready.map(|one| one.revents());
             if !filled.is_empty() {
-                // An error here would also mean that it is not readable any more.
+                // After an error here, the descriptor is not readable any more either.
                 rustix::io::read(&channel.filled, &mut [0; 8]).unwrap_or_default();
             }
             if stream.contains(PollFlags::OUT) {
@@ -182,7 +183,7 @@ impl OrderReceiver {
         }
     }
 
-    /// Reads what there is; returns how much, none if there was nothing after all.
+    /// Reads the bytes that have arrived; returns their number, or none if nothing had arrived after all.
     fn read(&mut self) -> io::Result<Option<usize>> {
         let mut bytes = [0; READ_SIZE];
         let read = match not_yet((&self.channel.stream).read(&mut bytes)) {
@@ -209,7 +210,7 @@ impl Drop for OrderReceiver {
     }
 }
 
-/// Waits until one of them is ready, or `until`; without a time, for ever.
+/// Waits until one of the descriptors is ready, or until `until`; without a time, for ever.
 fn wait(ready: &mut [PollFd<'_>], until: Option<Time>) -> io::Result<()> {
     let left = until.map(|until| {
         let left = until.since(now());

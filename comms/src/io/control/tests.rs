@@ -2,7 +2,7 @@ use super::*;
 use crate::io::clock::now;
 use std::time::Duration;
 
-/// How long a listener has that is there.
+/// How long a test waits for a listener that is running.
 const SOON: Duration = Duration::from_secs(30);
 
 /// A separate directory for each test, removed afterwards.
@@ -136,7 +136,7 @@ async fn garbage_and_half_frames_are_errors() {
     check(&frame::encode(&codec::encode(&Order::Exit).unwrap(), 100).unwrap(), "kind 1 instead of kind 2").await;
 }
 
-/// A program of a later version is told so, and gives its identity.
+/// A program of a later version gets that answer, and still gives its identity.
 #[tokio::test]
 async fn another_version_is_told_on_both_sides() {
     let dir = Dir::new("version");
@@ -159,7 +159,7 @@ async fn another_version_is_told_on_both_sides() {
     assert!(error.starts_with("the other side speaks version 99 of the control protocol, this one "), "{error}");
 }
 
-/// A node that is suspended takes no notices and no connections: a program waits for neither of them.
+/// A suspended node takes no notices and no connections: a program waits for neither.
 #[test]
 fn a_program_does_not_wait_for_a_node_that_does_not_read() {
     let dir = Dir::new("suspended");
@@ -187,7 +187,7 @@ fn a_program_does_not_wait_for_a_node_that_does_not_read() {
     assert!(matches!(error, ControlError::Connect { .. }), "{error}");
 }
 
-/// The last words of a leaving program reach a node that reads late.
+/// The last notices of a program that ends reach a node that reads them late.
 #[test]
 fn a_program_that_leaves_has_said_everything() {
     let dir = Dir::new("flush");

@@ -1,8 +1,8 @@
 //! The thread that answers fetches.
 //!
-//! An answering thread waits for room on the link. Zenoh's threads must not wait, because the same threads
-//! learn from the system that a link has room again. Two threads that wait for each other's link keep all links of a
-//! process silent until zenoh gives one up, after 5 s.
+//! This thread may wait for room on a link. Zenoh's own threads must not wait, because they also learn from the
+//! system that a link has room again. If two of them waited for each other's link, all links of the process would be
+//! silent until zenoh gives one up, after 5 s.
 
 use super::{DataError, DataSession, Responder, session_error};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -10,18 +10,18 @@ use std::sync::{Arc, OnceLock};
 use zenoh::Wait as _;
 use zenoh::query::Query;
 
-/// How many queries wait. Further ones get no answer; their callers ask again.
+/// How many queries wait at most. Further queries get no answer; their callers ask again.
 const WAITING_MAX: usize = 1024;
 
 /// An answer to be given.
 pub(super) type Answer = Box<dyn FnOnce() + Send>;
 
-/// The way to the thread, which starts with the first answering key and ends with the last.
+/// The queue to the thread, which starts with the first answering key and ends with the last one.
 #[derive(Debug, Default)]
 pub(super) struct Answers(OnceLock<SyncSender<Answer>>);
 
 impl Answers {
-    /// Returns a function that takes an answer and does not wait.
+    /// Returns a function that hands an answer to the thread, without waiting.
     pub(super) fn later(&self) -> impl Fn(Answer) + Send + Sync + use<> {
         let sender = self.0.get_or_init(|| {
             let (sender, waiting) = sync_channel(WAITING_MAX);

@@ -23,12 +23,13 @@ pub struct Caller {
     pub sealer: Arc<Sealer>,
 }
 
-/// Returns the reason why a signature of this digest is not that of a permitted visitor; none if it is.
+/// Decides about a visitor's signature of a digest: returns the reason why it is refused, or none if the visitor is
+/// permitted.
 type Visits = Box<dyn Fn(&Proof, &Digest) -> Option<String> + Send + Sync>;
 
 /// The programs and visitors that may call a server in a team.
 pub struct CallGate {
-    /// By the id of the key that seals the calls.
+    /// The key of the map is the id of the key that seals the calls.
     callers: Mutex<BTreeMap<u32, Caller>>,
     visits: Visits,
     refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
@@ -46,9 +47,9 @@ pub(super) enum Sender {
 /// How calls go to a server.
 #[derive(Clone)]
 pub enum CallWay {
-    /// As they are: outside of a team.
+    /// Messages are sent without a seal or signature: outside of a team.
     Open,
-    /// Sealed for the server, which seals the answers.
+    /// Messages are sealed for the server, which also seals its answers.
     Sealed {
         /// Seals the calls.
         call: Arc<Sealer>,
@@ -57,21 +58,21 @@ pub enum CallWay {
         /// Opens the answers.
         answer: Arc<Opener>,
     },
-    /// Signed, for a visitor: only the server gets the call.
+    /// Messages are signed by a visitor, and sent only to the server.
     Signed(Visitor),
 }
 
-/// Signs a visitor's messages; returns none if it cannot.
+/// Signs a visitor's messages; returns none if it cannot sign.
 #[derive(Clone)]
 pub struct Visitor(pub Arc<Signs>);
 
-/// Signs a digest; returns nothing if it cannot.
+/// Signs a digest; returns none if it cannot sign.
 pub type Signs = dyn Fn(&Digest) -> Option<Proof> + Send + Sync;
 
 /// Returns the digest that a user signs for a call on a key. It covers the whole call except the warrant.
 ///
 /// # Errors
-/// The call is too long.
+/// If the call is too long.
 pub fn call_digest(key: &str, call: &ObjectCall) -> Result<Digest, CodecError> {
     debug_assert!(call.warrant.is_none(), "a warrant does not cover itself");
     Ok(question(key, &[], &codec::encode(call)?))
@@ -81,7 +82,7 @@ pub fn call_digest(key: &str, call: &ObjectCall) -> Result<Digest, CodecError> {
 pub(super) struct Outgoing {
     pub(super) bytes: ZBytes,
     pub(super) beside: Option<Vec<u8>>,
-    /// The number of the call that its answer belongs to.
+    /// The number of the call. Its answer is sealed with the same number.
     pub(super) number: u64,
 }
 
@@ -122,7 +123,8 @@ impl fmt::Debug for CallWay {
 }
 
 impl CallGate {
-    /// Returns a gate that lets in only `visits`. `refused` gets the reason of each drop; it must only note it.
+    /// Returns a gate that lets in only visitors that `visits` permits. `refused` gets the reason of each drop; it
+    /// must only note the reason.
     pub fn new(
         visits: impl Fn(&Proof, &Digest) -> Option<String> + Send + Sync + 'static,
         refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static,
@@ -135,7 +137,7 @@ impl CallGate {
         *self.callers.lock().unwrap_or_else(PoisonError::into_inner) = callers.into_iter().collect();
     }
 
-    /// Returns whether a sender may name this session as its own. A visitor speaks for no program.
+    /// Returns whether a sender may give this session as its own. A visitor may not give the session of a program.
     pub(super) fn may_be(&self, sender: &Sender, session: &str) -> bool {
         let callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
         match sender {

@@ -1,5 +1,5 @@
-//! Devices in a team: a sample goes to several programs, with a seal for each program that may believe it. The sample
-//! is not secret.
+//! Devices in a team: one sample goes to several programs, with a separate seal for each program that may accept it.
+//! The sample itself is not secret.
 
 use super::{DataError, DataSession, Opener, Publisher, Sealer, Subscription, session_error};
 use crate::logic::codec;
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use zenoh::Wait;
 use zenoh::sample::Sample;
 
-/// Vouches for samples to the programs that may believe them.
+/// Makes the seals of a device's samples, one for each program that may accept them.
 #[derive(Debug, Default)]
 pub struct Voucher(Mutex<Vec<Arc<Sealer>>>);
 
@@ -21,7 +21,7 @@ pub struct DeviceGate {
 }
 
 impl Voucher {
-    /// Sets the programs to which samples are vouched for; they replace the previous programs.
+    /// Sets the programs that samples are sealed for; they replace the previous programs.
     pub fn set(&self, to: Vec<Arc<Sealer>>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = to;
     }
@@ -34,8 +34,8 @@ impl Voucher {
 }
 
 impl DeviceGate {
-    /// Returns a gate that lets in nothing. `refused` gets the reason of each drop, and the session that the sample
-    /// claims to come from; it must only note it.
+    /// Returns a gate that lets in nothing yet. `refused` gets the reason of each drop, and the session that the
+    /// sample claims to come from; it must only note them.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { senders: Mutex::default(), refused: Box::new(refused) }
     }
@@ -63,7 +63,7 @@ impl fmt::Debug for DeviceGate {
 }
 
 impl Publisher {
-    /// Sends a sample that can be read by all, with a seal for each program that may believe it.
+    /// Sends a sample that every program can read, with a seal for each program that may accept it.
     ///
     /// # Errors
     /// If the session is closed.
@@ -76,7 +76,8 @@ impl Publisher {
 }
 
 impl DataSession {
-    /// Calls `on_sample` with each sample of a device that the gate lets in, as [`DataSession::on_sample`] does.
+    /// Calls `on_sample` with each sample of a device that the gate lets in, under the rules of
+    /// [`DataSession::on_sample`].
     ///
     /// # Errors
     /// If the session is closed.

@@ -8,7 +8,7 @@ use std::time::Duration;
 #[derive(Debug, Default)]
 pub(crate) struct Listeners {
     heard: Mutex<Matching>,
-    /// Whether there is any subscriber, without a lock: loops read this each time they send.
+    /// Whether there is any subscriber. An atomic, because loops read it each time they send.
     is_any: AtomicBool,
     changed: Condvar,
 }

@@ -27,15 +27,15 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable, Reply};
 use zenoh::sample::Sample;
 
-/// The most answers that wait to be sent. A further answer is lost, and its caller is told.
+/// The most answers that wait to be sent. A further answer is lost, and its caller gets an error.
 const ANSWERS_MAX: usize = 256;
-/// How many answers are sent at the same time. A caller that takes nothing blocks one of them, until its link is given
-/// up.
+/// How many answers are sent at the same time. A caller whose link takes nothing blocks one of these threads, until its
+/// link is given up.
 const ANSWERING: usize = 4;
-/// Zenoh's word for an answer that did not come in time.
+/// The error text of zenoh for an answer that did not come in time.
 const TIMEOUT: &[u8] = b"Timeout";
 
-/// Serves the calls of one key. Dropping it ends the service.
+/// Serves the calls of one key. The service ends when this is dropped.
 #[derive(Debug)]
 pub struct ObjectServer {
     _queryable: Queryable<()>,
@@ -64,20 +64,20 @@ pub struct IncomingCall {
     pub way: AnswerWay,
 }
 
-/// The way of one answer. Neither answering nor dropping it waits, as long as the queue of answers has room.
+/// The way of one answer. Answering and dropping do not wait, as long as the queue of answers has room.
 #[derive(Debug)]
 pub struct AnswerWay {
-    /// Taken once it is answered.
+    /// `None` after the answer.
     query: Option<Query>,
     answers: SyncSender<Outgoing>,
-    /// The sealer of the answer for its caller, in a team, and the number of the call.
+    /// In a team: the sealer of the answer for its caller, and the number of the call.
     sealer: Option<(Arc<Sealer>, u64)>,
 }
 
 /// An answer in transit with its attachment, or none: dropping a query tells its caller that no answer comes.
 type Outgoing = (Query, Option<(ZBytes, Option<Vec<u8>>)>);
 
-/// A call whose answer has not come yet. Dropping it cancels the call, and the other end is told.
+/// A call whose answer has not come yet. Dropping it cancels the call and tells the server.
 pub struct PendingCall {
     id: CallId,
     session: zenoh::Session,
@@ -109,7 +109,7 @@ impl Sink {
     }
 }
 
-/// Zenoh holds this for as long as an answer may come.
+/// Zenoh keeps this value for as long as an answer may come.
 struct Awaiting {
     sink: Arc<Sink>,
     until: Time,
@@ -124,7 +124,7 @@ impl Drop for Awaiting {
 }
 
 impl DataSession {
-    /// Serves calls. With a gate, only the calls that it lets in.
+    /// Serves calls. With a gate, it serves only the calls that the gate lets in.
     ///
     /// # Errors
     /// If the session is closed, or no thread can be started.
@@ -162,11 +162,11 @@ impl DataSession {
         Ok(ObjectServer { _queryable: queryable, _cancels: cancels })
     }
 
-    /// Calls the server of these keys; `take` gets the one result, on one of zenoh's threads, so it must not wait. The call
+    /// Calls the server of these keys. `take` gets the one result, on one of zenoh's threads, so it must not wait. The call
     /// itself may wait for a congested link.
     ///
     /// # Errors
-    /// If the argument is too large, or the session is closed; then it was not sent.
+    /// If the argument is too large, or the session is closed. The call was not sent then.
     pub fn call(
         &self,
         keys: &ObjectKeys,
@@ -219,7 +219,7 @@ impl DataSession {
         Ok(PendingCall { id: call.id.clone(), session, way: way.clone(), cancel_key, token, sink })
     }
 
-    /// Calls as [`DataSession::call`] does, and waits for the result.
+    /// Calls like [`DataSession::call`], and waits for the result.
     ///
     /// # Errors
     /// The reason, if the call has no result.
@@ -228,7 +228,7 @@ impl DataSession {
         // The receiver is gone only if the wait below has ended.
         let take = move |result| result_tx.try_send(result).unwrap_or_default();
         let _pending = self.call(keys, way, call, take)?;
-        // Zenoh ends the call in time. This limit is for the case that zenoh does not.
+        // Zenoh ends the call in time. This limit applies if zenoh fails to do so.
         let late = ObjectError::Deadline { within: call.within };
         result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
     }
@@ -324,7 +324,7 @@ impl AnswerWay {
         let answer = answer.map_err(|error| tracing::warn!(%error, "an answer cannot be written")).ok();
         let answer = match self.sealer.take() {
             None => answer.map(|bytes| (bytes.into(), None)),
-            // Only the caller can read it. A caller that has no key any more is gone.
+            // Sealed, so only the caller can read the answer. A caller without a key has ended.
             Some((sealer, number)) => answer
                 .and_then(|bytes| sealer.seal(Content::Answer, number, &bytes.into()))
                 .map(|Sealed { bytes, seal, .. }| (bytes, Some(seal))),
@@ -357,7 +357,7 @@ impl Drop for PendingCall {
             return;
         }
         drop(self.sink.take());
-        // The first poll cancels the query. Further polls would only wait for a callback that runs at this moment.
+        // The first poll cancels the query. Further polls would only wait for a callback that is running now.
         let closing = pin!(self.token.cancel().into_future());
         drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         let Ok(cancel) = codec::encode(&ObjectCancel { id: self.id.clone() }) else { return };

@@ -1,4 +1,4 @@
-//! Makes and breaks the seals of wires: ChaCha20-Poly1305 (RFC 8439), the counter of the program as its nonce.
+//! Makes and opens the seals of wires: ChaCha20-Poly1305 (RFC 8439). The nonce is the program's counter.
 
 use crate::logic::codec;
 use crate::logic::seal::{Content, Refusal, Seal, TAG_SIZE};
@@ -31,14 +31,14 @@ pub struct SealKey {
 #[derive(Clone, Debug, Default)]
 pub struct SealCounter(Arc<AtomicU64>);
 
-/// Seals the messages in one direction of a wire; without a key it sends nothing.
+/// Seals the messages in one direction of a wire. Without a key it sends nothing.
 #[derive(Debug)]
 pub struct Sealer {
     counter: SealCounter,
     key: Mutex<Option<Arc<SealKey>>>,
 }
 
-/// Opens the seals of incoming messages; without a key it accepts nothing.
+/// Opens the seals of incoming messages. Without a key it accepts nothing.
 pub struct Opener {
     state: Mutex<Opening>,
     refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
@@ -48,7 +48,7 @@ pub struct Opener {
 #[derive(Debug)]
 pub(super) struct Sealed {
     pub(super) bytes: ZBytes,
-    /// The seal beside them.
+    /// The seal of the bytes.
     pub(super) seal: Vec<u8>,
     /// The number in the seal.
     pub(super) number: u64,
@@ -57,17 +57,17 @@ pub(super) struct Sealed {
 #[derive(Debug, Default)]
 struct Opening {
     key: Option<Arc<SealKey>>,
-    /// The number of the last seal that was broken.
+    /// The number of the last seal that was opened.
     last: u64,
-    /// The id and the last number of each key that was expected before; the latest key comes first.
+    /// The id and the last number of each earlier key, the latest first.
     earlier: VecDeque<(u32, u64)>,
 }
 
-/// How many earlier keys are remembered: each start of the program at the other end makes another key.
+/// How many earlier keys are remembered. The other end makes a new key at each start.
 const EARLIER_MAX: usize = 64;
 
 impl SealKey {
-    /// Takes 32 secret bytes that are used for nothing else.
+    /// Takes 32 secret bytes, which must not be used for anything else.
     ///
     /// # Panics
     /// Never: 32 bytes are the length of a key of this algorithm.
@@ -77,7 +77,7 @@ impl SealKey {
         Self { key: LessSafeKey::new(key), id: u32::from_le_bytes([id[0], id[1], id[2], id[3]]), cover }
     }
 
-    /// Seals these bytes, in their place. `about` is not secret, and is known at both ends.
+    /// Seals `bytes` in place. `about` is not secret, and both ends know it.
     fn seal(&self, content: Content, about: u64, number: u64, bytes: &mut [u8]) -> Option<Seal> {
         let cover = if content == Content::Value { self.cover } else { Cover::Bytes };
         let covered = if cover == Cover::Bytes { bytes } else { &mut [] };
@@ -87,7 +87,7 @@ impl SealKey {
         Some(Seal { content, key: self.id, number, tag })
     }
 
-    /// Vouches for bytes that everybody can read, by their hash.
+    /// Returns a seal for bytes that everybody can read, over their hash.
     fn vouch(&self, number: u64, hash: &[u8; 32]) -> Option<Seal> {
         let tag = self.key.seal_in_place_separate_tag(nonce(number), Aad::from(self.vouched(hash)), &mut []).ok()?;
         let tag = <[u8; TAG_SIZE]>::try_from(tag.as_ref()).ok()?;
@@ -154,13 +154,13 @@ impl Sealer {
         *self.key.lock().unwrap_or_else(PoisonError::into_inner) = key.map(Arc::new);
     }
 
-    /// Returns a seal for bytes that everybody can read, with this hash; nothing without a key.
+    /// Returns a seal for bytes that everybody can read, over their hash; none without a key.
     pub(super) fn vouch(&self, hash: &[u8; 32]) -> Option<Seal> {
         let key = self.key.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
         key.vouch(self.counter.0.fetch_add(1, Ordering::Relaxed) + 1, hash)
     }
 
-    /// Returns these bytes sealed; nothing without a key.
+    /// Returns these bytes sealed; none without a key.
     pub(super) fn seal(&self, content: Content, about: u64, bytes: &ZBytes) -> Option<Sealed> {
         let key = self.key.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
         let number = self.counter.0.fetch_add(1, Ordering::Relaxed) + 1;
@@ -182,7 +182,7 @@ impl Opener {
         Self { state: Mutex::default(), refused: Box::new(refused) }
     }
 
-    /// Expects a key from now on; returns whether it differs from the previous one.
+    /// Sets the expected key; returns whether it differs from the previous one.
     pub fn set(&self, key: Option<SealKey>) -> bool {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let id = |key: Option<&SealKey>| key.map(|key| key.id);
@@ -190,7 +190,7 @@ impl Opener {
             state.key = key.map(Arc::new);
             return false;
         }
-        // A key that is set again continues with its last number, so none of its earlier messages is accepted twice.
+        // A key that is set again continues with its last number, so its earlier messages are not accepted twice.
         if let Some(before) = id(state.key.as_deref()) {
             let last = state.last;
             state.earlier.retain(|(other, _)| *other != before);
@@ -208,8 +208,8 @@ impl Opener {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).key.as_ref().map(|key| key.id)
     }
 
-    /// Returns the content of a message and its bytes before they were sealed; none if it is to be dropped. Messages
-    /// other than answers have to come in the order in which they were sealed.
+    /// Returns the content of a message and its unsealed bytes; none if the message is to be dropped. All messages
+    /// except answers have to come in the order in which they were sealed.
     pub(super) fn open(
         &self,
         seal: Option<&ZBytes>,
@@ -247,7 +247,7 @@ impl Opener {
         key.open(&seal, about, &mut bytes)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if !is_answer && state.key.as_ref().is_some_and(|now| now.id == key.id) {
-            // Another thread may have opened a later one in between.
+            // In the meantime another thread may have opened a later message.
             if seal.number <= state.last {
                 return Err(Refusal::Repeated);
             }
@@ -294,14 +294,14 @@ mod tests {
             assert_eq!(open(&opener, 7, &second), Some((Content::Boundary, b"value".to_vec())));
             assert_eq!(open(&opener, 7, &first), None);
             assert_eq!(refused.try_iter().collect::<Vec<_>>(), [Refusal::Repeated, Refusal::Repeated]);
-            // The same key again forgets nothing.
+            // Setting the same key again discards nothing.
             opener.set(Some(key(1, cover)));
             assert_eq!(open(&opener, 7, &second), None);
             opener.set(Some(key(2, cover)));
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
             opener.set(None);
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
-            // The key comes back, after another key and after none.
+            // The same key is set again after another key, and after none.
             opener.set(Some(key(1, cover)));
             assert_eq!(open(&opener, 7, &second), None);
             let why = [Refusal::Repeated, Refusal::OtherKey, Refusal::OtherKey, Refusal::Repeated];

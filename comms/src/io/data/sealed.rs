@@ -17,7 +17,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Reply};
 use zenoh::sample::Sample;
 
-/// Numbers the queries of this process, so that an answer fits only one of them.
+/// Numbers the queries of this process, so that an answer fits only one query.
 static QUESTIONS: AtomicU64 = AtomicU64::new(1);
 
 impl Publisher {
@@ -43,7 +43,7 @@ impl Publisher {
 }
 
 impl DataSession {
-    /// Hears a wire like [`DataSession::on_wire`], and drops messages without a valid seal.
+    /// Receives a wire like [`DataSession::on_wire`], and drops messages without a valid seal.
     ///
     /// # Errors
     /// If the session is closed.
@@ -68,7 +68,7 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
-    /// Answers fetches of `key` like [`DataSession::answer`]; only the other end of the wire can read the answer.
+    /// Answers fetches of `key` like [`DataSession::answer`]. Only the other end of the wire can read the answers.
     ///
     /// # Errors
     /// If the session is closed.
@@ -90,7 +90,7 @@ impl DataSession {
         self.on_queries(key, on_query)
     }
 
-    /// Asks as [`DataSession::ask`] does, but only the answer of the other end of the wire counts.
+    /// Asks like [`DataSession::ask`], but accepts only an answer of the other end of the wire.
     ///
     /// # Errors
     /// If the session is closed.

@@ -1,10 +1,10 @@
 //! The proofs that the two ends of a direct path exchange in a team: each shows that it is an end of this wire.
 //!
 //! Each direction of a wire has a secret that only its two ends know. An end proves that it has the secret by a keyed
-//! hash (BLAKE3) over the handshake, with random bytes of both, and over its own process id. The other end gets that id
-//! from the kernel, which knows the process at the other end of the socket. So a recorded proof is worthless, and so is
-//! a proof that a third program relays between the two. After that no other program can read or write the socket, so
-//! values are sent unsealed.
+//! hash (BLAKE3). The hash covers the handshake, with random bytes of both ends, and the process id of the end itself.
+//! The other end gets that id from the kernel, which knows the process at the other end of the socket. So a recorded
+//! proof is worthless, and so is a proof that a third program relays. After the handshake no other program can read or
+//! write the socket, so values are sent unsealed.
 
 use super::packet::{Waits, receive, send_waiting};
 use crate::io::entropy;
@@ -20,9 +20,9 @@ use zeroize::Zeroizing;
 
 /// The secrets of one wire.
 pub struct WireSecrets {
-    /// The secret that this end proves to have.
+    /// The secret that this end proves it has.
     pub shown: Zeroizing<[u8; 32]>,
-    /// The secret that the other end has to prove.
+    /// The secret that the other end has to prove it has.
     pub expected: Zeroizing<[u8; 32]>,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Transcript<'a> {
     pub(super) answer: Nonce,
 }
 
-/// Which end shows something.
+/// The end that proves something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
     Consumer,
@@ -66,8 +66,8 @@ impl fmt::Debug for Guard {
 }
 
 impl Guard {
-    /// Takes `secrets`, which returns the secrets of the wire with a key, or none if the other end is unknown now.
-    /// `refused` gets each refused program, for a person; it must only note it.
+    /// Takes `secrets`, which returns the secrets of the wire with a key, or none while the other end is unknown.
+    /// `refused` gets a message for people about each refused program; it must only note the message.
     pub fn new(
         secrets: impl Fn(&str) -> Option<WireSecrets> + Send + Sync + 'static,
         refused: impl Fn(String) + Send + Sync + 'static,
@@ -104,7 +104,7 @@ impl Guard {
 }
 
 impl Transcript<'_> {
-    /// Returns the proof that an end in this process has a secret. A comparison takes constant time.
+    /// Returns the proof that an end in this process has a secret. Comparing two such hashes takes constant time.
     pub(super) fn tag(&self, secret: &[u8; 32], end: End, process: Pid) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new_keyed(secret);
         let (role, says) = match end {
@@ -117,7 +117,7 @@ impl Transcript<'_> {
     }
 }
 
-/// Returns the next message of the other end, which has as long as the timeout of the socket.
+/// Returns the next message of the other end. The timeout of the socket limits the wait.
 pub(super) fn hear<T: Enveloped>(stream: &OwnedFd) -> io::Result<T> {
     let mut packet = vec![0; T::SIZE_MAX];
     let (size, _) = receive(stream, &mut packet, Waits::UntilTimeout)?;

@@ -1,5 +1,5 @@
-//! The consumer's end of wires, and the wait of a loop that reads them: it wakes for a value, a call of another thread
-//! or a deadline.
+//! The consumer's end of wires, and the wait of the loop that reads them. The loop wakes for a value, a call of another
+//! thread or a deadline.
 
 use super::loan::{Loan, Return, Value};
 use super::memory::Mapping;
@@ -19,8 +19,8 @@ use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// How many packets of one wire are read at once, so that a fast producer does not delay the other wires. Packets
-/// beyond the room of a queue of the usual size stay in the socket until the loop has taken some.
+/// How many packets of one wire are read at once, so that a fast producer does not delay the other wires. A queue of
+/// the usual size has no room for more packets; they stay in the socket until the loop has taken some.
 const PACKETS_MAX: usize = 64;
 /// How many packets are read when the bell has rung because a loop is busy: more than a socket has room for.
 const PACKETS_OF_BELL: usize = 1024;
@@ -33,14 +33,14 @@ type OnArrival = Box<dyn FnMut(Arrival<Value>, Sequence) + Send>;
 /// The consumer's ends of all wires of a program.
 #[derive(Debug)]
 pub struct Inlets {
-    /// Readable when the thread that waits is called.
+    /// Readable when another thread has called the waiting thread.
     doorbell: OwnedFd,
     is_called: AtomicBool,
     is_waiting: AtomicBool,
     set: Mutex<Set>,
 }
 
-/// The consumer's end of one wire. Dropping it ends the connection; nothing arrives afterwards.
+/// The consumer's end of one wire. Dropping it ends the connection, and no value arrives afterwards.
 #[derive(Debug)]
 pub struct Inlet {
     number: u64,
@@ -57,14 +57,15 @@ struct Set {
 struct Wire {
     stream: Arc<OwnedFd>,
     process: u128,
-    /// Whether its producer has no other wire to this program: then its values arrive in order.
+    /// Whether its producer has no other wire to this program. The values of such a wire arrive in order by themselves.
     is_alone: bool,
-    /// Packets that are read and not yet taken, because earlier values of the producer over other wires come first.
+    /// Packets that are read but not taken yet, because earlier values of the same producer over other wires come
+    /// first.
     packets: VecDeque<Packet>,
-    /// The order of the value that was read last.
+    /// The position, in the producer's order, of the value that was read last.
     order: u64,
     mappings: BTreeMap<u32, Arc<Mapping>>,
-    /// The value in the producer's memory that was not yet taken at the last look.
+    /// The last value in the producer's memory that the loop had not taken when the wire was last read.
     loaned: Weak<Loan>,
     on_arrival: OnArrival,
     has_ended: bool,
@@ -98,13 +99,13 @@ impl Inlets {
     pub fn wake(&self) {
         self.is_called.store(true, Ordering::SeqCst);
         if self.is_waiting.load(Ordering::SeqCst) {
-            // It fails only after an endless number of rings.
+            // The write fails only when the counter overflows, after an endless number of rings.
             rustix::io::write(&self.doorbell, &1_u64.to_ne_bytes()).unwrap_or_default();
         }
     }
 
-    /// Waits for an arrival, which it reads, for a call of another thread, or for the time `until`; without a deadline,
-    /// for ever. Only one thread may wait. Returns whether everything that had arrived is read.
+    /// Waits for an arrival, a call of another thread, or the time `until`; without a time, for ever. Arrivals are
+    /// read. Only one thread may wait. Returns whether everything that had arrived is read.
     pub fn wait(&self, until: Option<Time>) -> bool {
         loop {
             self.is_waiting.store(true, Ordering::SeqCst);
@@ -116,12 +117,12 @@ impl Inlets {
             let ready = self.poll(&streams, until);
             self.is_waiting.store(false, Ordering::SeqCst);
             if ready.is_called {
-                // An error here would also mean that it is not readable any more.
+                // After an error here, the descriptor is not readable any more either.
                 rustix::io::read(&self.doorbell, &mut [0; 8]).unwrap_or_default();
             }
             if ready.has_arrived {
                 let has_more = self.lock().read(PACKETS_MAX);
-                // A thread that calls now finds this one awake and about to look at everything.
+                // A thread that calls now finds this thread awake: it is about to look at everything.
                 self.is_called.store(has_more, Ordering::SeqCst);
                 return true;
             }
@@ -136,7 +137,7 @@ impl Inlets {
         self.read_most(PACKETS_MAX);
     }
 
-    /// Reads arrivals for a busy loop: they wait in the loop's queues, as long as there is room.
+    /// Reads arrivals for a busy loop. They wait in the loop's queues, as long as these have room.
     pub(super) fn read_for_loop(&self) {
         self.read_most(PACKETS_OF_BELL);
     }
@@ -147,7 +148,7 @@ impl Inlets {
         }
     }
 
-    /// Takes a connection. If it replaces another connection, everything that was sent over that one comes first.
+    /// Takes a connection. If it replaces another connection, the values sent over the old one come first.
     pub(super) fn add(
         self: &Arc<Self>,
         stream: OwnedFd,
@@ -180,7 +181,7 @@ impl Inlets {
             Timespec { tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX), tv_nsec: left.subsec_nanos().into() }
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal has interrupted the wait, or memory was short for a moment.
+            // A signal has interrupted the wait, or the system had no memory for a moment.
             return Ready { is_called: false, has_arrived: false };
         }
         let mut is_ready = ready.iter().map(|one| !one.revents().is_empty());
@@ -214,7 +215,7 @@ impl Set {
 
     fn remove(&mut self, number: u64) {
         if let Some(wire) = self.wires.remove(&number) {
-            // The waiting thread may keep the socket for a while.
+            // The waiting thread may hold the socket for a while.
             shutdown(&wire.stream, Shutdown::Both).unwrap_or_default();
         }
         self.count_processes();
@@ -228,7 +229,7 @@ impl Set {
         }
     }
 
-    /// Reads at most `count_max` packets of each wire; returns whether there may be more, which no socket will report.
+    /// Reads at most `count_max` packets of each wire. Returns whether packets may remain that no socket will report.
     fn read(&mut self, count_max: usize) -> bool {
         let (mut has_more, mut others) = (false, Vec::new());
         for wire in self.wires.values_mut() {
@@ -244,12 +245,13 @@ impl Set {
         has_more
     }
 
-    /// Reads several wires of one producer, in the order in which it has sent. Says whether something was read that
-    /// waits for its turn.
+    /// Reads several wires of one producer, in the order in which the producer has sent. Returns whether packets were
+    /// read that still wait for their turn.
     ///
-    /// A value read in a first pass over all sockets may have been sent after a value that reached a socket behind the
-    /// pass. A second pass reads that value. So afterwards everything sent up to the last packet of the first pass is
-    /// here, unless a socket has more than is read at once.
+    /// Two passes over all sockets are needed. While the first pass reads one socket, a value may reach another socket
+    /// that the pass has already read, and the pass may then read a later value elsewhere. The second pass reads the
+    /// missed value. So everything sent up to the last packet of the first pass is here, unless a socket has more
+    /// packets than are read at once.
     fn read_process(&mut self, process: u128, count_max: usize) -> bool {
         let mut wires: Vec<&mut Wire> = self.wires.values_mut().filter(|wire| wire.process == process).collect();
         let mut capped: Vec<bool> = wires.iter_mut().map(|wire| wire.fetch(&mut self.packet, count_max)).collect();
@@ -337,8 +339,8 @@ impl Wire {
         (self.on_arrival)(arrival, Sequence { publisher: (self.process, life), number });
     }
 
-    /// Takes a value in shared memory. The value stays there until it is read, or until the next value comes. A value
-    /// that cannot be reached is lost, and is counted as missing with the next value.
+    /// Takes a value in shared memory. It stays there until it is read, or until the next value comes. A value that
+    /// cannot be mapped is lost: it counts as missing when the next value comes.
     fn shared(&mut self, header: Header, SharedValue { buffer, size }: SharedValue, file: Option<OwnedFd>) {
         if let Some(file) = file {
             match Mapping::of(&file) {

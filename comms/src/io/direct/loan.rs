@@ -1,5 +1,5 @@
-//! A value that arrived over a wire: bytes of this program, or bytes in memory of their producer, which does not write
-//! there until they are taken.
+//! A value that arrived over a wire: bytes of this program, or bytes in the memory of their producer. The producer
+//! does not write there until the bytes are taken.
 
 use super::memory::{Mapping, Reading};
 use super::packet::send;
@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// A value of a wire.
 #[derive(Debug)]
 pub enum Value {
-    /// Of this program.
+    /// Bytes of this program.
     Own(Vec<u8>),
-    /// In memory of its producer.
+    /// Bytes in the memory of their producer.
     Loaned(Arc<Loan>),
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Return {
 
 impl Drop for Return {
     fn drop(&mut self) {
-        // The socket has room for it, because the producer limits how many buffers this consumer has.
+        // The socket has room: the producer limits how many buffers this consumer has.
         send(&self.stream, &[&release(self.buffer)], None);
     }
 }

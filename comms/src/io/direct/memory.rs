@@ -1,8 +1,9 @@
 //! Memory that two programs share: a file without a name, mapped by both. The memory is gone once both
 //! programs have ended, even if they were killed.
 //!
-//! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out.
-//! So if another program writes at the same time, this program gets bytes of some value, and never undefined behaviour.
+//! This is the only unsafe module of the direct path. It never makes a reference to shared memory: it copies bytes in
+//! and out. So if another program writes at the same time, this program reads bytes of some value, and there is no
+//! undefined behaviour.
 
 use crate::logic::decode::Source;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, fstat, ftruncate, memfd_create};
@@ -29,7 +30,7 @@ pub struct Buffer {
 #[derive(Debug)]
 pub struct Filler<'a> {
     buffer: &'a mut Buffer,
-    /// At most as many as the buffer has room for.
+    /// The number of bytes to read, at most the length of the mapping.
     size: usize,
 }
 
@@ -58,7 +59,7 @@ impl Buffer {
     /// Makes a buffer with room for `size` bytes.
     ///
     /// # Errors
-    /// The system has no memory for it, or no such files.
+    /// If the system has no memory for the buffer, or does not support such files.
     pub fn new(size: usize) -> io::Result<Self> {
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = memfd_create("dca-wire", flags)?;
@@ -66,8 +67,8 @@ impl Buffer {
         // No process can shrink the file, so no access ends in SIGBUS.
         fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW)?;
         let mapping = Mapping::new(file.as_fd(), size, Access::Write)?;
-        // From now on no other process can map it for writing. Linux before 5.1 has no such seal, and consumers do not
-        // write anyway.
+        // From now on no other process can map the file for writing. Linux before 5.1 has no such seal; there,
+        // consumers still do not write.
         match fcntl_add_seals(&file, SealFlags::FUTURE_WRITE | SealFlags::SEAL) {
             Ok(()) | Err(Errno::INVAL) => Ok(Self { file, mapping }),
             Err(error) => Err(error.into()),
@@ -109,8 +110,8 @@ impl Filler<'_> {
         if bytes.len() > mapping.size - self.size {
             return false;
         }
-        // SAFETY: the mapping is writable, and behind `size` bytes of it there is room for these; no Rust reference
-        // leads to it.
+        // SAFETY: the mapping is writable, it has room for these bytes behind the first `size` bytes, and no Rust
+        // reference leads to it.
         unsafe {
             let to = mapping.start.cast::<u8>().as_ptr().add(self.size);
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len());
@@ -129,7 +130,7 @@ impl Mapping {
     /// Maps a buffer that another program fills.
     ///
     /// # Errors
-    /// It could be cut while it is mapped, or the system has no room for it.
+    /// If the file could be shortened while it is mapped, or the system has no room for the mapping.
     pub fn of(file: &OwnedFd) -> io::Result<Self> {
         if !fcntl_get_seals(file)?.contains(SealFlags::SHRINK) {
             return Err(Errno::PERM.into());
@@ -141,7 +142,7 @@ impl Mapping {
     #[expect(unsafe_code, reason = "there is no safe call that maps a file")]
     fn new(file: BorrowedFd<'_>, size: usize, access: Access) -> io::Result<Self> {
         let protection = if access == Access::Write { libc::PROT_READ | libc::PROT_WRITE } else { libc::PROT_READ };
-        // All pages at once: faulting one by one takes longer than copying their content.
+        // Maps all pages at once: separate page faults take longer than copying the content.
         let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
         // SAFETY: a new mapping at a place of the kernel's choice touches no memory of this program.
         let start = unsafe { libc::mmap(std::ptr::null_mut(), size, protection, flags, file.as_raw_fd(), 0) };
@@ -166,15 +167,15 @@ impl Mapping {
         Some(bytes)
     }
 
-    /// Copies `size` bytes from the place `from` on; returns whether the buffer is long enough.
+    /// Appends `size` bytes, beginning at `from`, to `to`; returns whether the buffer is long enough.
     #[expect(unsafe_code, reason = "reads from mapped memory")]
     fn append(&self, from: usize, size: usize, to: &mut Vec<u8>) -> bool {
         if from > self.size || size > self.size - from {
             return false;
         }
         to.reserve(size);
-        // SAFETY: behind `from` the mapping is at least so long and its file cannot be cut; the vector has room for
-        // `size` bytes behind its own, and all of them are written before it has them.
+        // SAFETY: the mapping has at least `size` bytes behind `from`, and its file cannot be shortened. The vector has
+        // room for `size` bytes behind its own, and all of them are written before its length includes them.
         unsafe {
             let start = self.start.cast::<u8>().as_ptr().add(from);
             std::ptr::copy_nonoverlapping(start, to.as_mut_ptr().add(to.len()), size);

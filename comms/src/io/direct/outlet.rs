@@ -1,4 +1,4 @@
-//! The producer's end of wires: sends without waiting, to the one consumer that each of them has.
+//! The producer's end of wires. Each outlet sends to one consumer, without waiting.
 
 use super::memory::Filler;
 use super::packet::{Sent, Waits, receive, send};
@@ -14,10 +14,11 @@ use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// After how many values, and after how many bytes, the bell asks a consumer with a busy loop to read waiting packets.
+/// The bell asks a consumer with a busy loop to read waiting packets. It is rung after this many values, or this many
+/// bytes.
 const BELL_EVERY: u32 = 64;
 const BELL_BYTES: usize = 64 << 10;
-/// How many words wait for a consumer that does not read; a further word replaces the oldest.
+/// How many boundaries and releases wait for a consumer that does not read; a further one replaces the oldest.
 const WORDS_MAX: usize = 256;
 
 /// The producer's end of one wire. Dropping it ends the connection.
@@ -36,7 +37,7 @@ pub struct Parcel<'a> {
     /// The encoded value; empty if the value was encoded directly into the buffer.
     bytes: &'a [u8],
     size: usize,
-    /// The buffer that it lies in by now.
+    /// The buffer in which the value lies, once it was copied there.
     buffer: Option<u32>,
 }
 
@@ -55,16 +56,16 @@ pub(super) struct Connection {
     pub(super) stream: Arc<OwnedFd>,
     pub(super) bell: OwnedFd,
     pub(super) form: TypeForm,
-    /// How many values, and how many bytes of values, were sent since the bell was rung.
+    /// How many values, and how many bytes of values, were sent since the last ring of the bell.
     unread: (u32, usize),
     words: VecDeque<Vec<u8>>,
-    /// The buffers that the consumer has not released, and the buffers whose files it has.
+    /// The buffers that the consumer has not released (`leased`), and the buffers whose files it has (`known`).
     leased: BTreeSet<u32>,
     known: BTreeSet<u32>,
 }
 
 impl Memory {
-    /// Notes how long a value was: the next one is likely to be as long.
+    /// Notes the length of a value: the next value is likely to be as long.
     pub fn note(&self, size: usize) {
         self.lock().size_last = size;
     }
@@ -80,8 +81,8 @@ impl<'a> Parcel<'a> {
         Self { bytes, size: bytes.len(), buffer: None }
     }
 
-    /// Returns a value that `fill` encodes directly into the memory of its output, with the expected length of the last
-    /// one. None if the last one was short, `fill` found no room, or there is no memory.
+    /// Returns a value that `fill` encodes directly into the memory of its output, sized by the previous value. None if
+    /// the previous value was short, `fill` found no room, or the memory is missing.
     pub fn filled(memory: &Memory, fill: impl FnOnce(&mut Filler<'_>) -> bool) -> Option<Self> {
         let mut pool = memory.lock();
         let room = pool.size_last;
@@ -108,15 +109,15 @@ impl Outlet {
     }
 
     /// Sends a value to the consumer; returns whether the consumer is connected. It never waits. A value without room
-    /// is lost, and the consumer counts it. Values over the wires of one program arrive in the order of these calls, if
-    /// they are not simultaneous.
+    /// is lost, and the consumer counts it. Values over all wires of one program arrive in the order of these calls,
+    /// except simultaneous calls.
     pub fn send(&self, parcel: &mut Parcel<'_>, number: u32) -> bool {
         let header = self.end.header(number);
         self.end.with(|connection| connection.value(header, parcel, &self.end.memory))
     }
 
     /// Sends a boundary between values, with the number of the previous value; returns whether the consumer is
-    /// connected. A boundary without room goes before any later value.
+    /// connected. A boundary without room waits, and is sent before any later value.
     pub fn mark(&self, boundary: &Boundary, number: u32) -> bool {
         let Ok(word) = codec::encode(boundary) else { return self.is_connected() };
         let packet = self.end.header(number).word(&word);
@@ -163,17 +164,17 @@ impl End {
         self.heard.set_direct(true);
     }
 
-    /// Returns the socket of its consumer, and whether words wait for it.
+    /// Returns the socket of the consumer, and whether messages wait for it.
     pub(super) fn stream(&self) -> Option<(Arc<OwnedFd>, bool)> {
         self.lock().as_ref().map(|connection| (Arc::clone(&connection.stream), !connection.words.is_empty()))
     }
 
-    /// Sends words that wait.
+    /// Sends the waiting messages.
     pub(super) fn flush(&self) {
         self.with(|connection| if connection.flush() == Sent::Gone { Sent::Gone } else { Sent::Whole });
     }
 
-    /// Forgets the consumer with this socket, which has ended.
+    /// Removes the consumer with this socket, which has ended.
     pub(super) fn ended(&self, stream: &Arc<OwnedFd>) {
         let mut connection = self.lock();
         if connection.as_ref().is_some_and(|connection| Arc::ptr_eq(&connection.stream, stream)) {
@@ -231,7 +232,7 @@ impl Connection {
         self.told(sent, 0)
     }
 
-    /// Sends a value in shared memory. A consumer that keeps too many buffers gets no more values.
+    /// Sends a value in shared memory. The value is lost for a consumer that holds too many buffers.
     fn share(&mut self, header: Header, parcel: &mut Parcel<'_>, pool: &mut Pool) -> Sent {
         self.take_releases(pool);
         let size = parcel.size;
@@ -261,7 +262,7 @@ impl Connection {
         sent
     }
 
-    /// Tells the consumer which buffers are no longer used; a message without room is sent later.
+    /// Tells the consumer which buffers are no longer used. If the socket has no room, the message is sent later.
     fn retire(&mut self, pool: &Pool) {
         let stream = &self.stream;
         self.known.retain(|buffer| pool.has(*buffer) || send(stream, &[&retire(*buffer)], None) != Sent::Whole);
@@ -291,7 +292,7 @@ impl Connection {
         self.told(sent, 0)
     }
 
-    /// Sends the waiting boundaries; `Whole` if none is left.
+    /// Sends the waiting messages; returns `Whole` if none is left.
     fn flush(&mut self) -> Sent {
         while let Some(packet) = self.words.front() {
             match send(&self.stream, &[packet], None) {
@@ -302,7 +303,7 @@ impl Connection {
         Sent::Whole
     }
 
-    /// Rings the bell when it is time, so that the consumer reads its socket even while its loop is busy.
+    /// Rings the bell if enough was sent, so that the consumer reads its socket even while its loop is busy.
     fn told(&mut self, sent: Sent, size: usize) -> Sent {
         let (count, bytes) = &mut self.unread;
         (*count, *bytes) = (*count + 1, *bytes + size);
@@ -314,7 +315,7 @@ impl Connection {
 
     fn ring(&mut self) {
         self.unread = (0, 0);
-        // It fails only after an endless number of unheard rings.
+        // The write fails only when the counter overflows, after an endless number of unread rings.
         rustix::io::write(&self.bell, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 

@@ -1,5 +1,5 @@
-//! Packets on a Unix socket, with at most one descriptor each. Nothing here waits, but for the timeouts that a socket
-//! has.
+//! Packets on a Unix socket, with at most one descriptor each. Nothing here waits longer than the timeout of the
+//! socket.
 
 use rustix::io::Errno;
 use rustix::net::{

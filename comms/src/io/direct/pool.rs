@@ -1,13 +1,14 @@
-//! The shared buffers of one output: each value lies in one buffer for all consumers of the host, until all have
-//! released it.
+//! The shared buffers of one output. Each value lies in one buffer for all consumers on this host, until all of them
+//! have released it.
 
 use super::memory::{Buffer, Filler};
 use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::BorrowedFd;
 
-/// The limit of unreleased values for one consumer, in bytes, and their least and greatest number. Further values are
-/// lost for it. One value may wait for the loop of the consumer.
+/// How much one consumer may hold without releasing it: so many bytes, but at least `COUNT_MIN` and at most
+/// `COUNT_MAX` values. Further values are lost for that consumer. One held value may wait for the loop of the
+/// consumer.
 const BYTES_MAX: usize = 32 << 20;
 const COUNT_MIN: usize = 3;
 const COUNT_MAX: usize = 16;
@@ -26,7 +27,7 @@ pub(super) struct Pool {
 #[derive(Debug)]
 struct Slot {
     buffer: Buffer,
-    /// How many consumers have not released it.
+    /// How many consumers have not released the buffer.
     leases: usize,
 }
 
@@ -39,18 +40,18 @@ impl Pool {
     /// Puts a value into an unused buffer, and returns its number.
     ///
     /// # Errors
-    /// The system has no memory for another one.
+    /// If the system has no memory for another buffer.
     pub(super) fn put(&mut self, bytes: &[u8]) -> io::Result<u32> {
         let filled = self.fill(bytes.len(), |filler| filler.put(bytes))?;
         // A buffer that was chosen by its size has room.
         filled.map(|(number, _)| number).ok_or_else(|| io::ErrorKind::StorageFull.into())
     }
 
-    /// Lets `fill` write a value into an unused buffer with room for at least so many bytes. Returns the buffer's
-    /// number and the length of the value; none if `fill` finds no room.
+    /// Lets `fill` write a value into an unused buffer of at least `room` bytes. Returns the buffer's number and the
+    /// length of the value; none if `fill` finds no room.
     ///
     /// # Errors
-    /// The system has no memory for another one.
+    /// If the system has no memory for another buffer.
     pub(super) fn fill(
         &mut self,
         room: usize,
@@ -86,7 +87,7 @@ impl Pool {
         self.slots.get(&number).map(|slot| slot.buffer.file())
     }
 
-    /// Returns whether there still is such a buffer.
+    /// Returns whether the pool still has this buffer.
     pub(super) fn has(&self, number: u32) -> bool {
         self.slots.contains_key(&number)
     }
@@ -98,7 +99,7 @@ impl Pool {
         }
     }
 
-    /// Never uses a buffer again: a consumer that is no longer connected may not have read it yet.
+    /// Marks a buffer as never usable again: a consumer that is no longer connected may not have read it yet.
     pub(super) fn abandon(&mut self, number: u32) {
         self.slots.remove(&number);
     }

@@ -1,5 +1,5 @@
-//! The thread of a program that takes the consumers of its wires. It also sends words that found no room, and reads
-//! what arrives for this program while its own loop is busy.
+//! The thread of a program that accepts the consumers of its wires. It also sends messages that found no room before,
+//! and reads what arrives for this program while the program's own loop is busy.
 
 use super::guard::Guard;
 use super::inlet::Inlets;
@@ -15,12 +15,13 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
-/// How long a consumer has to introduce itself, and how many may do so at a time; the oldest is dropped.
+/// How long a consumer has to introduce itself. At most `STRANGERS_MAX` may do so at a time; a further one replaces
+/// the oldest.
 const HELLO_WITHIN: Duration = Duration::from_secs(2);
 const STRANGERS_MAX: usize = 64;
 /// The pause before the next accept after the system has refused one.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-/// How many consumers wait for wires that are not made yet; a plan has fewer wires.
+/// How many consumers may wait for wires that this program has not made yet; a plan has fewer wires.
 const WAITING_MAX: usize = 10_000;
 
 /// The state that the thread and the ends of wires share.
@@ -30,13 +31,13 @@ pub(super) struct Shared {
     pub(super) process: u128,
     /// The guard, in a team.
     pub(super) guard: Option<Guard>,
-    /// Whether the programs at the other ends of wires have changed since the thread last looked.
+    /// Whether the programs at the other ends of wires have changed since the thread last checked.
     has_keys: AtomicBool,
-    /// Readable once something has changed for the thread.
+    /// Readable once the thread has something to do.
     control: OwnedFd,
     pub(super) is_over: AtomicBool,
     pub(super) lives: AtomicU32,
-    /// How many frames were sent over all wires.
+    /// How many frames were sent over all wires: the next frame gets this number.
     pub(super) orders: AtomicU64,
     table: Mutex<Table>,
 }
@@ -44,7 +45,7 @@ pub(super) struct Shared {
 #[derive(Debug, Default)]
 struct Table {
     ends: BTreeMap<String, Weak<End>>,
-    /// By the key of a wire that is not made yet.
+    /// Consumers that wait, by the key of a wire that this program has not made yet.
     waiting: BTreeMap<String, Connection>,
 }
 
@@ -64,7 +65,7 @@ impl Shared {
         Self { place, process, guard, has_keys, control, is_over, lives, orders, table }
     }
 
-    /// Makes the thread check again the strangers whose proof did not fit.
+    /// Makes the thread check again the programs whose proof did not fit.
     pub(super) fn keys_changed(&self) {
         self.has_keys.store(true, Ordering::Release);
         self.wake();
@@ -72,11 +73,11 @@ impl Shared {
 
     /// Makes the thread look for changes.
     pub(super) fn wake(&self) {
-        // It fails only after an endless number of writes.
+        // The write fails only when the counter overflows, after an endless number of writes.
         rustix::io::write(&self.control, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 
-    /// Takes the producer's end of a wire; a consumer that came earlier is connected with it.
+    /// Adds the producer's end of a wire, and connects it with a consumer that came earlier.
     pub(super) fn add(&self, key: &str, end: &Arc<End>) {
         let mut table = self.lock();
         table.ends.retain(|_, end| end.strong_count() > 0);
@@ -111,7 +112,7 @@ impl Server {
         Self { listener, bell, shared, inlets, strangers: VecDeque::new() }
     }
 
-    /// Serves until it is over.
+    /// Serves until the direct path is dropped.
     pub(super) fn run(mut self) {
         while !self.shared.is_over.load(Ordering::Acquire) {
             self.turn();
@@ -126,7 +127,7 @@ impl Server {
             PollFd::new(&self.bell, PollFlags::IN),
         ];
         ready.extend(self.strangers.iter().map(|stranger| PollFd::new(&stranger.stream, PollFlags::IN)));
-        // Even without a flag, the end of a connection is reported.
+        // Even without a requested flag, `poll` reports the end of a connection.
         let flags = |has_words| if has_words { PollFlags::OUT } else { PollFlags::empty() };
         ready.extend(ends.iter().map(|((stream, has_words), _)| PollFd::new(stream, flags(*has_words))));
         let until = self.strangers.iter().map(|stranger| stranger.until).min();
@@ -135,7 +136,7 @@ impl Server {
             tv_nsec: left.subsec_nanos().into(),
         });
         if poll(&mut ready, left.as_ref()).is_err() {
-            // A signal has interrupted the wait, or memory was short for a moment.
+            // A signal has interrupted the wait, or the system had no memory for a moment.
             return;
         }
         let ready: Vec<PollFlags> = ready.iter().map(PollFd::revents).collect();
@@ -166,7 +167,8 @@ impl Server {
 
     fn accept(&mut self) {
         let Ok(stream) = accept_with(&self.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) else {
-            // Too many open files: a waiting connection would wake this thread without end.
+            // The process has too many open files. Without this pause, a waiting connection would wake the thread
+            // again and again.
             Wakeup::default().wait(Some(now() + ACCEPT_PAUSE));
             return;
         };
@@ -176,7 +178,7 @@ impl Server {
         self.strangers.push_back(Stranger::new(stream, now() + HELLO_WITHIN));
     }
 
-    /// Takes the strangers that have introduced themselves, and drops those that cannot, or did not in time.
+    /// Accepts the consumers that have introduced themselves. Drops those that cannot do so, or did not in time.
     fn hear(&mut self, ready: &[PollFlags]) {
         let (now, has_keys) = (now(), self.shared.has_keys.swap(false, Ordering::AcqRel));
         for (stranger, ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {

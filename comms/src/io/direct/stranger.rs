@@ -14,7 +14,7 @@ use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
-/// As much as the system allows a socket: it cuts this to its own limit, 208 KiB by default.
+/// The requested size of the send buffer. The system reduces it to its own limit, 208 KiB by default.
 const SEND_BUFFER: usize = 1 << 20;
 
 /// A new connection.
@@ -31,8 +31,8 @@ enum Said {
     Nothing,
     /// In a team.
     Hello(Asked),
-    /// Its proof does not fit, or the other end of this wire is unknown: the node may not have told this program about
-    /// it yet.
+    /// Its proof does not fit, or the other end of this wire is unknown. The node may not have told this program about
+    /// that end yet.
     Claim(Asked, Claim, OwnedFd),
 }
 
@@ -44,7 +44,7 @@ struct Asked {
     challenge: Nonce,
 }
 
-/// The events since a stranger was looked at last.
+/// The events since the stranger was last processed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct News {
     /// It has sent something, or is gone.
@@ -123,7 +123,7 @@ impl Stranger {
         self.check(asked, claim, bell, shared, guard)
     }
 
-    /// Takes it if its proof fits.
+    /// Accepts the stranger if its proof fits.
     fn check(self, asked: Asked, claim: Claim, bell: OwnedFd, shared: &Shared, guard: &Guard) -> io::Result<Fate> {
         let transcript = Transcript { hello: &asked.bytes, challenge: asked.challenge, answer: claim.nonce };
         let other = socket_peercred(&self.stream)?.pid;

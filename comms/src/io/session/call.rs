@@ -1,10 +1,10 @@
 //! Calls: one request, and one answer or a stream of them.
 //!
-//! A stream is asked for piece by piece ([`super::stream`]), and ends with a mark: how many answers it has, and their
-//! digest. A stream that ends in any other way is broken, and its caller gets an error, because the answers so far may
-//! be incomplete. The network does not always show this: a link may be lost unnoticed by both ends, or the server may
-//! hang. So a server regularly sends that it is still there ([`super::Request::still_here`]), which callers do not see,
-//! and a stream that is silent for too long ends with an error.
+//! A caller asks for a stream piece by piece ([`super::stream`]). The stream ends with a mark: the number of its answers,
+//! and their digest. A stream that ends in any other way is broken, and its caller gets an error, because the answers so
+//! far may be incomplete. The network does not always show that a stream is broken: both ends may miss the loss of a link,
+//! or the server may hang. So a server regularly sends that it is still there ([`super::Request::still_here`]), which
+//! callers do not see. A stream that is silent for too long ends with an error.
 
 mod error;
 
@@ -33,27 +33,29 @@ use zenoh::cancellation::CancellationToken;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 
-/// A server answers a pull when it has something, but zenoh requires a limit, which is longer than every silence.
+/// How long a pull may wait. A server answers a pull when it has something, but zenoh requires a limit. This one is longer
+/// than every silence.
 ///
-/// Zenoh keeps half a kilobyte for each query until its limit is over, even if it is answered, so a long limit is a leak.
+/// Zenoh keeps half a kilobyte for each query until its limit is over, even if the query is answered. So a long limit is a
+/// leak.
 const PULL_TIMEOUT: Duration = Duration::from_secs(60);
-/// How many bytes of answers may be in transit to one session, over all its streams: as much as the buffers of a link
-/// to a suspended program hold, so that other messages over the same nodes are not blocked. Source: the 208 KiB that
-/// Linux gives a Unix socket (`net.core.wmem_default`), less a part for other messages.
+/// How many bytes of answers may be in transit to one session, over all its streams. The buffers of a link to a suspended
+/// program hold this many, so other messages through the same nodes are not blocked. Source: the 208 KiB that Linux gives a
+/// Unix socket (`net.core.wmem_default`), less a part for other messages.
 const ON_THE_WAY_MAX: usize = 128 << 10;
-/// How long zenoh keeps the query that tells a server that its stream has no reader.
+/// How long zenoh keeps the query that tells a server that a stream has no reader any more.
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(1);
-/// The least that a stream asks for, in bytes.
+/// The fewest bytes that a stream asks for.
 const PIECE_SIZE_MIN: usize = 1 << 10;
 
-/// The receiver of the answer to a question, with the time of the answer. Taken once the question is answered, given up
+/// The sender of the answer to a question, with the time of the answer. It is taken once the question is answered, given up
 /// or closed.
 type Sink = Mutex<Option<oneshot::Sender<(Reply, Time)>>>;
 
 /// A question in zenoh. Dropping this closes the question, which would otherwise stay open as long as its server runs.
 struct Open {
     token: CancellationToken,
-    /// Zenoh holds this for as long as it may answer.
+    /// Zenoh holds the sink for as long as an answer may come.
     sink: Weak<Sink>,
 }
 
@@ -64,7 +66,7 @@ impl Open {
 
     fn close(&self) {
         if self.is_open() {
-            // The first poll does it; it would only wait for a callback that runs at this moment.
+            // The first poll cancels the query. Further polls would only wait for a callback that is running now.
             let closing = pin!(self.token.cancel().into_future());
             drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         }
@@ -101,11 +103,12 @@ struct PendingCall {
     _open: Open,
 }
 
-/// The answers to one call. After it is dropped, no more answers are asked for.
+/// The answers to one call. Dropping it ends the stream: no more answers are requested.
 #[derive(Debug)]
 pub struct Replies {
     key: String,
-    /// The server that is asked for the next piece: several servers may serve one key, and the stream stays with the first.
+    /// The key of the server that is asked for the next piece. Several servers may serve one key; the stream stays with the
+    /// first.
     server: String,
     session: zenoh::Session,
     stream: StreamId,
@@ -116,7 +119,7 @@ pub struct Replies {
     silence: Silence,
     incoming: Incoming,
     pace: Pace,
-    /// The most bytes of the piece that is asked for.
+    /// The most bytes of the requested piece.
     size: usize,
     asked: Option<PendingCall>,
     state: Stream,
@@ -124,16 +127,16 @@ pub struct Replies {
 
 #[derive(Debug, PartialEq, Eq)]
 enum Stream {
-    /// Nothing has come.
+    /// No answer has come.
     Silent,
-    /// The server has said something.
+    /// The server has answered.
     Flowing,
     Ended,
 }
 
 impl Session {
-    /// Returns the key of calls to the server of `key` at the other end of this session's link, if the session has a single
-    /// link, like that of a command line. Several servers may serve the same key: two nodes of one name, for example.
+    /// Returns the key that calls the server of `key` at the other end of this session's link. None unless the session has
+    /// exactly one link, like a command line. Several servers may serve one key: two nodes of one name, for example.
     pub fn at_the_other_end(&self, key: &str) -> Option<String> {
         match &self.opened.linked_to()[..] {
             [session] => Some(key::of_session(key, session)),
@@ -152,7 +155,7 @@ impl Session {
         self.call_signed(key, payload, within).await.map(|(answer, _)| answer)
     }
 
-    /// Like [`Session::call`], with the author of the answer. In a team a node signs the question.
+    /// Like [`Session::call`], and also returns the author of the answer. In a team a node signs the question.
     ///
     /// # Errors
     /// See [`CallError`].
@@ -170,7 +173,7 @@ impl Session {
         let asked = ask(&self.opened.session, key, payload, options, within)?;
         let called = key::without_session(key);
         let timeout = || CallError::Timeout { key: called.to_owned(), within };
-        // Zenoh gives up after `within`. This later limit is for the case that zenoh does not.
+        // Zenoh gives up after `within`. This later limit applies if zenoh fails to do so.
         let slack = within + Duration::from_millis(500);
         let answer = tokio::time::timeout(slack, asked.answer).await.map_err(|_elapsed| timeout())?;
         let Ok((reply, _)) = answer else { return Err(unanswered(called, expect.as_deref())) };
@@ -184,7 +187,7 @@ impl Session {
         }
     }
 
-    /// Returns the attachment of a question with one answer in a team, and the node that has to answer it.
+    /// Prepares a question with one answer in a team: returns its attachment, and the node that has to answer.
     fn one(&self, key: &str, payload: &[u8]) -> Result<Option<(Pull, Arc<Expect>)>, CallError> {
         let Some(authenticator) = &self.authenticator else { return Ok(None) };
         let failed = |error: std::io::Error| CallError::Session { key: key.to_owned(), cause: error.to_string() };
@@ -194,11 +197,12 @@ impl Session {
         Ok(Some((Pull::One { nonce, proof }, expect)))
     }
 
-    /// Calls the server of `key`; the stream ends when the server has said everything, and with an error if the server is
-    /// gone, or has not said for `silence_max` that it is still there. The server waits for a caller that takes no answers.
+    /// Calls the server of `key`, which sends a stream of answers. The stream ends after the last answer. It ends with an
+    /// error if the server vanishes, or does not send for `silence_max` that it is still there. The server waits for a
+    /// caller that takes no answers.
     ///
     /// # Errors
-    /// If the session is closed. A missing server shows in the stream.
+    /// If the session is closed. A missing server is an error in the stream.
     pub fn call_stream(&self, key: &str, payload: Vec<u8>, silence_max: Duration) -> Result<Replies, CallError> {
         let number = self.calls.made.fetch_add(1, Ordering::Relaxed);
         let streams = Arc::clone(&self.calls.open);
@@ -226,14 +230,14 @@ impl Session {
     }
 }
 
-/// The attachment of a question, and the node whose answers count.
+/// The attachment of a question, and the node whose answers are accepted.
 #[derive(Debug, Default)]
 struct AskOptions {
     pull: Option<Pull>,
     expect: Option<Arc<Expect>>,
 }
 
-/// Returns why a question has no answer that counts.
+/// Returns why a question has no accepted answer.
 fn unanswered(key: &str, expect: Option<&Expect>) -> CallError {
     let key = key.to_owned();
     match expect.and_then(Expect::why_not) {
@@ -253,7 +257,7 @@ fn ask(
 ) -> Result<PendingCall, CallError> {
     let failed = |cause: String| CallError::Session { key: key::without_session(key).to_owned(), cause };
     let (answer_tx, answer) = oneshot::channel();
-    // Zenoh drops the closure, and the sender with it, when the answer is in or the server is gone.
+    // Zenoh drops the closure, and with it the sender, when the answer has arrived or the server has vanished.
     let sink: Arc<Sink> = Arc::new(Mutex::new(Some(answer_tx)));
     let open = Open { token: CancellationToken::default(), sink: Arc::downgrade(&sink) };
     // Another server of the same key must not be asked instead of the intended one.
@@ -280,7 +284,7 @@ fn ask(
         let attachment = codec::encode(&pull).map_err(|error| failed(error.to_string()))?;
         asking = asking.attachment(attachment);
         if !matches!(pull, Pull::One { .. }) {
-            // Messages between nodes go before answers for readers.
+            // Messages between nodes have priority over answers for readers.
             asking = asking.priority(Priority::DataLow);
         }
     }
@@ -299,9 +303,8 @@ fn refused(key: &str, error: &ReplyError) -> CallError {
 }
 
 impl Replies {
-    /// Returns the next answer; none when the server has said everything. After an error there is nothing more. A server
-    /// that is not there, or goes without a word, is [`CallError::Unreachable`]; one that goes after its first word, or
-    /// some of whose answers are missing, is [`CallError::Broken`].
+    /// Returns the next answer; none after the last answer, or after an error. [`CallError::Unreachable`]: the server is
+    /// missing, or vanished before its first answer. [`CallError::Broken`]: it vanished later, or answers are missing.
     ///
     /// # Cancellation
     /// Safe.
@@ -330,11 +333,11 @@ impl Replies {
         end.map(Err)
     }
 
-    /// Takes the next piece, and asks for the following piece, which is in transit while this one is read.
+    /// Takes the next piece, and requests the following one, so that this is in transit while the caller reads.
     async fn more(&mut self) -> Result<(), CallError> {
         let Some(asked) = &mut self.asked else { return Err(self.broken("nothing more was asked for")) };
         let answer = tokio::select! {
-            // An answer that is already there counts, however late.
+            // An answer that has already arrived is taken, even if it is late.
             biased;
             answer = &mut asked.answer => answer,
             () = over(&mut self.silence, self.silence_max) => {
@@ -366,7 +369,7 @@ impl Replies {
         if is_last { Ok(()) } else { self.pull(None) }
     }
 
-    /// Asks for the next piece. The question for the first piece carries the request itself.
+    /// Requests the next piece. The request for the first piece also carries the call itself.
     fn pull(&mut self, first: Option<Vec<u8>>) -> Result<(), CallError> {
         let share = ON_THE_WAY_MAX / self.streams.load(Ordering::Relaxed).max(1);
         self.size = self.pace.chunk().min(share.max(PIECE_SIZE_MIN));
@@ -380,7 +383,7 @@ impl Replies {
         Ok(())
     }
 
-    /// Says that the server does not answer, or does not go on.
+    /// Returns the error for a server that does not answer, or not any more.
     fn without_answer(&self, error: &ReplyError) -> CallError {
         let error = refused(&self.key, error);
         match error {
@@ -406,7 +409,8 @@ impl Drop for Replies {
         if self.state == Stream::Ended && self.incoming.end().is_some() {
             return;
         }
-        // The server need not keep answers without a reader; if this message is lost, the server gives up by itself.
+        // The server does not have to keep answers without a reader. If this message is lost, the server drops them later
+        // by itself.
         let Ok(leave) = codec::encode(&Pull::Leave { stream: self.stream.clone() }) else { return };
         let leaving = self.session.get(&self.server).attachment(leave).congestion_control(CongestionControl::Drop);
         if let Err(error) = leaving.timeout(LEAVE_TIMEOUT).callback(drop).wait() {
@@ -415,7 +419,7 @@ impl Drop for Replies {
     }
 }
 
-/// Waits until nothing has been heard for too long.
+/// Waits until the server has been silent for `silence_max`.
 ///
 /// # Cancellation
 /// Safe.

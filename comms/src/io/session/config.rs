@@ -4,20 +4,21 @@ use super::OpenError;
 use std::path::Path;
 use zenoh::Config;
 
-/// How long a session is silent before its peer gives it up. This is longer than the longest round trip, which is 3 s:
-/// for that time a peer hears nothing over a new link. A cut is noticed earlier, see `patience`.
+/// How long a session may be silent before its peer gives it up. Over a new link, a peer hears nothing for a round trip,
+/// which takes up to 3 s; the lease is longer. A cut is noticed earlier, see `patience`.
 const LEASE_MS: u32 = 5000;
-/// The same for nodes, which are linked each to each, and mostly idle: 175 bytes on the cable per keep-alive and link
-/// over IPv6, including TCP's answers.
+/// The same for nodes. Each node is linked to every other one, and the links are mostly idle. Over IPv6, a keep-alive
+/// takes 175 bytes on the cable of each link, including the answers of TCP.
 const NODE_LEASE_MS: u32 = 15_000;
 /// How often an idle session sends a keep-alive, so that the system soon notices that nothing arrives.
 const WORD_EVERY_MS: u32 = 250;
-/// The same for nodes. To nodes that matter they send beats more often, see [`Session::beat`](super::Session::beat).
+/// The same for nodes. A node that watches another one asks it for more frequent beats, see
+/// [`Session::beat`](super::Session::beat).
 const NODE_WORD_EVERY_MS: u32 = 7500;
-/// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
+/// The longest path of a Unix socket. Source: unix(7), `sun_path` without its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
-/// How many connections of unknown peers may be open, each for up to 7 s. Zenoh's own limit of 100 is used up in a moment.
+/// How many connections of unknown peers may be open, each for up to 7 s. Zenoh's own limit of 100 is reached in a moment.
 const ACCEPT_PENDING_MAX: &str = "28672";
 
 /// A zenoh configuration under construction.
@@ -29,39 +30,40 @@ impl Settings {
             .text("mode", mode)
             .set("scouting/gossip/enabled", "false")
             .set("listen/endpoints", "[]")
-            // Known peers are dialled in the background, again and again; opening does not wait for them.
+            // Known peers are dialled in the background, with retries. Opening the session does not wait for them.
             .set("connect/timeout_ms", "-1")
             .set("connect/exit_on_failure", "false")
             .set("connect/retry", "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }")
             .set("open/return_conditions/connect_scouted", "false")
-            // Nodes are found by `nearby`: zenoh knows the interfaces that were there when it began, and IPv4.
+            // `nearby` finds the nodes. Zenoh itself knows only IPv4, and only the interfaces that existed when it
+            // started.
             .set("scouting/delay", "0")
             .set("scouting/multicast/enabled", "false")
             .set("transport/link/tx/lease", &lease_ms.to_string())
             .set("transport/link/tx/keep_alive", &(lease_ms / word_every_ms).to_string())
-            // A connection that sends nothing must not keep out the next one.
+            // Connections that send nothing must not prevent the next connection.
             .set("transport/unicast/accept_pending", ACCEPT_PENDING_MAX)
-            // Three round trips of 3 s, and two for the accepting side. An address that does not answer at all is not
-            // dialled, see `reach`.
+            // Three round trips of 3 s, and two for the accepting side. An address that does not answer is not dialled,
+            // see `reach`.
             .set("transport/unicast/open_timeout", "10000")
             .set("transport/unicast/accept_timeout", "7000")
     }
 
-    /// A node: a peer in the clique of all nodes.
+    /// A node: a peer in the clique, in which all nodes are linked to each other.
     pub(super) fn node() -> Self {
-        // On a radio of 50 kbit/s the longest of its messages still arrives within a lease: a partial message is not a
-        // sign of life.
+        // On a radio of 50 kbit/s, the longest message of a node still arrives within a lease. This matters because a
+        // partial message is not a sign of life.
         Self::new("peer", [NODE_LEASE_MS, NODE_WORD_EVERY_MS])
             .set("transport/link/tx/batch_size", "16384")
-            // A message that can be sent is sent at once. Otherwise it shares a batch with the next ones.
+            // A message is sent at once if possible. Otherwise it shares a batch with the next messages.
             .set("transport/link/tx/queue/batching/time_limit", "0")
-            // 256 KiB of answers: everything in transit to a few command lines, so that a relay does not wait.
+            // 256 KiB of answers: everything that is in transit to a few command lines. So a relay does not wait.
             .set("transport/link/tx/queue/size/data_low", "16")
     }
 
     /// A controller's data session: it discovers no session, and no session discovers it.
     pub(crate) fn data() -> Self {
-        // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
+        // Programs on one host notice a crash by the closed socket. The lease is for suspended peers.
         Self::new("peer", [LEASE_MS, WORD_EVERY_MS])
             // As for nodes.
             .set("transport/link/tx/queue/batching/time_limit", "0")

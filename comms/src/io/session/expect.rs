@@ -1,5 +1,4 @@
-//! The node that has to answer a call in a team. Another server of the same key may answer as well; that does not
-//! count.
+//! The node that has to answer a call in a team. Answers of another server of the same key are ignored.
 
 use super::proof::{self, Authenticator, Author, Digest};
 use crate::logic::proof::Proof;
@@ -9,11 +8,11 @@ use zenoh::bytes::Encoding;
 use zenoh::query::{Reply, ReplyError};
 use zenoh::sample::Sample;
 
-/// The answers that count for one call.
+/// Decides which answers of one call are accepted.
 #[derive(Debug)]
 pub(super) struct Expect {
     authenticator: Arc<dyn Authenticator>,
-    /// The host that is called, if it is one.
+    /// The called host, if the call names one.
     host: Option<String>,
     question: Digest,
     seen: Mutex<Seen>,
@@ -21,7 +20,7 @@ pub(super) struct Expect {
 
 #[derive(Debug, Default)]
 struct Seen {
-    /// Whose first answer counted: all others are that one's.
+    /// The key of the first accepted answer's signer: all later answers must have the same signer.
     key: Option<[u8; 32]>,
     author: Option<Author>,
     /// Why answers did not count.
@@ -43,7 +42,7 @@ impl Expect {
         &self.question
     }
 
-    /// Returns whether an answer counts. Called from zenoh.
+    /// Returns whether an answer is accepted. Zenoh calls this.
     pub(super) fn takes(&self, reply: &Reply) -> bool {
         match reply.result() {
             Ok(sample) => self.is_theirs(sample),
@@ -80,8 +79,8 @@ impl Expect {
         true
     }
 
-    /// Returns whether an error comes from this end: errors of zenoh, and a refusal before there is an answer, are
-    /// unsigned.
+    /// Returns whether an error comes from this end. Unsigned are only zenoh's errors, and a refusal before the first
+    /// answer.
     fn is_own(&self, error: &ReplyError) -> bool {
         if *error.encoding() == Encoding::from(super::serve::REFUSED) {
             let text = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
@@ -96,7 +95,7 @@ impl Expect {
         self.seen().author.clone().unwrap_or(Author::Anybody)
     }
 
-    /// Returns why there is no answer that counts, if there were others: whether it was a refusal, and the reason.
+    /// Returns why no answer was accepted, if there were answers: whether one was a refusal, and the reason.
     pub(super) fn why_not(&self) -> Option<(bool, String)> {
         let seen = self.seen();
         let forged = seen.forged.clone().map(|why| (false, why));

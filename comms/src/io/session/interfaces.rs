@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 
-/// One address of an interface on which others can be found and can find this machine.
+/// One address of a network interface. Over it, others can be found and can find this machine.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Address {
     /// The interface's name.
     pub(crate) name: String,
-    /// Its number in the kernel.
+    /// The number of the interface in the kernel.
     pub(crate) index: u32,
     /// The address.
     pub(crate) ip: IpAddr,
@@ -25,8 +25,8 @@ pub(crate) fn now() -> BTreeSet<Address> {
     addresses.filter(|address| !address.ip.is_unspecified() && !address.ip.is_loopback()).collect()
 }
 
-/// Returns the addresses of this host at which programs of other hosts can dial it, from anywhere. An address that is
-/// valid only on its own cable is left out, and so is one that is too new to listen on.
+/// Returns the addresses of this host that programs on any other host can dial. Left out are addresses that are valid
+/// only on their own cable, and addresses that are too new to listen on.
 pub fn dialled() -> Vec<IpAddr> {
     let usable = |ip: &IpAddr| !is_link_local(*ip) && TcpListener::bind((*ip, 0)).is_ok();
     now().into_iter().map(|address| address.ip).filter(usable).collect()

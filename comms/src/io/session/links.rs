@@ -1,8 +1,8 @@
-//! The table of links of a session: the links that stand, by zenoh's events, and the places where a lost link is dialled again.
+//! The table of links of a session: the present links, by zenoh's events, and the places where a lost link is dialled again.
 //!
-//! A place is dialled first, and stays in the table, if the program was told it, if a link has stood there, or if it has shown the
-//! key of its session. Any other place was only announced on the network, where any host can announce anything. So a sender may
-//! have few places, and a place that has failed is not dialled for a while and makes room for a place that was not tried yet.
+//! A *known* place stays in the table, and is dialled first. The program was given it, a link has been there, or it has proved the key
+//! of its session. Any other place was only announced on the network, where any host can announce anything. So only a few announced
+//! places of each sender are kept. A place that has failed is not dialled for a while, and an untried place may replace it.
 
 use super::patience;
 use crate::logic::time::Time;
@@ -12,17 +12,17 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::config::Locator;
 
-/// At how many places that were only announced on the network one session is dialled.
+/// How many places of one session are kept that were only announced on the network.
 const PROPOSED_MAX: usize = 16;
 /// How many of these places may come from one sender.
 const PROPOSED_BY_ONE_MAX: usize = 2;
-/// How many places of one session are remembered that the program was told, or where a link has stood.
+/// How many known places of one session are kept.
 const KNOWN_MAX: usize = 8;
-/// How long a place that has failed once is not dialled; the time doubles with each further failure.
+/// How long a place is not dialled after its first failure. The time doubles with each further failure.
 const LEFT_ALONE: Duration = Duration::from_secs(1);
 /// The longest time for which a place that has failed is not dialled.
 const LEFT_ALONE_MAX: Duration = Duration::from_secs(8);
-/// How many sessions that were found, and not linked yet, are dialled at a time.
+/// How many sessions that were found on the network, and are not linked yet, are dialled at a time.
 const FOUND_MAX: usize = 64;
 /// How many of these sessions may be on one machine.
 const FOUND_NEAR_MAX: usize = 16;
@@ -30,71 +30,71 @@ const FOUND_NEAR_MAX: usize = 16;
 /// Links by session id.
 #[derive(Default)]
 pub(super) struct Links {
-    /// The links that stand, as zenoh's events say. Zenoh is also asked before dialling, but for a moment after a loss
-    /// it still answers that there is a link.
+    /// The linked sessions, according to zenoh's events. Before dialling, zenoh itself is asked as well; but right after a loss it may
+    /// still answer that there is a link.
     pub(super) standing: BTreeSet<String>,
-    /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more link of the old session,
-    /// even if the other side has lost that session and opened another. Then neither side understands the other. So no session
-    /// outlives any of its links.
+    /// The linked sessions that have lost one of several links. Zenoh takes a new link for a further link of the old session, even if
+    /// the other side has discarded that session and opened another. Then neither side understands the other. So a session has to end
+    /// with the loss of any of its links.
     halved: BTreeSet<String>,
     /// The links that are dialled again when they are lost.
     pub(super) kept: BTreeMap<String, Place>,
     /// The peers that the keeper dials right now.
     pub(super) dialling: BTreeSet<String>,
-    /// The two ends of each TCP link of a session, and how long it may be silent, where that was said. Two sessions that
-    /// dial each other have two links.
+    /// The two ends of each TCP link of a session, and how long the link may be silent, if that is known. Two sessions that dial each
+    /// other have two links.
     pub(super) ends: BTreeMap<String, Vec<(patience::Ends, Duration)>>,
     /// The names of sessions, as the sessions have announced them.
     pub(super) names: BTreeMap<String, String>,
-    /// Why there is no link, for a person.
+    /// The reasons for missing links, by session or place, for people.
     pub(super) troubles: BTreeMap<String, String>,
-    /// Sessions that were found on the network, with their machines, in the order in which they were found.
+    /// Sessions that were found on the network, each with its machine, in the order in which they were found.
     found: VecDeque<(String, IpAddr)>,
 }
 
 /// Where to dial a session again.
 #[derive(Clone, Default)]
 pub(super) struct Place {
-    /// Places that the program was told, or where a link has stood.
+    /// Places that the program was given, where a link has been, or that have proved the session's key.
     pub(super) known: Vec<Locator>,
-    /// Places that were said on the network, the latest first.
+    /// Places that were announced on the network, the latest first.
     proposed: Vec<Proposed>,
-    /// For how long the session is dialled again; none as long as this session lives.
+    /// For how long the session is dialled again; `None`: until this program's session closes.
     pub(super) within: Option<Duration>,
 }
 
-/// A place that was said on the network.
+/// A place that was announced on the network.
 #[derive(Clone)]
 struct Proposed {
     locator: Locator,
-    /// The machine that has said it.
+    /// The machine that has announced it.
     by: IpAddr,
-    /// How often it has failed, and until when it is left alone.
+    /// How often dialling it has failed, and until when it is not dialled.
     failures: u32,
     until: Time,
 }
 
-/// A session that has said on the network where it is.
+/// An announcement on the network: a session, and a place where it can be dialled.
 pub(super) struct PlaceFound {
     pub(super) session: String,
-    /// Its name; empty if it does not say one.
+    /// Its name; empty if the announcement has none.
     pub(super) name: String,
     pub(super) by: IpAddr,
     pub(super) locator: Locator,
 }
 
 impl Place {
-    /// Returns a place that the program was told.
+    /// Returns the known places that the program was given.
     pub(super) const fn told(known: Vec<Locator>, within: Option<Duration>) -> Self {
         Self { known, proposed: Vec::new(), within }
     }
 
-    /// Returns all its places, for a person.
+    /// Returns all places, for people.
     pub(super) fn all(&self) -> impl Iterator<Item = &Locator> {
         self.known.iter().chain(self.proposed.iter().map(|proposed| &proposed.locator))
     }
 
-    /// Returns the places that were said on the network, and that may be tried now.
+    /// Returns the announced places that may be tried now.
     pub(super) fn due(&self, now: Time) -> Vec<Locator> {
         let due = self.proposed.iter().filter(|proposed| proposed.until <= now);
         due.map(|proposed| proposed.locator.clone()).collect()
@@ -107,7 +107,7 @@ impl Place {
         let by_one = self.proposed.iter().filter(|proposed| proposed.by == by).count();
         let of_sender = |proposed: &Proposed| by_one < PROPOSED_BY_ONE_MAX || proposed.by == by;
         if by_one >= PROPOSED_BY_ONE_MAX || self.proposed.len() >= PROPOSED_MAX {
-            // The place that has failed most often gives way; of several such places, the oldest.
+            // The place that has failed most often is replaced; among several such places, the oldest.
             let places = self.proposed.iter().enumerate().filter(|(_, proposed)| of_sender(proposed));
             let gives_way = places.max_by_key(|(place, proposed)| (proposed.failures, *place)).map(|(place, _)| place);
             gives_way.map(|place| self.proposed.remove(place));
@@ -117,9 +117,9 @@ impl Place {
 }
 
 impl Links {
-    /// Notes a session that announces itself; returns whether to dial it. Any host on a network can announce anything,
-    /// so only a few that have never been linked are dialled at a time: a new one replaces the oldest of its machine,
-    /// or of all. Real sessions repeat their announcement.
+    /// Notes an announcement of a session; returns whether to dial the session. Any host on a network can announce anything, so only a
+    /// few sessions that were never linked are dialled at a time. A new one replaces the oldest of its machine, or the oldest of all.
+    /// Real sessions repeat their announcement.
     pub(super) fn find(&mut self, PlaceFound { session, name, by, locator }: PlaceFound, within: Duration) -> bool {
         if !self.kept.contains_key(&session) {
             let (kept, standing) = (&self.kept, &self.standing);
@@ -145,7 +145,7 @@ impl Links {
         is_wanted
     }
 
-    /// Takes note that a session is at a place: a link was made there, or the place has shown its key.
+    /// Notes that a session is at a place: a link was made there, or the place has proved its key.
     pub(super) fn prove(&mut self, session: &str, locator: &Locator) {
         let Some(place) = self.kept.get_mut(session) else { return };
         place.proposed.retain(|proposed| proposed.locator != *locator);
@@ -155,7 +155,7 @@ impl Links {
         }
     }
 
-    /// Takes note that a place of a session was tried in vain.
+    /// Notes that dialling a place of a session has failed.
     pub(super) fn fail(&mut self, session: &str, locator: &Locator, now: Time) {
         let Some(place) = self.kept.get_mut(session) else { return };
         for proposed in place.proposed.iter_mut().filter(|proposed| proposed.locator == *locator) {
@@ -164,25 +164,25 @@ impl Links {
         }
     }
 
-    /// Takes note that a session stands.
+    /// Notes that a session is linked.
     pub(super) fn stand(&mut self, session: String) {
         self.troubles.remove(&session);
         self.halved.remove(&session);
         self.standing.insert(session);
     }
 
-    /// Takes note that a session stands no more.
+    /// Notes that a session is not linked any more.
     pub(super) fn fall(&mut self, session: &str) {
         self.halved.remove(session);
         self.standing.remove(session);
     }
 
-    /// Takes note of a TCP link of a session.
+    /// Notes a TCP link of a session.
     pub(super) fn gain(&mut self, session: &str, both: patience::Ends) {
         self.ends.entry(session.to_owned()).or_default().push((both, Duration::ZERO));
     }
 
-    /// Takes note that a link of a session is lost; returns whether the session has to end because it has other links.
+    /// Notes that a link of a session is lost. Returns whether the session has to end because it has other links.
     pub(super) fn lose(&mut self, session: &str, both: Option<patience::Ends>) -> bool {
         if self.standing.contains(session) {
             self.halved.insert(session.to_owned());
@@ -197,13 +197,13 @@ impl Links {
         all.filter(|(_, both)| !known.contains(both)).map(|(session, both)| (session.clone(), both)).collect()
     }
 
-    /// Returns the sessions that have to end besides those with unknown links: those that stand after the loss of a link, and those that
-    /// stand although zenoh does not know them.
+    /// Returns further sessions that have to end, besides the sessions with unknown links. These have lost one of several links, or
+    /// zenoh does not know them although its events said that they are linked.
     pub(super) fn strays(&self, known: &BTreeSet<String>) -> BTreeSet<String> {
         self.halved.iter().chain(self.standing.difference(known)).cloned().collect()
     }
 
-    /// Forgets a link of which nothing is left.
+    /// Removes a link that has ended.
     pub(super) fn drop_link(&mut self, session: &str, both: patience::Ends) {
         let Some(ends) = self.ends.get_mut(session) else { return };
         ends.retain(|(other, _)| *other != both);
@@ -212,7 +212,7 @@ impl Links {
         }
     }
 
-    /// Takes note that nothing is left of a session, whatever was heard of its links.
+    /// Removes all links of a session that has ended.
     pub(super) fn forget(&mut self, session: &str) {
         self.fall(session);
         self.ends.remove(session);
@@ -224,9 +224,9 @@ impl Links {
     }
 }
 
-/// Returns the links; the lock is never held for long.
+/// Locks the table. The lock is never held for long.
 pub(super) fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
-    // Maps of plain values are valid whatever happened to the thread that held them.
+    // Maps of plain values are valid even if a thread has panicked while it held the lock.
     links.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -242,7 +242,7 @@ mod tests {
             let locator = format!("tcp/{by}:7").parse().unwrap();
             links.find(PlaceFound { session: session.into(), name: "c1".into(), by, locator }, Duration::from_secs(60))
         };
-        // A linked session, and one that this program was told of, stay in spite of all announcements.
+        // A linked session, and a session that this program was given, stay in spite of all announcements.
         assert!(hear(&mut links, "linked", 1));
         links.standing.insert("linked".into());
         links.kept.insert("told".into(), Place::told(vec![], None));
@@ -284,7 +284,7 @@ mod tests {
         assert!(!links.lose("r2", Some(ends(1))));
         links.gain("r2", ends(2));
         assert_eq!(links.strays(&known), known);
-        // Its successor is another session.
+        // The next session of the same node has another id.
         links.fall("r2");
         links.stand("r2".into());
         assert!(links.strays(&known).is_empty());
@@ -296,7 +296,7 @@ mod tests {
         format!("tcp/{text}").parse().unwrap()
     }
 
-    /// Says that a session is somewhere, as a machine.
+    /// Announces that a session is at a place, in the name of a machine.
     fn say(links: &mut Links, session: &str, by: [u8; 4], place: &str) {
         let heard = PlaceFound { session: session.into(), name: String::new(), by: by.into(), locator: locator(place) };
         links.find(heard, Duration::from_secs(60));

@@ -20,7 +20,7 @@ const PRESENCES_MAX: usize = 4096;
 /// A key, and the bytes that were put on it.
 type Message = (String, Vec<u8>);
 
-/// Receives what is put on a key until it is dropped.
+/// Receives messages on a key until it is dropped.
 #[derive(Debug)]
 pub struct Subscription {
     samples: Receiver<(Message, Option<ZBytes>)>,
@@ -41,7 +41,7 @@ pub struct Watch {
     _subscriber: Subscriber<()>,
 }
 
-/// Has others send their beats, until it is dropped.
+/// Makes other sessions send their beats, until it is dropped.
 #[derive(Debug)]
 pub struct Beats {
     _subscriber: Subscriber<()>,
@@ -50,7 +50,7 @@ pub struct Beats {
 /// A change of presence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// This key was announced, or has been since before the watch began.
+    /// This key was announced. It may have been announced before the watch began.
     Appeared(String),
     /// The token was withdrawn, or its process or host cannot be reached any more.
     Vanished(String),
@@ -58,7 +58,7 @@ pub enum Presence {
 
 impl Session {
     /// Sends to the present subscribers of `key`. The message is lost if there are none, or if the link is congested or
-    /// cut; senders repeat it if necessary.
+    /// cut. Senders repeat it if necessary.
     ///
     /// # Errors
     /// If the session is closed.
@@ -66,7 +66,8 @@ impl Session {
         self.put_signed(key, bytes, false)
     }
 
-    /// As [`Session::put`]; in a team the message also carries the credential, for receivers that do not know this key yet.
+    /// Like [`Session::put`]. In a team the message also carries the sender's credential, for receivers that do not know
+    /// its key yet.
     ///
     /// # Errors
     /// If the session is closed.
@@ -76,14 +77,14 @@ impl Session {
 
     fn put_signed(&self, key: &str, bytes: Vec<u8>, shows: bool) -> Result<(), CallError> {
         let proof = proof::beside(self.authenticator.as_ref(), || proof::put(key, &bytes), shows);
-        // Not express: a busy machine drops some express messages, and a node repeats a message only after 200 ms.
+        // Not sent as express: a busy machine drops some express messages, and a node repeats a message only after 200 ms.
         let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop);
         let put = if let Some(proof) = proof { put.attachment(proof).wait() } else { put.wait() };
         put.map_err(|cause| session_error(key, &cause))
     }
 
-    /// Sends a beat of this session to the listeners with [`Session::hear_beats`]. A beat has no content, so nothing is
-    /// signed. Bytes in transit make the system notice that a link is cut.
+    /// Sends a beat of this session to the sessions that use [`Session::hear_beats`]. A beat has no content, so it is not
+    /// signed. While bytes are in transit, the system notices when a link is cut.
     ///
     /// # Errors
     /// If the session is closed.
@@ -92,7 +93,8 @@ impl Session {
         put.wait().map_err(|cause| session_error(key, &cause))
     }
 
-    /// Has others send their beats on `key` until the returned value is dropped; the content of the beats does not matter.
+    /// Makes other sessions send their beats on `key` until the returned value is dropped. The content of the beats is
+    /// ignored.
     ///
     /// # Errors
     /// If the session is closed.
@@ -101,7 +103,7 @@ impl Session {
         subscriber.map(|subscriber| Beats { _subscriber: subscriber }).map_err(|cause| session_error(key, &cause))
     }
 
-    /// Receives what is put on keys that match `key`, with a queue of this policy.
+    /// Receives messages on keys that match `key`. `policy` is the policy of the queue.
     ///
     /// # Errors
     /// If the session is closed.
@@ -146,7 +148,7 @@ impl Session {
 }
 
 impl Subscription {
-    /// Returns the next key and the bytes that were put on it; none once the session is closed.
+    /// Returns the next key and its message; none once the session is closed.
     ///
     /// # Cancellation
     /// Safe.
@@ -154,7 +156,7 @@ impl Subscription {
         self.samples.recv().await.map(|(message, _)| message)
     }
 
-    /// Like [`Subscription::next`], with the author.
+    /// Like [`Subscription::next`], and also returns the author.
     ///
     /// # Cancellation
     /// Safe.

@@ -1,10 +1,10 @@
-//! Finds the other nodes of this network by the scouting of Zenoh, and announces this one.
+//! Finds the other nodes of this network by zenoh's scouting messages, and announces this node.
 //!
-//! Each node sends a `Hello` on every interface now and then, by multicast, and answers a `Scout` with one. A session that receives
-//! a `Hello` dials the address that the datagram came from. The interfaces are checked all the time: one that comes up later
-//! is used as well, and the group is left on one that goes. Zenoh's own scouting reads the interfaces once, and knows IPv4 alone.
+//! Each node regularly sends a `Hello` on every interface, by multicast, and answers a `Scout` with a `Hello`. A session that
+//! receives a `Hello` dials the address that the datagram came from. The interfaces are checked each second: the group is joined on
+//! new ones, and left on those that have gone. Zenoh's own scouting reads the interfaces only once, and knows only IPv4.
 //!
-//! Nothing here is believed: a datagram only proposes a place to dial.
+//! Nothing that arrives here is trusted: a datagram only proposes a place to dial.
 
 mod scouting;
 
@@ -19,15 +19,16 @@ use std::time::Duration;
 use tokio::net::UdpSocket;
 use tokio::sync::watch;
 
-/// The port of the groups on which nodes find each other: DCA's own, so that other programs stay apart.
+/// The port of the multicast groups on which nodes find each other. It differs from zenoh's port, so that other programs stay
+/// apart.
 const PORT: u16 = 7999;
 /// The group over IPv4.
 const GROUP_V4: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 231);
-/// The group over IPv6, on one cable.
+/// The multicast group over IPv6, on one cable.
 const GROUP_V6: Ipv6Addr = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0x0dca, 0x0231);
-/// How often interfaces are looked at.
+/// How often the interfaces are read.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How often a node announces itself: each second while something is new, otherwise once in so many seconds.
+/// How often a node announces itself when nothing is new: once in so many seconds. Otherwise it does so each second.
 const QUIET_EVERY: u32 = 3;
 /// For how many seconds a change counts as new.
 const NEW_FOR: u32 = 10;
@@ -52,9 +53,9 @@ pub(crate) struct Announced {
 /// The sockets of one family of addresses.
 struct Family {
     group: SocketAddr,
-    /// Receives what is sent to the group.
+    /// Receives datagrams to the group.
     receiver: UdpSocket,
-    /// Sends, and receives what is sent to this node alone.
+    /// Sends, and receives datagrams to this node alone.
     sender: UdpSocket,
 }
 
@@ -111,7 +112,7 @@ pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<St
     }
 }
 
-/// Logs the addresses that the node listens on now, and those that are gone.
+/// Logs the addresses on which the node listens now, and the addresses that have gone.
 fn log_change(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool) {
     for (addresses, what) in [(now - before, "listening on"), (before - now, "no longer listening on")] {
         for Address { name, ip, .. } in addresses.iter().filter(|_| is_node) {
@@ -131,7 +132,7 @@ pub async fn discovery() -> (Vec<String>, Result<(), String>) {
     (names.into_iter().collect(), opened.map_err(|error| cause(&error)))
 }
 
-/// Waits for a message; without such a family of addresses, it waits for ever.
+/// Waits for a message. If the kernel has no such family of addresses, it waits for ever.
 async fn receive(family: Option<&Family>) -> Option<(Message, SocketAddr)> {
     let Some(family) = family else { return std::future::pending().await };
     let (mut to_group, mut to_self) = ([0; SIZE_MAX], [0; SIZE_MAX]);
@@ -142,7 +143,7 @@ async fn receive(family: Option<&Family>) -> Option<(Message, SocketAddr)> {
     match received {
         Ok((size, from)) => Some((scouting::read(bytes.get(..size)?)?, from)),
         Err(error) => {
-            // The interface of the socket has gone. The socket works again once it has an interface.
+            // The interface of the socket has gone. The socket works again once there is an interface.
             tracing::debug!(%error, "a multicast socket cannot be read");
             tokio::time::sleep(LOOK_EVERY).await;
             None
@@ -179,7 +180,7 @@ impl Family {
         address.ip.is_ipv4() == self.group.is_ipv4()
     }
 
-    /// Joins the group on interfaces that are new, and leaves it on those that are gone.
+    /// Joins the group on new interfaces, and leaves it on interfaces that have gone.
     fn follow(&self, before: &BTreeSet<Address>, now: &BTreeSet<Address>) {
         let receiver = socket2::SockRef::from(&self.receiver);
         for address in (before - now).iter().filter(|address| self.is_of(address)) {
@@ -189,7 +190,7 @@ impl Family {
             };
             left.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "a multicast group cannot be left"));
         }
-        // All of them: what is left is left for the whole interface, which may have another address still.
+        // Joins on all present interfaces: leaving affects a whole interface, which may still have another address.
         for address in now.iter().filter(|address| self.is_of(address)) {
             self.join(address)
                 .unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "a multicast group cannot be joined, or was joined before"));
@@ -209,14 +210,14 @@ impl Family {
         }
     }
 
-    /// Returns where a node can be dialled, at the addresses of one interface first.
+    /// Returns the addresses at which a node can be dialled; the addresses of interface `first` come first.
     fn places(&self, addresses: &BTreeSet<Address>, first: Option<u32>) -> impl Iterator<Item = IpAddr> {
         let mut own: Vec<&Address> = addresses.iter().filter(|address| self.is_of(address)).collect();
         own.sort_by_key(|address| first != Some(address.index));
         own.into_iter().map(|address| address.ip)
     }
 
-    /// Sends a `Hello` to the group on every interface, from each of its addresses; a `Scout` if this is not a node.
+    /// Sends a `Hello` to the group on every interface, from each of its addresses. A session that is not a node sends a `Scout`.
     async fn announce(&self, addresses: &BTreeSet<Address>, own: Option<&Announced>) {
         let mut sent_on = BTreeSet::new();
         for address in addresses.iter().filter(|address| self.is_of(address)) {
@@ -225,7 +226,7 @@ impl Family {
             let sender = socket2::SockRef::from(&self.sender);
             let (chosen, to) = match address.ip {
                 IpAddr::V4(ip) => (sender.set_multicast_if_v4(&ip), self.group),
-                // For IPv6 the kernel takes the address that belongs to the cable, so one message per interface is enough.
+                // For IPv6 the kernel chooses the address that belongs to the cable, so one message per interface is enough.
                 IpAddr::V6(_) if !sent_on.insert(address.index) => continue,
                 IpAddr::V6(_) => {
                     let to = SocketAddrV6::new(GROUP_V6, PORT, 0, address.index);
@@ -243,8 +244,8 @@ impl Family {
     }
 }
 
-/// Returns where a node listens with TCP: at every address that this machine has or will have, over both families where the
-/// kernel has both.
+/// Returns the address at which a node listens with TCP. It stands for every address that this machine has or will have, of both
+/// families if the kernel has both.
 pub(crate) fn everywhere() -> IpAddr {
     let both = std::net::TcpListener::bind(SocketAddr::new(Ipv6Addr::UNSPECIFIED.into(), 0));
     if both.is_ok() { Ipv6Addr::UNSPECIFIED.into() } else { Ipv4Addr::UNSPECIFIED.into() }

@@ -1,5 +1,5 @@
-//! The only place that opens zenoh, and the only one that uses its `internal` interface: a session on a runtime of our
-//! own, which can dial a peer at any time.
+//! The only place that opens zenoh, and the only one that uses its `internal` interface. It opens a session on a separate
+//! runtime, which can dial a peer at any time.
 
 mod keeper;
 mod strays;
@@ -27,10 +27,10 @@ use zenoh::internal::runtime::{RuntimeBuilder, ZRuntime};
 use zenoh::sample::SampleKind;
 use zenoh::session::{LinkEvent, TransportEvent};
 
-/// How long a node that was found is dialled at its last known address. A node that can be reached announces itself every few
-/// seconds, and a node that was started again listens elsewhere.
+/// How long a node that was found is dialled at its last known address. A reachable node announces itself every few seconds,
+/// and a restarted node listens at another port.
 const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
-/// The most changes of links that wait to be processed. Only a process with more peers than that can have more.
+/// The most changes of links that wait to be processed. Only a process with more peers than this can exceed it.
 const CHANGES_MAX: usize = 1024;
 
 /// A session that can dial.
@@ -45,7 +45,7 @@ pub(crate) struct Opened {
 /// Whether a session looks for nodes on the network, and whether they find it.
 #[derive(Clone, Debug)]
 pub(crate) enum Search {
-    /// The session knows only the peers that it was told of.
+    /// The session knows only the peers that it was given.
     Off,
     /// The session looks for nodes.
     Ask,
@@ -58,7 +58,7 @@ pub(crate) enum Search {
 pub(crate) enum Redial {
     /// The peers that the session was told to dial.
     Listed,
-    /// Also those that were found.
+    /// Also the peers that were found on the network.
     Found,
 }
 
@@ -69,8 +69,8 @@ impl std::fmt::Debug for Opened {
 }
 
 impl Opened {
-    /// Opens a session. Blocks; must not be called from a task. With `tunnels` the session hears and dials other hosts
-    /// only through those.
+    /// Opens a session. Blocks; must not be called from a task. With `tunnels`, other hosts reach the session, and the
+    /// session dials them, only through these.
     pub(crate) fn open(
         settings: Settings,
         redial: Redial,
@@ -90,7 +90,7 @@ impl Opened {
             bound.transpose()?.map(|(tunnels, listeners)| (Arc::new(tunnels), listeners)).unzip();
         let (to_keeper, changes) = queue::channel(Policy::reject(CHANGES_MAX));
         let (to_keeper, links) = (Arc::new(to_keeper), Arc::new(Mutex::new(Links::default())));
-        // Before the session starts: zenoh never reports the loss of a link that stood before the watch.
+        // Before the session starts: zenoh never reports the loss of a link that existed before the watch.
         watch_links(&session, redial, &links, &to_keeper).map_err(failed)?;
         let started = ZRuntime::Net.block_in_place(runtime.start());
         for locator in runtime.get_locators() {
@@ -98,13 +98,13 @@ impl Opened {
                 keep_from_children(&format!("{}.lock", locator.address().as_str()));
             }
         }
-        // After the session has started: only then its port is known.
+        // After the session has started, because its port is known only then.
         let port = if let Search::Found(_, port) = search { Some(port) } else { None };
         let dialler = Dialler { runtime, links, tunnels };
         let keeper = ZRuntime::Net.spawn(keep(dialler.clone(), port, changes));
         let strays = ZRuntime::Net.spawn(end_strays(session.clone(), dialler.clone(), Arc::clone(&to_keeper)));
         let (addresses_tx, addresses) = watch::channel(Vec::new());
-        // No host outside a team hears a name; this also distinguishes both kinds.
+        // Hosts outside a team must not learn names. The empty name also distinguishes the nodes of teams from other nodes.
         let shown = |name: &String| if dialler.tunnels.is_some() { String::new() } else { name.clone() };
         let own = match &search {
             Search::Found(name, port) => Some(Announced { session: id.clone(), name: shown(name), port: *port }),
@@ -129,7 +129,7 @@ impl Opened {
         }
     }
 
-    /// Returns the addresses at which this machine can be found now, and hears of every change.
+    /// Returns a receiver of the addresses at which this machine can be found, which changes with them.
     pub(crate) fn addresses(&self) -> watch::Receiver<Vec<String>> {
         self.addresses.clone()
     }
@@ -139,12 +139,12 @@ impl Opened {
         !lock(&self.dialler.links).standing.is_empty()
     }
 
-    /// Returns whether a link to this session stands; with itself one always does.
+    /// Returns whether a link to this session exists; always true for this session itself.
     pub(crate) fn is_linked_to(&self, session: &str) -> bool {
         session == self.id() || lock(&self.dialler.links).standing.contains(session)
     }
 
-    /// Returns the peers that are dialled and not linked: a name or a place, and the reason, for a person.
+    /// Returns the peers that are dialled but not linked: the name or locator of each, and the reason, for people.
     pub(crate) fn unlinked(&self) -> Vec<(String, String)> {
         let links = lock(&self.dialler.links);
         let missing = links.kept.iter().filter(|(session, _)| !links.standing.contains(*session));
@@ -157,7 +157,7 @@ impl Opened {
         told.chain(own.map(|(who, why)| (who.clone(), why.clone()))).collect()
     }
 
-    /// Sets how long the link to a session may carry nothing before it is given up. Otherwise that is a whole lease.
+    /// Sets how long the link to a session may carry nothing before it is given up. By default that is a whole lease.
     pub(crate) fn set_patience(&self, session: &str, patience: Duration) {
         if let Some(tunnels) = &self.dialler.tunnels
             && tunnels.set_patience(session, patience)
@@ -181,8 +181,8 @@ impl Opened {
         self.dialler.cut(session);
     }
 
-    /// Cuts the links to a session, unless data arrives from it within `time`. A long answer on a slow link delays all
-    /// other messages, and would be lost with the link.
+    /// Cuts the links to a session, unless data arrives from it within `time`. A long answer on a slow link delays all other
+    /// messages, and cutting the link would lose that answer.
     pub(crate) fn cut_if_silent(&self, session: &str, time: Duration) {
         let (dialler, session) = (self.dialler.clone(), session.to_owned());
         let ends = dialler.ends_of(&session);
@@ -196,8 +196,8 @@ impl Opened {
         });
     }
 
-    /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says
-    /// nothing; those behind tunnels are dialled here.
+    /// Notes why the nodes that this session was given are not linked, as long as the session lives. Zenoh dials these nodes
+    /// itself, and does not report errors. Nodes behind tunnels are dialled here.
     pub(crate) fn watch_told(&mut self, locators: &[String]) {
         let locators = locators.iter().filter_map(|locator| locator.parse::<Locator>().ok());
         let places: Vec<Locator> = locators.filter(|locator| locator.protocol().as_str() == "tcp").collect();
@@ -212,7 +212,7 @@ impl Opened {
         }
     }
 
-    /// Judges again the peers at the other ends of all tunnels.
+    /// Checks again all peers at the other ends of tunnels.
     pub(crate) fn judge_again(&self) {
         self.dialler.tunnels.iter().for_each(|tunnels| tunnels.judge_again());
     }
@@ -222,7 +222,7 @@ impl Opened {
         self.session.zid().to_string()
     }
 
-    /// Returns the ids of the sessions that it is linked to now.
+    /// Returns the ids of the sessions that are linked now.
     pub(crate) fn linked_to(&self) -> Vec<String> {
         lock(&self.dialler.links).standing.iter().cloned().collect()
     }
@@ -233,8 +233,8 @@ impl Opened {
         own.chain(self.dialler.tunnels.iter().flat_map(|tunnels| tunnels.locators().to_vec())).collect()
     }
 
-    /// Links to a peer and keeps linked to it; tries for as long as `within`. Blocks; must not be called from a task.
-    /// Says why not.
+    /// Links to a peer, and restores the link when it is lost. Waits at most `within` for the first link; the error is the
+    /// reason, for people. Blocks; must not be called from a task.
     pub(crate) fn dial(&self, session: &str, locators: &[String], within: Duration) -> Result<(), String> {
         let id: ZenohId = session.parse().map_err(|_unhelpful| format!("`{session}` is not a session"))?;
         let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
@@ -245,7 +245,7 @@ impl Opened {
         if locators.is_empty() {
             return Err("it listens nowhere that can be reached from here".to_owned());
         }
-        // Before the first attempt, so that a link lost right after it is noticed.
+        // Before the first attempt, so that the loss of a link right after it is noticed.
         let place = Place::told(locators.clone(), None);
         lock(&self.dialler.links).kept.insert(session.to_owned(), place);
         let connecting = connect(&self.dialler, id);
@@ -259,13 +259,14 @@ impl Opened {
         })
     }
 
-    /// Returns what a node says to this session that tells the network where it is.
+    /// Returns a function that takes announcements of nodes on the network.
     #[cfg(test)]
     pub(super) fn ear(&self) -> impl Fn(NearbyNode) + use<> {
         hears(self.id(), self.dialler.clone(), Arc::clone(&self.to_keeper))
     }
 
-    /// Links to a peer whenever it can be reached, and keeps linked to it; waits for nothing. Says why not.
+    /// Links to a peer as soon as it can be reached, and restores the link when it is lost. Does not wait. The error is the
+    /// reason, for people.
     pub(crate) fn keep(&self, session: &str, locators: &[String]) -> Result<(), String> {
         let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
         let locators = locators.map_err(|cause: zenoh::Error| plain(&cause))?;
@@ -279,12 +280,12 @@ impl Opened {
         }
     }
 
-    /// Stops dialling a peer; a link that stands is kept.
+    /// Stops dialling a peer; an existing link is kept.
     pub(crate) fn forget(&self, session: &str) {
         lock(&self.dialler.links).kept.remove(session);
     }
 
-    /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
+    /// Closes the session. Blocks for up to 20 s when a peer has vanished without closing its link.
     pub(crate) fn close(self) {
         self.tasks.iter().for_each(tokio::task::JoinHandle::abort);
         for closed in [self.session.close().wait(), self.dialler.runtime.close().wait()] {
@@ -294,7 +295,7 @@ impl Opened {
     }
 }
 
-/// Notes which links are up, and passes the changes on to the keeper.
+/// Notes the present links, and passes their changes on to the keeper.
 fn watch_links(
     session: &zenoh::Session,
     redial: Redial,
@@ -327,7 +328,7 @@ fn watch_links(
         }
         let Some(both) = both else { return };
         lock(&ends).gain(&session, both);
-        // The first bytes may be lost as well, and the system would repeat them later and later.
+        // The first bytes may be lost as well; the system would repeat them at growing intervals.
         made.push(Change::New(both));
         if redial == Redial::Found {
             made.push(Change::Made { session, from: both.0, to: link.dst().clone() });
@@ -346,7 +347,7 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
     locator.address().as_str().parse().ok().filter(|_| locator.protocol().as_str() == "tcp")
 }
 
-/// Dials each session that announces itself and is of the same kind: nodes of teams announce no names.
+/// Dials each announced session of the same kind. Nodes of teams announce no names, other nodes do.
 fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
     move |NearbyNode { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };
@@ -361,17 +362,17 @@ fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl 
     }
 }
 
-/// Marks zenoh's lock on a Unix socket as not for children.
+/// Marks zenoh's lock file of a Unix socket as close-on-exec.
 ///
-/// Zenoh opens it without `O_CLOEXEC`. Every program started later would hold the lock, and a node that is killed and
-/// started again could not listen before the last of its programs has ended.
+/// Zenoh opens it without `O_CLOEXEC`, so every program that is started later would hold the lock. A node that is killed and
+/// restarted could not listen before the last of its programs has ended.
 #[expect(unsafe_code, reason = "a descriptor that zenoh keeps to itself can only be named by its number")]
 fn keep_from_children(lock: &str) {
     let entries = std::fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
     for entry in entries.filter(|entry| std::fs::read_link(entry.path()).is_ok_and(|file| file == Path::new(lock))) {
         let Some(number) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
-        // SAFETY: zenoh keeps the lock open for as long as it listens, and the caller has just opened the listener and
-        // holds it; the descriptor is only borrowed, to set a flag.
+        // SAFETY: zenoh keeps the lock open for as long as it listens. The caller has just opened the listener and holds it.
+        // The descriptor is only borrowed, to set a flag.
         let borrowed = unsafe { BorrowedFd::borrow_raw(number) };
         if let Err(error) = fcntl_setfd(borrowed, FdFlags::CLOEXEC) {
             tracing::warn!(%error, lock, "programs started from here will keep the socket locked");
@@ -379,7 +380,7 @@ fn keep_from_children(lock: &str) {
     }
 }
 
-/// Returns zenoh's words without the places in its source that it adds.
+/// Returns the text of zenoh's error, without the places in its source that zenoh adds.
 pub(crate) fn plain(cause: &zenoh::Error) -> String {
     let text = cause.to_string();
     let end = text.find(" at /").or_else(|| text.find(" at zenoh")).unwrap_or(text.len());

@@ -1,8 +1,8 @@
-//! The time that a TCP link may carry nothing before the system gives it up.
+//! The time that a TCP link may carry nothing before the system gives the link up.
 //!
-//! Zenoh gives a silent link up after its lease, which is the same for all links and has to suit the slowest link. The system
-//! knows better: it sees which bytes have arrived. Zenoh keeps its sockets to itself, so they are found among this process's
-//! descriptors by their two ends.
+//! Zenoh gives a silent link up after its lease, which is the same for all links and has to suit the slowest one. The system
+//! knows more: it sees which bytes have arrived. Zenoh does not give access to its sockets, so this module finds them among
+//! the descriptors of this process, by their two ends.
 
 use rustix::net::sockopt::{set_tcp_user_timeout, tcp_user_timeout};
 use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
@@ -10,13 +10,13 @@ use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::os::fd::AsRawFd;
 use std::time::Duration;
 
-/// How long a link may carry nothing, besides its round trips.
+/// How long a link may carry nothing, in addition to its round trips.
 const BESIDES: Duration = Duration::from_secs(1);
-/// The least time for a new link, whose round trip was measured only once: the delay may grow later. With the time to the
-/// next sign of life and to its first repetition, a cut is noticed after 1.9 s.
+/// The least time for a new link. Its round trip was measured only once, and may grow later. With the time to the next sign
+/// of life, and to the first repetition of that, a cut is noticed after 1.9 s.
 const ONCE_MIN: Duration = Duration::from_millis(1250);
 
-/// The two ends of a link, this one first.
+/// The two ends of a link: this process first, then the peer.
 pub(super) type Ends = (SocketAddr, SocketAddr);
 
 /// Sets how long a link may carry nothing; returns whether the link was found.
@@ -24,7 +24,7 @@ pub(super) fn set(ends: Ends, patience: Duration) -> bool {
     find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
-/// Returns whether there is such a link.
+/// Returns whether there is a link with these ends.
 pub(super) fn is_there(ends: Ends) -> bool {
     find(ends).is_some()
 }
@@ -47,15 +47,15 @@ pub(super) fn set_as_measured(ends: Ends) -> bool {
     patience.is_some_and(|patience| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
-/// Cuts a link, at both sides: a waiting reader gets an end of file.
+/// Cuts a link, for both sides: a waiting reader gets the end of the file.
 pub(super) fn cut(ends: Ends) {
     if let Some(Err(error)) = find(ends).map(|socket| socket.shutdown(Shutdown::Both)) {
         tracing::debug!(%error, "a link was not cut");
     }
 }
 
-/// Sets this limit on each link to an address that has none yet: the link is being made, and has not been reported as
-/// up.
+/// Sets this limit on each link to an address that has none yet. Such a link is being made, and zenoh has not reported it
+/// yet.
 pub(super) fn set_towards(place: SocketAddr, patience: Duration) {
     for (socket, (_, remote)) in sockets() {
         if remote == plain(place) && tcp_user_timeout(&socket).is_ok_and(|limit| limit == 0) {
@@ -82,14 +82,14 @@ fn sockets() -> impl Iterator<Item = (TcpStream, Ends)> {
         Some(number)
     });
     numbers.filter_map(move |number| {
-        // A copy of the descriptor: the same socket, and nothing of zenoh's is touched.
+        // A copy of the descriptor: it refers to the same socket, and zenoh's own descriptor is not changed.
         let socket = TcpStream::from(pidfd_getfd(own.as_ref()?, number, PidfdGetfdFlags::empty()).ok()?);
         let ends = (plain(socket.local_addr().ok()?), plain(socket.peer_addr().ok()?));
         Some((socket, ends))
     })
 }
 
-/// Returns an address in its plain form: an IPv4 address looks different on a socket for both families.
+/// Returns an address in its plain form. A socket for both families shows an IPv4 address as an IPv6 address.
 fn plain(address: SocketAddr) -> SocketAddr {
     SocketAddr::new(address.ip().to_canonical(), address.port())
 }
@@ -98,23 +98,23 @@ fn millis(time: Duration) -> u32 {
     u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
 }
 
-/// Returns the round trip of a link, smoothed.
+/// Returns the smoothed round trip of a link.
 fn round_trip(socket: &TcpStream) -> Option<Duration> {
     info(socket).map(|info| Duration::from_micros(u64::from(info.tcpi_rtt)))
 }
 
-/// Returns how many bytes have come over a link; none if the link was not found.
+/// Returns how many bytes have arrived over a link; none if the link was not found.
 pub(super) fn received(ends: Ends) -> Option<u64> {
     info(&find(ends)?).map(|info| info.tcpi_bytes_received)
 }
 
-/// Returns what the system knows of a link. Source: tcp(7), `TCP_INFO`. No crate in use has a safe signature for it.
+/// Returns the system's data about a link. Source: tcp(7), `TCP_INFO`. No crate in use has a safe signature for it.
 #[expect(unsafe_code, reason = "rustix does not read TCP_INFO")]
 fn info(socket: &TcpStream) -> Option<libc::tcp_info> {
     // SAFETY: `tcp_info` is a plain C structure of integers, for which all zeros are a valid value.
     let mut info: libc::tcp_info = unsafe { std::mem::zeroed() };
     let mut size = libc::socklen_t::try_from(size_of_val(&info)).ok()?;
-    // SAFETY: the socket is open for the call, and the kernel writes no more than `size` bytes to the structure.
+    // SAFETY: the socket is open during the call, and the kernel writes at most `size` bytes to the structure.
     let answer = unsafe {
         let to = (&raw mut info).cast();
         libc::getsockopt(socket.as_raw_fd(), libc::IPPROTO_TCP, libc::TCP_INFO, to, &raw mut size)

@@ -1,8 +1,8 @@
-//! The authors of messages: sessions of a team sign their messages, and check those they receive.
+//! The authors of messages: sessions of a team sign their messages, and check the messages that they receive.
 //!
-//! A tunnel shows who is at its other end, but zenoh does not say over which link a message has come, and a member may pass on
-//! what others say. So each message to nodes, and each of their answers, has a [`Proof`] beside it, over its key and its bytes. An
-//! answer is signed together with the question that it is for.
+//! A tunnel proves which host is at its other end. But zenoh does not tell over which link a message has come, and a member may
+//! relay messages of others. So each message to nodes, and each of their answers, carries a [`Proof`] over its key and its bytes.
+//! The signature of an answer also covers its question.
 
 use crate::logic::codec;
 use crate::logic::proof::Proof;
@@ -13,23 +13,23 @@ use zenoh::bytes::ZBytes;
 /// A digest of the signed bytes.
 pub type Digest = [u8; 32];
 
-/// Signs for this process, and checks signatures of others. It is asked from many tasks at once, and must not wait.
+/// Signs for this process, and checks signatures of others. Many tasks use it at once, and it must not wait.
 pub trait Authenticator: fmt::Debug + Send + Sync {
-    /// Signs a digest; none if this process does not speak for a node. `shows` adds the credential, for receivers that
-    /// may not know the key.
+    /// Signs a digest; none if this process does not act for a node. If `shows`, the proof includes the credential, for receivers
+    /// that may not know the key.
     fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof>;
 
     /// Returns the signer of a digest.
     fn check(&self, proof: &Proof, digest: &Digest) -> Author;
 
-    /// Notes that a message that claims to be from `claimed` was refused, and the reason.
+    /// Notes that a message was refused that claims to be from `claimed`, and the reason.
     fn forged(&self, claimed: &str, why: &str);
 }
 
 /// The author of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Author {
-    /// This session is in no team, and believes every sender.
+    /// This session is in no team, and trusts every sender.
     Anybody,
     /// The member with this name in its certificate.
     Member(String),
@@ -40,7 +40,7 @@ pub enum Author {
 }
 
 impl Author {
-    /// Returns why this is not a message of the member `claimed`, for a person; nothing if it is.
+    /// Returns why this is not a message of the member `claimed`, for people; none if it is.
     pub fn problem(&self, claimed: &str) -> Option<String> {
         match self {
             Self::Anybody => None,
@@ -57,7 +57,7 @@ pub(crate) fn put(key: &str, payload: &[u8]) -> Digest {
     digest("dca put 1", &[key.as_bytes(), payload])
 }
 
-/// Returns the digest of a question with one answer, by which the answer names it.
+/// Returns the digest of a question with one answer. The answer contains it.
 pub(crate) fn question(key: &str, nonce: &[u8], payload: &[u8]) -> Digest {
     digest("dca question 1", &[key.as_bytes(), nonce, payload])
 }
@@ -67,12 +67,12 @@ pub(crate) fn answer(question: &Digest, payload: &[u8]) -> Digest {
     digest("dca answer 1", &[question, payload])
 }
 
-/// Returns the digest of a message from one node to another by way of a third.
+/// Returns the digest of a message that one node sends to another through a third.
 pub fn relayed(from: &str, to: &str, what: &[u8]) -> Digest {
     digest("dca relay 1", &[from.as_bytes(), to.as_bytes(), what])
 }
 
-/// No two lists of fields have the same digest: each field has its length before it.
+/// Two different lists of fields never give the same input of the hash: each field is preceded by its length.
 fn digest(context: &'static str, fields: &[&[u8]]) -> Digest {
     let mut hasher = blake3::Hasher::new_derive_key(context);
     for field in fields {
@@ -81,7 +81,7 @@ fn digest(context: &'static str, fields: &[&[u8]]) -> Digest {
     hasher.finalize().into()
 }
 
-/// Reads the proof beside a message, and returns its signer.
+/// Reads the proof of a message, and returns its signer.
 pub(super) fn author(
     authenticator: Option<&Arc<dyn Authenticator>>,
     proof: Option<&ZBytes>,
@@ -95,7 +95,7 @@ pub(super) fn author(
     }
 }
 
-/// Returns the proof to put beside a message, if this session signs.
+/// Returns the proof to attach to a message, if this session signs.
 pub(super) fn beside(
     authenticator: Option<&Arc<dyn Authenticator>>,
     digest: impl FnOnce() -> Digest,

@@ -1,5 +1,5 @@
-//! Asks several places at once and finds the one that answers first. Zenoh would try one after the other, and wait long for
-//! each.
+//! Asks several places at once and finds the one that answers first. Zenoh would try one place after the other, and wait
+//! long for each.
 
 use super::interfaces;
 use crate::io::clock::{now, sleep_until};
@@ -14,11 +14,11 @@ use zenoh::config::Locator;
 
 /// How long a place has to answer: enough for a round trip of 3 s and a busy machine.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// How often the question is repeated. The system alone would repeat a lost question later and later.
+/// How often the question is repeated. The system itself would repeat a lost question at growing intervals.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 
-/// Returns the first address that answers, and how long it took, or why none does, for a person. A socket of this
-/// machine is tried first: a peer that is dialled from anywhere also gives its socket.
+/// Returns the first address that answers, and how long that took. The error is the reason why none answers, for people. A
+/// socket of this machine is tried first: a peer that others can dial also has such a socket.
 ///
 /// # Cancellation
 /// Safe.
@@ -57,7 +57,7 @@ pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), S
     }
 }
 
-/// Returns the addresses of a place, or why its name has none, for a person.
+/// Returns the addresses of a locator. The error is the reason why its name has none, for people.
 ///
 /// # Cancellation
 /// Safe.
@@ -70,7 +70,7 @@ pub(super) async fn resolve(locator: &Locator) -> Result<Vec<SocketAddr>, String
     }
 }
 
-/// Returns whether a place is where this machine itself listens on `port`: by an address of its own, or by its name.
+/// Returns whether a locator leads to this machine itself on `port`: by one of its own addresses, or by its name.
 pub(super) fn is_own(locator: &str, port: u16) -> bool {
     let Ok(locator) = locator.parse::<Locator>() else { return false };
     let Some((host, dialled)) = locator.address().as_str().rsplit_once(':') else { return false };
@@ -80,7 +80,7 @@ pub(super) fn is_own(locator: &str, port: u16) -> bool {
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let address = host.split_once('%').map_or(host, |(address, _interface)| address);
     match address.parse::<IpAddr>() {
-        // The system lets nothing listen at an address of another machine. A link-local address needs its interface.
+        // The system lets no program listen at an address of another machine. A link-local address needs its interface.
         Ok(IpAddr::V6(address)) if address.is_unicast_link_local() => {
             interfaces::now().iter().any(|own| own.ip == IpAddr::V6(address))
         }

@@ -1,8 +1,7 @@
 //! The server's side of calls.
 //!
 //! A caller of a stream asks for one piece after the other, and the server sends nothing else ([`super::stream`]). Each
-//! stream has a task that sends what was asked for as soon as there is something, so that nothing is sent from zenoh's
-//! threads.
+//! stream has a task that sends the requested piece as soon as there is an answer. So zenoh's threads send nothing.
 
 mod request;
 
@@ -26,15 +25,15 @@ use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::query::{Query, Queryable};
 
-/// Marks an error reply as ours; zenoh makes error replies of its own.
+/// Marks an error reply as ours. Zenoh also makes error replies.
 pub(super) const REFUSED: &str = "dca/refused";
-/// Requests that have not been taken yet.
+/// The most requests that wait to be taken.
 const REQUESTS_MAX: usize = 256;
-/// The streams that one server keeps; a new one replaces one without a reader.
+/// The most streams of one server. A new stream replaces a stream without a reader.
 const STREAMS_MAX: usize = 256;
-/// How long a stream is kept if its caller asks for nothing: a person may be reading in a pager.
+/// How long a stream is kept while its caller asks for nothing: a person may be reading in a pager.
 const IDLE_MAX: Duration = Duration::from_secs(600);
-/// How long such a stream is kept at least, however many streams there are.
+/// How long such a stream is kept at least, even if there are too many streams.
 const IDLE_MIN: Duration = Duration::from_secs(20);
 
 /// Receives the calls to a key until it is dropped.
@@ -47,8 +46,8 @@ pub struct Server {
     _queryables: [Queryable<()>; 2],
 }
 
-/// One call. A call for one answer is complete with the first answer; a stream is complete only with [`Request::finish`], and
-/// broken if the request is dropped before.
+/// One call. A call for one answer is complete with its first answer. A stream is complete only with [`Request::finish`]; if
+/// the request is dropped before, the stream is broken.
 #[derive(Debug)]
 pub struct Request {
     key: String,
@@ -57,7 +56,7 @@ pub struct Request {
     caller: Caller,
 }
 
-/// A question, which its answer refers to, and its signer.
+/// A question, to which its answers refer, and the signer of the question.
 #[derive(Debug)]
 struct Asked {
     authenticator: Option<Arc<dyn Authenticator>>,
@@ -67,7 +66,7 @@ struct Asked {
 
 #[derive(Debug)]
 enum Caller {
-    /// The caller wants one answer, or has it.
+    /// The caller wants one answer; `None` after the answer.
     One(Option<Query>),
     /// The caller asks for one piece after the other.
     Stream(Arc<Stream>),
@@ -88,26 +87,26 @@ struct Stream {
     question: Digest,
     authenticator: Option<Arc<dyn Authenticator>>,
     state: Mutex<State>,
-    /// Notified when something has come from either side.
+    /// Notified when the server or the caller has sent something.
     changed: Notify,
-    /// Notified when there is room for answers, or no reader any more.
+    /// Notified when there is room for answers, or the stream has lost its reader.
     taken: Notify,
 }
 
 #[derive(Debug)]
 struct State {
     outgoing: Outgoing,
-    /// The caller's open request: the query, the most bytes of the answer, and whether data was waiting when it came.
+    /// The caller's open request: the query, the most bytes of the answer, and whether answers waited when the request came.
     pull: Option<(Query, u32, bool)>,
     /// When the caller was last answered.
     answered: Time,
-    /// Whether the caller is to be told that the server is still there.
+    /// Whether the caller is to be sent that the server is still there.
     is_here: bool,
     /// Whether no more answers will be given.
     is_dropped: bool,
     /// Whether the stream has no reader any more.
     is_left: bool,
-    /// Whether the caller has been shown the author of the answers.
+    /// Whether an earlier piece has already proved the author of the answers to the caller.
     is_shown: bool,
 }
 
@@ -122,10 +121,10 @@ enum Turn {
 }
 
 impl Session {
-    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`]; a request may also name this session
-    /// ([`Session::at_the_other_end`]), since another one may serve the same key.
+    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`]. Since another session may serve the
+    /// same key, a request may also name this session ([`Session::at_the_other_end`]).
     ///
-    /// Of requests that wait, 256 are kept; more are refused.
+    /// At most 256 requests wait; further requests are refused.
     ///
     /// # Errors
     /// If the session is closed.
@@ -144,7 +143,7 @@ impl Session {
         Ok(Server { requests, streams, sending: JoinSet::new(), answering, _queryables: queryables })
     }
 
-    /// Waits until every caller of a stream that is complete has taken it.
+    /// Waits until each caller of a complete stream has taken the whole stream.
     ///
     /// # Cancellation
     /// Safe.
@@ -179,7 +178,7 @@ impl Streams {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a message of a caller. Zenoh calls this.
+    /// Takes a message of a caller. Called by zenoh.
     fn hear(&self, query: Query, to_serve: &Sender<Request>) {
         let one = |nonce: &[u8], proof| {
             let asked = self.asked(&query, nonce, proof);
@@ -215,8 +214,8 @@ impl Streams {
         self.lock().get(stream).cloned()
     }
 
-    /// Makes a stream, if there is room for one. If there are too many, the stream whose caller has been silent for longest
-    /// is removed.
+    /// Makes a stream, if there is room for one. If there are too many, it removes the stream whose caller has been silent
+    /// for longest.
     fn make(&self, id: StreamId, question: Digest) -> Option<Arc<Stream>> {
         let mut streams = self.lock();
         if streams.len() >= STREAMS_MAX {
@@ -247,14 +246,14 @@ impl Streams {
     }
 }
 
-/// Hands a request on, or refuses it when too many wait.
+/// Hands a request on, or refuses it if too many requests wait.
 fn pass(request: Request, to_serve: &Sender<Request>) {
     if let Pushed::Rejected(request) = to_serve.push(request) {
         request.refuse("it has too many requests waiting; try again");
     }
 }
 
-/// Sends an answer on a thread of its own: zenoh waits while the link takes nothing.
+/// Sends an answer on a separate thread: zenoh waits while the link takes nothing.
 async fn send(query: Query, bytes: Vec<u8>, proof: Option<Vec<u8>>) {
     let sending = tokio::task::spawn_blocking(move || {
         let reply = query.reply(query.key_expr().clone(), bytes);
@@ -299,13 +298,13 @@ impl Stream {
         state.pull.is_none().then_some(state.answered)
     }
 
-    /// Does something to the stream that its caller may be waiting for.
+    /// Changes the state of the stream, and wakes the task that sends.
     fn change(&self, change: impl FnOnce(&mut State)) {
         change(&mut self.lock());
         self.changed.notify_one();
     }
 
-    /// Adds an answer; returns whether a reader is left, or `None` while the answer finds no room.
+    /// Adds an answer. Returns whether the stream still has a reader, or `None` while the answer does not fit.
     fn give(&self, answer: &[u8]) -> Option<bool> {
         let mut state = self.lock();
         let is_taken = !state.is_left;
@@ -339,7 +338,7 @@ impl Stream {
     fn turn(&self) -> Turn {
         let mut state = self.lock();
         if state.is_left || state.is_dropped && !state.outgoing.is_ready() {
-            // A caller that asks for more learns from its query, which gets no answer, that the server is gone.
+            // A caller that asks for more learns that the server has ended, because its query gets no answer.
             return Turn::Over;
         }
         let is_here = std::mem::take(&mut state.is_here);

@@ -1,9 +1,9 @@
-//! A stream of answers, as each of its ends keeps it; nothing here waits or sends.
+//! The state of a stream of answers at each of its ends, without I/O.
 //!
-//! The caller asks for one piece after the other, with a limit for the size of each, and the server sends nothing
-//! without a request. So a caller that takes nothing, because it is suspended or waits for a full pipe, blocks no
-//! other: the bytes in transit to it fit into the buffers of its link. A piece has bytes of the answers as frames
-//! ([`crate::logic::frame`]), cut anywhere, and the last one tells how the stream has ended.
+//! The caller asks for one piece after the other, with a limit for the size of each. The server sends nothing without a
+//! request. A caller may take nothing, because it is suspended or waits for a full pipe. It blocks no other caller: the
+//! bytes in transit to it fit into the buffers of its link. A piece contains bytes of the answers, as frames
+//! ([`crate::logic::frame`]) that may be cut anywhere. The last piece tells how the stream has ended.
 
 use super::tally::Tally;
 use crate::logic::codec::{Enveloped, Kind};
@@ -16,9 +16,9 @@ use std::time::Duration;
 
 /// The largest answer, in bytes.
 const ANSWER_SIZE_MAX: usize = 16 << 20;
-/// How many bytes of answers wait at the server for their caller before it is told to wait.
+/// How many bytes of answers may wait at the server before it has to stop adding answers.
 const ROOM: usize = 256 << 10;
-/// In how many steps a silence is counted.
+/// A silence is measured in this number of steps.
 const SILENCE_STEPS: u32 = 8;
 
 /// Names a stream: the session of the caller, and its number there.
@@ -33,14 +33,14 @@ pub(super) struct StreamId {
 /// A request of a caller to the server of a stream. The first one carries the question and makes the stream.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Pull {
-    /// Asks for the first piece of a stream that is not there yet.
+    /// Asks for the first piece of a new stream.
     First {
         /// The stream.
         stream: StreamId,
         /// The most bytes that the piece may have.
         size: u32,
     },
-    /// Asks for the piece after the last one.
+    /// Asks for the next piece of an existing stream.
     Next {
         /// The stream.
         stream: StreamId,
@@ -54,15 +54,15 @@ pub(super) enum Pull {
     },
     /// Asks in a team for a single answer, without a stream.
     One {
-        /// A random number, so that no two questions are one.
+        /// A random number, so that no two questions are equal.
         nonce: [u8; 16],
-        /// The caller, if it is a node: over [`super::proof::question`].
+        /// The proof of the caller, if it is a node, over [`super::proof::question`].
         proof: Option<Proof>,
     },
 }
 
 impl StreamId {
-    /// Returns bytes that distinguish this question from every other one.
+    /// Returns bytes that distinguish this question from every other question.
     pub(super) fn nonce(&self) -> Vec<u8> {
         [self.session.as_bytes(), &self.number.to_le_bytes()].concat()
     }
@@ -76,9 +76,10 @@ impl Enveloped for Pull {
 /// The answer to a [`Pull`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Piece {
-    /// Whether answers waited when the piece was asked for: then the time until the piece came is that of the link.
+    /// Whether answers already waited when the request came. Then only the link determines the time until the piece
+    /// arrives.
     pub(super) was_ready: bool,
-    /// The next bytes. No bytes mean that the server is still there.
+    /// The next bytes. An empty piece means that the server is still there.
     pub(super) bytes: Vec<u8>,
     /// The end of the stream, if it follows these bytes.
     pub(super) end: Option<End>,
@@ -94,9 +95,9 @@ impl Enveloped for Piece {
 pub(super) enum End {
     /// The stream is complete; the bytes are the mark of [`Tally::mark`].
     Whole(Vec<u8>),
-    /// The stream is cut short, with the reason for a person.
+    /// The stream is incomplete, with the reason for people.
     Broken(String),
-    /// The server does not answer this, and why, for a person.
+    /// The server refuses this request, with the reason for people.
     Refused(String),
 }
 
@@ -114,7 +115,7 @@ impl Outgoing {
         self.bytes.len() < ROOM
     }
 
-    /// Adds an answer; one that is too large breaks the stream off.
+    /// Adds an answer; an answer that is too large breaks the stream.
     pub(super) fn push(&mut self, answer: &[u8]) {
         match frame::encode(answer, ANSWER_SIZE_MAX) {
             Ok(frame) => {
@@ -130,12 +131,12 @@ impl Outgoing {
         self.end(End::Whole(self.tally.mark().to_vec()));
     }
 
-    /// Ends the stream; the first end counts.
+    /// Sets the end of the stream; only the first end counts.
     pub(super) fn end(&mut self, end: End) {
         self.end.get_or_insert(end);
     }
 
-    /// Marks that no more answers are given. If the stream had not ended before, the caller does not get an end either.
+    /// Notes that no more answers come. If the stream has not ended before, the caller gets no end either.
     pub(super) fn abandon(&mut self) {
         if self.tally.count() > 0 {
             self.end(End::Broken("it went away in the middle".to_owned()));
@@ -177,10 +178,10 @@ impl Incoming {
         self.end = piece.end;
     }
 
-    /// Returns the next answer that is here as a whole.
+    /// Returns the next complete answer.
     ///
     /// # Errors
-    /// The server sends bytes that are not a stream.
+    /// If the server sends bytes that are not a stream.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, FrameError> {
         let answer = self.frames.next_frame()?;
         if let Some(answer) = &answer {
@@ -194,7 +195,7 @@ impl Incoming {
         self.tally.count()
     }
 
-    /// Returns how the stream has ended, once all answers were taken.
+    /// Returns the end of the stream, once all answers were taken.
     pub(super) fn end(&self) -> Option<End> {
         let end = self.end.clone()?;
         let is_whole = |mark: &[u8]| self.frames.is_between_frames() && *mark == self.tally.mark();
@@ -203,7 +204,8 @@ impl Incoming {
     }
 }
 
-/// How long a peer has been silent while this program listened. While the program was suspended it heard nothing.
+/// How long a peer has been silent while this program was running. Time in which this program was suspended is left
+/// out.
 #[derive(Debug)]
 pub(super) struct Silence {
     lasted: Duration,
@@ -211,13 +213,13 @@ pub(super) struct Silence {
 }
 
 impl Silence {
-    /// Returns a silence that begins now.
+    /// Returns a silence that begins at `now`.
     pub(super) fn begin(now: Time) -> Self {
         Self { lasted: Duration::ZERO, until: now }
     }
 
-    /// Counts the time since the last look, or one step of it: a look that comes much later than planned shows that the
-    /// program was not running. Returns when to look again, or none when the silence has lasted for `max`.
+    /// Adds the time since the last call, but at most two steps: a call that comes much later than planned shows that
+    /// the program was not running. Returns when to call this again, or none when the silence has lasted for `max`.
     pub(super) fn look(&mut self, now: Time, max: Duration) -> Option<Time> {
         let step = max / SILENCE_STEPS;
         self.lasted += (now - self.until).min(2 * step);
@@ -309,7 +311,7 @@ mod tests {
         };
         let each: Vec<u64> = (1..=20).map(|second| second * 1000).collect();
         assert_eq!(looked(&each), 7, "the eighth look is the last");
-        // The result does not depend on how often the silence is looked at.
+        // The result does not depend on the number of calls.
         let often: Vec<u64> = (1..=2000).map(|step| step * 10).collect();
         assert_eq!(looked(&often), 799);
         // This program was suspended for a minute.

@@ -1,4 +1,5 @@
-//! A count and a digest of a stream of answers. Both ends keep one, so the caller can tell whether it has everything.
+//! A count and a digest of a stream of answers. Each end computes them, so the caller can check that it has all
+//! answers.
 
 /// How many bytes of the digest travel.
 const DIGEST_SIZE: usize = 16;
@@ -26,7 +27,7 @@ impl Tally {
         self.count
     }
 
-    /// Returns what the end of a stream says: number of answers (`u64`, little-endian), then the digest.
+    /// Returns the mark that ends a stream: the number of answers (`u64`, little-endian), then the digest.
     pub(super) fn mark(&self) -> [u8; MARK_SIZE] {
         let mut mark = [0; MARK_SIZE];
         mark[..8].copy_from_slice(&self.count.to_le_bytes());

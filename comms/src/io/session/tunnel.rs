@@ -1,9 +1,9 @@
 //! Tunnels between hosts of a team: TLS 1.3 with keys at both ends around the bytes of a zenoh link.
 //!
-//! Zenoh itself listens only on a Unix socket. A [`Tunnels`] listens on TCP in its place, lets in only peers whose
+//! Zenoh itself listens only on a Unix socket. A [`Tunnels`] listens on TCP in its place. It lets in only peers whose
 //! credential its [`Identity`] trusts, and relays their bytes to that socket. The dialling side does the same. So no
-//! byte of a stranger reaches zenoh, keys and revocations count from the moment they are known, and a link ends when
-//! its credential does.
+//! byte of an untrusted host reaches zenoh, new keys and revocations apply at once, and a link ends
+//! with its credential.
 //!
 //! ```text
 //! zenoh ── Unix socket ── Tunnels ═══ TLS over TCP ═══ Tunnels ── Unix socket ── zenoh
@@ -46,28 +46,28 @@ const ENTERED_WITHIN: Duration = Duration::from_secs(10);
 const JUDGE_EVERY: Duration = Duration::from_secs(5);
 /// How many addresses of others are remembered.
 const MET_MAX: usize = 256;
-/// The reason for refusing a peer that has gone before its identity was known.
+/// The reason for refusing a peer that has closed the connection before its identity was known.
 const HUNG_UP: &str = "it has hung up before it had said who it is";
 /// How many bytes a tunnel reads at once.
 const BUFFER_SIZE: usize = 32 << 10;
 
-/// The identity of this process toward other hosts, and the peers it trusts. It is used by many tasks at once, and must
-/// not wait.
+/// The identity of this process toward other hosts, and the peers that it trusts. Many tasks use it at once, and it
+/// must not wait.
 pub trait Identity: fmt::Debug + Send + Sync {
-    /// Returns the secret Ed25519 key by which it is known, and its public one.
+    /// Returns the secret Ed25519 key by which this process is known, and its public key.
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey);
 
-    /// Returns the credential by which others may trust that key, at most 4,000 bytes.
+    /// Returns the credential that makes others trust that key, at most 4,000 bytes.
     fn credential(&self) -> Vec<u8>;
 
-    /// Judges a key by its credential; returns the name of its owner.
+    /// Checks a key by its credential; returns the name of its owner.
     ///
     /// # Errors
-    /// It is not trusted, and why, for a person.
+    /// The reason, for people, if the key is not trusted.
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String>;
 
-    /// Returns a receiver that changes when a peer, which has come and may soon be let in, is to be judged again; none
-    /// if [`Identity::judge`] is final.
+    /// Returns a receiver that changes when a refused peer has to be checked again, since it may be trusted soon. None
+    /// if the result of [`Identity::judge`] is final.
     fn awaits(&self, _key: &PublicKey, _credential: &[u8]) -> Option<watch::Receiver<()>> {
         None
     }
@@ -75,7 +75,7 @@ pub trait Identity: fmt::Debug + Send + Sync {
     /// Returns the revocations that this process knows.
     fn revocations(&self) -> Vec<u8>;
 
-    /// Takes revocations from a trusted peer. Returns whether any of them is new.
+    /// Takes revocations from a trusted peer. Returns whether any of them was unknown.
     fn hear(&self, revocations: &[u8]) -> bool;
 
     /// Notes that a peer was refused, and why.
@@ -102,9 +102,9 @@ pub(crate) struct Tunnels {
     locators: Vec<String>,
     made: AtomicU64,
     table: Mutex<Table>,
-    /// The addresses from which trusted peers have come.
+    /// The addresses from which trusted peers have connected.
     met: Mutex<BTreeSet<IpAddr>>,
-    /// The tunnels that stand, each a task.
+    /// The present tunnels, each a task.
     tasks: Mutex<JoinSet<()>>,
     /// Notified when a change may end tunnels.
     changed: Notify,
@@ -144,7 +144,7 @@ impl Tunnels {
         Ok((tunnels, listeners))
     }
 
-    /// Returns where it listens.
+    /// Returns the locators at which it listens.
     pub(crate) fn locators(&self) -> &[String] {
         &self.locators
     }
@@ -172,7 +172,7 @@ impl Tunnels {
         }
     }
 
-    /// Has all tunnels judged again at once.
+    /// Makes the check of all tunnels run at once.
     pub(crate) fn judge_again(&self) {
         self.changed.notify_one();
     }
@@ -182,7 +182,7 @@ impl Tunnels {
         self.tasks.lock().unwrap_or_else(PoisonError::into_inner).abort_all();
     }
 
-    /// Sets how long a tunnel may carry nothing before it is given up; returns whether there is such a tunnel.
+    /// Sets how long a tunnel may carry nothing before it is given up. Returns whether the session has a tunnel.
     pub(super) fn set_patience(&self, session: &str, patience: Duration) -> bool {
         self.ends_of(session).is_some_and(|ends| patience::set(ends, patience))
     }
@@ -192,7 +192,7 @@ impl Tunnels {
         self.table().get(session).map(|standing| standing.ends)
     }
 
-    /// Returns the sessions whose tunnels have stood for so long.
+    /// Returns the sessions whose tunnels have existed for at least `age`.
     pub(super) fn older_than(&self, age: Duration) -> Vec<String> {
         let (table, now) = (self.table(), now());
         let old = table.all().filter(|(_, standing)| now - standing.since >= age);
@@ -204,8 +204,8 @@ impl Tunnels {
         self.table().get(session).map(|standing| standing.end.notify_one()).is_some()
     }
 
-    /// Makes a tunnel to the listener at an address, which has to be `wanted` if that is given. Returns its session,
-    /// its name, and the path of a Unix socket that leads there, once.
+    /// Makes a tunnel to the listener at an address. If `wanted` is given, the peer has to be that session. Returns the
+    /// peer's session and name, and the path of a Unix socket that leads to it and can be connected once.
     pub(super) async fn dial(
         self: &Arc<Self>,
         address: &str,
@@ -245,9 +245,9 @@ impl Tunnels {
         Ok((stream, peer, ends))
     }
 
-    /// Lets in a peer that has connected, or refuses it.
+    /// Lets a peer in that has connected, or refuses it.
     async fn admit(self: Arc<Self>, stream: TcpStream, from: SocketAddr) {
-        // A peer that only probes the port sends nothing, and is not worth a message.
+        // A peer that only probes the port sends nothing, and is not reported.
         let mut first = [0];
         let said = tokio::time::timeout(HANDSHAKE_WITHIN, stream.peek(&mut first)).await;
         if !matches!(said, Ok(Ok(1))) {
@@ -267,7 +267,8 @@ impl Tunnels {
                     own.table().leave(&peer.session, number);
                 });
             }
-            // A member gives up waiting for this process, which was suspended or busy: it is not a stranger.
+            // A member has stopped waiting for this process, which was suspended or busy. It is not reported as
+            // untrusted.
             Err(why) if why == HUNG_UP && self.met().contains(&from.ip()) => {
                 tracing::debug!(%from, "a peer has hung up at an address of a former member");
             }
@@ -305,8 +306,8 @@ impl Tunnels {
             end: Arc::clone(&end),
         };
         let number = self.table().enter(&peer.session, standing)?;
-        // A peer that was trusted a moment ago may be revoked by now, and a search for its tunnel has not found this
-        // one.
+        // The peer was trusted a moment ago, but may have been revoked since then. The search for tunnels of revoked
+        // peers has not seen this tunnel yet.
         if let Err(why) = self.identity.judge(&peer.key, &peer.credential) {
             self.table().leave(&peer.session, number);
             self.identity.refused(ends.1, &why);
@@ -338,7 +339,7 @@ impl Tunnels {
         self.met.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns a path beside the entrance that nothing is at.
+    /// Returns an unused path beside the entrance.
     fn path(&self) -> PathBuf {
         let number = self.made.fetch_add(1, Ordering::Relaxed);
         let session = self.session.get(..8).unwrap_or(&self.session);
@@ -354,7 +355,7 @@ fn prepare(stream: &TcpStream) -> std::io::Result<Ends> {
     Ok((stream.local_addr()?, stream.peer_addr()?))
 }
 
-/// Carries bytes both ways until both sides have ended, or the tunnel is to end.
+/// Relays bytes in both directions until both sides have ended, or the tunnel has to end.
 async fn carry(mut tunnel: impl AsyncRead + AsyncWrite + Unpin, mut local: UnixStream, end: &Notify) {
     let carried = tokio::select! {
         carried = copy_bidirectional_with_sizes(&mut tunnel, &mut local, BUFFER_SIZE, BUFFER_SIZE) => carried.map(drop),

@@ -1,5 +1,5 @@
-//! Typed values of the database, as a program has them. The database keeps a tag and bytes, [`Stored`]; both forms are
-//! described in `dbmanager::logic::view::value`, and the bytes are the same.
+//! Typed values of the database, as programs use them. The database stores a tag and bytes, [`Stored`].
+//! `dbmanager::logic::view::value` describes the tags and the bytes, which are the same in both rooms.
 
 use super::Stored;
 use crate::logic::bytes::Bytes;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// How deep lists and tables may lie in each other.
+/// How deep lists and tables may be nested.
 pub const DEPTH_MAX: usize = 32;
 
 const BYTES: u8 = 0;
@@ -23,7 +23,7 @@ const TABLE: u8 = 7;
 pub enum Value {
     /// Yes or no.
     Bool(bool),
-    /// A whole number; never the same as a float.
+    /// A whole number. It is never equal to a float.
     Integer(i64),
     /// A number.
     Float(f64),
@@ -35,9 +35,9 @@ pub enum Value {
     List(Vec<Self>),
     /// Values by name.
     Table(BTreeMap<String, Self>),
-    /// Something that this program cannot read, such as a sealed secret. It is written back as it was.
+    /// A value that this program cannot read, such as a sealed secret. It is written back unchanged.
     Opaque {
-        /// How the bytes are meant.
+        /// The type of the bytes.
         tag: u8,
         /// The bytes.
         bytes: Vec<u8>,
@@ -64,7 +64,7 @@ impl Value {
         Self::Table(fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
-    /// Returns the word for its type.
+    /// Returns the name of the value's type.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::Bool(_) => "bool",
@@ -83,7 +83,7 @@ impl Value {
         if let Self::Table(fields) = self { fields.get(name) } else { None }
     }
 
-    /// Returns whether lists and tables lie no deeper in each other than [`DEPTH_MAX`].
+    /// Returns whether lists and tables are nested at most [`DEPTH_MAX`] deep.
     pub fn is_shallow(&self) -> bool {
         self.fits(DEPTH_MAX)
     }
@@ -100,7 +100,7 @@ impl Value {
 }
 
 impl Stored {
-    /// Reads it. A value that cannot be read is [`Value::Opaque`].
+    /// Decodes the stored bytes. The result for unreadable bytes is [`Value::Opaque`].
     pub fn value(&self) -> Value {
         read(self.tag, &self.bytes.0, DEPTH_MAX)
     }
@@ -108,7 +108,7 @@ impl Stored {
 
 impl From<&Value> for Stored {
     fn from(value: &Value) -> Self {
-        // Encoding to memory fails only for lengths that are not known beforehand, and these are known.
+        // Encoding to memory fails only for lengths that are not known in advance, and these are known.
         let (tag, bytes) = match value {
             Value::Bool(yes) => (BOOL, vec![u8::from(*yes)]),
             Value::Integer(number) => (INTEGER, number.to_le_bytes().to_vec()),
@@ -138,7 +138,7 @@ fn inner(value: &Value) -> Inner {
     Inner(tag, bytes)
 }
 
-/// Reads a value in which lists and tables lie up to `depth` deep.
+/// Decodes a value in which lists and tables are nested up to `depth` deep.
 fn read(tag: u8, bytes: &[u8], depth: usize) -> Value {
     let number = <[u8; 8]>::try_from(bytes).map(u64::from_le_bytes).ok();
     let value = match (tag, depth.checked_sub(1)) {

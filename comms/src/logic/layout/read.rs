@@ -1,27 +1,27 @@
-//! Values from bytes. No bytes make the reader take more memory or time than their own length allows.
+//! Reads values from bytes. The reader never takes more memory or time than the length of the bytes justifies.
 
 use super::{Field, LENGTH_BYTES_MAX, Layout};
 
-/// Makes the values that are read, from the inside to the outside.
+/// Makes the values that are read; inner values are made first.
 pub trait Build {
     /// A value.
     type Value;
 
-    /// Returns a number, which may be infinite or not a number.
+    /// Returns a number, which may be infinite or NaN.
     fn number(&mut self, number: f64) -> Self::Value;
     /// Returns a truth value.
     fn truth(&mut self, truth: bool) -> Self::Value;
     /// Returns a text.
     fn text(&mut self, text: &str) -> Self::Value;
-    /// Returns the value in bytes of the type `of`; none if they are no such value.
+    /// Returns the value of type `of` in `bytes`; none if the bytes are not such a value.
     fn piece(&mut self, of: &str, bytes: &[u8]) -> Option<Self::Value>;
-    /// Returns a record of the values of these fields, in their order.
+    /// Returns a record with the values of these fields, in their order.
     fn record(&mut self, fields: &[Field], values: Vec<Self::Value>) -> Self::Value;
     /// Returns a list of these elements.
     fn list(&mut self, elements: Vec<Self::Value>) -> Self::Value;
 }
 
-/// Returns the value in `bytes`; none if the bytes, to the last one, do not have this layout.
+/// Returns the value in `bytes`; none if the bytes do not have exactly this layout.
 pub fn read<B: Build>(layout: &Layout, bytes: &[u8], build: &mut B) -> Option<B::Value> {
     let mut reader = Reader::new(bytes);
     let value = value(layout, &mut reader, build)?;
@@ -46,7 +46,8 @@ fn value<B: Build>(layout: &Layout, reader: &mut Reader<'_>, build: &mut B) -> O
     })
 }
 
-/// Takes encoded values off the beginning of bytes. Each function returns none if the bytes do not begin so.
+/// Reads encoded values from the beginning of bytes. Each function returns none if the bytes do not begin with such a
+/// value.
 #[derive(Debug)]
 pub struct Reader<'a> {
     rest: &'a [u8],
@@ -58,7 +59,7 @@ impl<'a> Reader<'a> {
         Self { rest: bytes }
     }
 
-    /// Returns the bytes that are left.
+    /// Returns the unread bytes.
     pub fn rest(&self) -> &'a [u8] {
         self.rest
     }
@@ -84,14 +85,14 @@ impl<'a> Reader<'a> {
         std::str::from_utf8(self.piece()?).ok()
     }
 
-    /// Takes bytes that are sent with their length.
+    /// Reads bytes that are sent with their length.
     pub fn piece(&mut self) -> Option<&'a [u8]> {
         let length = self.length()?;
         self.bytes(length)
     }
 
-    /// Takes the number of elements of a list, unless its type fixes it. There are never more elements than bytes:
-    /// an element has at least one byte.
+    /// Reads the number of elements of a list, unless its type fixes the number. None if it exceeds the number of
+    /// unread bytes: an element has at least one byte.
     pub fn count(&mut self, count: Option<usize>) -> Option<usize> {
         let count = count.map_or_else(|| self.length(), Some)?;
         (count <= self.rest.len()).then_some(count)
@@ -107,7 +108,7 @@ impl<'a> Reader<'a> {
         self.natural().and_then(|length| usize::try_from(length).ok())
     }
 
-    /// Takes a whole number of variable length, as a `u64` of a device: seven bits a byte, the lowest first.
+    /// Reads a whole number of variable length, like a `u64` of a device: seven bits per byte, the lowest first.
     pub fn natural(&mut self) -> Option<u64> {
         let mut length = 0_u64;
         for place in 0..LENGTH_BYTES_MAX {

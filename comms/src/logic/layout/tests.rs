@@ -13,11 +13,11 @@ enum Tree {
     Text(String),
     Piece(Vec<u8>),
     Record(Vec<Self>),
-    /// An array where its layout has a count.
+    /// The elements. The flag is true if the layout has a count, so this is an array.
     List(Vec<Self>, bool),
 }
 
-/// As a Rust struct, array, `Vec` and so on serialise themselves.
+/// Serialises like a Rust struct, array, `Vec` and so on.
 impl Serialize for Tree {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -65,7 +65,7 @@ impl Part for &Tree {
     }
 }
 
-/// Makes trees; only `serde` knows whether a list is an array.
+/// Makes trees. It does not know whether a list is an array; only `serde` needs that.
 struct Trees;
 
 impl Build for Trees {
@@ -153,7 +153,7 @@ proptest! {
         let bytes = written(&layout, &tree);
         prop_assert_eq!(&bytes, &postcard::to_stdvec(&tree).unwrap());
         let back = read(&layout, &bytes, &mut Trees);
-        // A list of empty records, or of empty arrays, has no bytes to count it by.
+        // The length of a list of empty records or empty arrays cannot be checked against its bytes.
         if let Some(back) = back {
             prop_assert_eq!(written(&layout, &back), bytes);
             prop_assert_eq!(format!("{back:?}"), format!("{:?}", without_arrays(tree)));

@@ -2,7 +2,7 @@
 
 use super::{Field, Layout};
 
-/// A value, or a part of one, that is written by a layout.
+/// A value, or a part of a value, that is written with a layout.
 pub trait Part: Sized {
     /// Why a value cannot be written.
     type Error;
@@ -10,26 +10,26 @@ pub trait Part: Sized {
     /// Writes a number, a truth value, a text or a piece.
     ///
     /// # Errors
-    /// The value is not of this layout.
+    /// If the value does not have this layout.
     fn leaf(&self, layout: &Layout, writer: &mut Writer<'_>) -> Result<(), Self::Error>;
 
     /// Returns the value of a field.
     ///
     /// # Errors
-    /// The value is not a record with such a field.
+    /// If the value is not a record with such a field.
     fn field(&self, field: &Field) -> Result<Self, Self::Error>;
 
     /// Returns the elements of a list; exactly `count` of them if the layout fixes their number.
     ///
     /// # Errors
-    /// The value is not a list, or does not have `count` elements.
+    /// If the value is not a list, or does not have `count` elements.
     fn elements(&self, of: &Layout, count: Option<usize>) -> Result<Vec<Self>, Self::Error>;
 }
 
 /// Appends a value to the bytes.
 ///
 /// # Errors
-/// The value is not of this layout; some of it may have been written.
+/// If the value does not have this layout. A part of it may have been written.
 pub fn write<P: Part>(layout: &Layout, part: &P, writer: &mut Writer<'_>) -> Result<(), P::Error> {
     match layout {
         Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::Piece { .. } => part.leaf(layout, writer),
@@ -82,7 +82,7 @@ impl<'a> Writer<'a> {
         self.natural(u64::try_from(length).unwrap_or(u64::MAX));
     }
 
-    /// Writes a whole number of variable length, as a `u64` of a device: seven bits a byte, the lowest first.
+    /// Writes a whole number of variable length, like a `u64` of a device: seven bits per byte, the lowest first.
     pub fn natural(&mut self, mut number: u64) {
         while number >= 0x80 {
             self.bytes.push(u8::try_from(number & 0x7f).unwrap_or(0) | 0x80);

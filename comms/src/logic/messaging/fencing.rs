@@ -1,6 +1,6 @@
-//! The check in front of a resource: it lets through the present holder of the lock, and no earlier one.
+//! The check in front of a resource: it lets the present holder of the lock through, and no earlier holder.
 //!
-//! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not believe a
+//! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not trust the
 //! client; it compares numbers. Each grant of a lock has a fencing number that is greater than all earlier ones, and
 //! every command to the resource carries the number of its grant. Invariant: the floor of a check never sinks, so a
 //! number that was refused once is refused for ever. Source: Gray and Cheriton, "Leases", SOSP 1989; Kleppmann,
@@ -12,42 +12,43 @@ use thiserror::Error;
 /// Compares fencing numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FencingCheck {
-    /// The least number that is let through.
+    /// The smallest number that is let through.
     floor: u64,
-    /// The greatest number that was granted; none if this check does not hear of grants.
+    /// The greatest granted number; none if this check is not told of grants.
     granted: Option<u64>,
 }
 
-/// Why a command does not reach a resource.
+/// Why a command does not reach the resource.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// It carries no fencing number.
+    /// The command carries no fencing number.
     #[error("it was sent without the lock")]
     NoLock,
-    /// It carries the number of a grant that is over.
+    /// The command carries the number of a grant that is over.
     #[error("it was sent under grant {number} of the lock, which is over: only {floor} and later ones may act")]
     Over {
-        /// The number that it carries.
+        /// The number of the command.
         number: u64,
-        /// The least number that is let through.
+        /// The smallest number that is let through.
         floor: u64,
     },
-    /// It carries a number that was never granted.
+    /// The command carries a number that was never granted.
     #[error("grant {number} of the lock was never made")]
     Unknown {
-        /// The number that it carries.
+        /// The number of the command.
         number: u64,
     },
 }
 
 impl FencingCheck {
-    /// Returns a check at a resource that does not hear of grants: it learns the numbers from the commands that come
+    /// Returns a check at a resource that is not told of grants. It learns the numbers from the commands that it lets
     /// through.
     pub const fn learning() -> Self {
         Self { floor: 0, granted: None }
     }
 
-    /// Returns a check beside its lock, closed until the first grant. No number from `first` on was granted yet.
+    /// Returns a check in the same program as its lock. It is closed until the first grant. No number from `first` on
+    /// was granted yet.
     pub const fn closed(first: u64) -> Self {
         Self { floor: first, granted: Some(first.saturating_sub(1)) }
     }
@@ -55,7 +56,7 @@ impl FencingCheck {
     /// Lets a command through, or refuses it.
     ///
     /// # Errors
-    /// The reason for a refusal of its number.
+    /// Why the number is refused.
     pub fn admit(&mut self, number: Option<u64>) -> Result<(), Refusal> {
         let number = number.ok_or(Refusal::NoLock)?;
         if number < self.floor {
@@ -68,18 +69,18 @@ impl FencingCheck {
         Ok(())
     }
 
-    /// Notes a grant: every number before it is refused from now on.
+    /// Notes a grant: every smaller number is refused from now on.
     pub fn open(&mut self, number: u64) {
         self.floor = self.floor.max(number);
         self.granted = self.granted.map(|granted| granted.max(number));
     }
 
-    /// Notes that a grant is over: its number is also refused from now on.
+    /// Notes that a grant is over: its number and every smaller one are refused from now on.
     pub fn close(&mut self, number: u64) {
         self.floor = self.floor.max(number.saturating_add(1));
     }
 
-    /// Returns the least number that is let through.
+    /// Returns the smallest number that is let through.
     pub const fn floor(&self) -> u64 {
         self.floor
     }
@@ -104,7 +105,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against a list of all numbers that came through.
+        /// Compared with a list of all numbers that were let through.
         #[test]
         fn no_number_comes_through_after_a_greater_one(numbers in prop::collection::vec(0_u64..20, 0..60)) {
             let (mut fencing, mut through) = (FencingCheck::learning(), Vec::<u64>::new());

@@ -1,4 +1,4 @@
-//! The header of a message, which queues and routers look at. They never look at the data.
+//! The header of a message. Queues and routers read only the header, never the data.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -9,46 +9,46 @@ pub const NAME_SIZE_MAX: usize = 255;
 /// The most bytes of data in a message.
 pub const DATA_SIZE_MAX: usize = 1 << 20;
 
-/// The header of a message, as in the paper.
+/// The header of a message. Its fields are those of the paper.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// The context: `motion`, `speech`. Filters choose by it.
+    /// The context: `motion`, `speech`. Filters use it.
     pub category: String,
-    /// The identifier: no two messages have the same one. A message that is sent again keeps its own.
+    /// The identifier: no two messages have the same one. A message that is sent again keeps its identifier.
     pub id: MessageId,
-    /// The queue to which a reply goes: `main/planner.Replies`. A sender without a queue gives its own name.
+    /// The queue to which a reply is sent: `main/planner.Replies`. A sender without a queue gives its own name.
     pub sender: String,
-    /// The queue, or the router, that the message was given to.
+    /// The queue or router to which the message was given.
     pub recipient: String,
-    /// The order among messages: a greater number goes first.
+    /// A message with a greater number goes first.
     pub priority: u8,
-    /// Joins a reply with its request; 0 in a message that is neither.
+    /// Connects a reply with its request: both have the same number. 0 in all other messages.
     pub marker: u64,
 }
 
 /// The identifier of a message: its sender, and its number among the sender's messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct MessageId {
-    /// One life of one sender: a random number, drawn when it starts.
+    /// A random number that the sender draws at each start.
     pub life: u64,
-    /// Counts the messages of that life, from 1.
+    /// The number of the message since that start, from 1.
     pub number: u64,
 }
 
 /// A message: its header, the type of its data, and the data.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Message {
-    /// The part that queues and routers look at.
+    /// The part that queues and routers read.
     pub header: Header,
-    /// The type of the data, as interfaces call it: `Wrench`.
+    /// The type of the data, by its name in interfaces: `Wrench`.
     pub type_name: String,
-    /// The fencing number of the lock under which it was sent, for queues in front of a resource.
+    /// The fencing number of the lock under which the message was sent, for queues in front of a resource.
     pub fence: Option<u64>,
-    /// A value of that type, as postcard encodes it.
+    /// A value of that type, encoded by postcard.
     pub data: Vec<u8>,
 }
 
-/// The reason why a message can be neither sent nor received, in any queue.
+/// Why no queue can send or receive a message.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Malformed {
     /// A part of the header is too long.
@@ -56,18 +56,18 @@ pub enum Malformed {
     Name {
         /// `category`, `sender`, `recipient` or `type`.
         part: String,
-        /// Its size.
+        /// The size of this part, in bytes.
         size: u64,
     },
     /// The data is too long.
     #[error("it has {size} bytes of data, and {size_max} are allowed")]
     Data {
-        /// Its size.
+        /// The size of the data, in bytes.
         size: u64,
         /// The limit.
         size_max: u64,
     },
-    /// It is the number 0 of its sender, which no message has.
+    /// The message has the number 0, which is not valid.
     #[error("its identifier has the number 0; the first one is 1")]
     Number,
 }
@@ -76,7 +76,7 @@ impl Message {
     /// Checks the limits of each part.
     ///
     /// # Errors
-    /// Names the first part that is too long.
+    /// The first part that is too long.
     pub fn check(&self) -> Result<(), Malformed> {
         let header = &self.header;
         let names = [
@@ -106,7 +106,7 @@ impl fmt::Display for MessageId {
     }
 }
 
-/// Returns a size or a count as messages have it.
+/// Converts a size or a count to the type that messages use.
 pub(super) fn count(size: usize) -> u64 {
     u64::try_from(size).unwrap_or(u64::MAX)
 }

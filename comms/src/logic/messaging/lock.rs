@@ -1,13 +1,14 @@
 //! A resource lock: one client at a time, by priority, for the time of a lease.
 //!
-//! The server measures the lease on its own clock, from the grant or the last renewal that reached it. A holder that
-//! dies or is cut off stops renewing, so its lease runs out, and the next one gets the lock with a greater fencing
-//! number. From then on the [`FencingCheck`] refuses the old number, whatever its holder believes. Of two hosts that
-//! cannot reach each other, the one without the server gets no lock: a partition costs availability, never exclusion.
+//! The server measures the lease on its own clock, from the grant or the last renewal that has arrived. A holder that
+//! dies or is cut off stops renewing, so its lease ends, and the next client gets the lock with a greater fencing
+//! number. From then on the [`FencingCheck`] refuses the old number, even if its holder still believes that it has the
+//! lock. If two hosts cannot reach each other, only the host with the server can grant the lock. A partition costs
+//! availability, never exclusion.
 //!
-//! Invariants: no fencing number is granted twice, also by a server that was started again, because a number is on the
-//! disk before it is granted ([`LockEffect::Persist`]). A server that was started again grants nothing for the time of
-//! one lease, since it does not know who held the lock.
+//! Invariants: no fencing number is granted twice, even by a restarted server, because a number is on the disk before
+//! it is granted ([`LockEffect::Persist`]). A restarted server grants nothing for the time of one lease, since it does
+//! not know which client held the lock.
 
 use super::fencing::{FencingCheck, Refusal};
 use super::header::count;
@@ -19,9 +20,9 @@ use std::time::Duration;
 
 /// How many numbers are reserved on the disk at once.
 const RESERVED: u64 = 64;
-/// The client that only looks; no other has this number.
+/// The client number of a program that only asks for the status. No other client has this number.
 pub const NOBODY: u64 = 0;
-/// For how many clients the lock remembers which of their requests are over.
+/// For how many clients the lock remembers their last ended request.
 const CLIENTS_MAX: usize = 1024;
 
 /// The declaration of a lock.
@@ -29,7 +30,7 @@ const CLIENTS_MAX: usize = 1024;
 pub struct LockSettings {
     /// How long a grant lasts without a renewal.
     pub lease: Duration,
-    /// How long a holder may go on when a client with a greater priority wants the lock; none if it may keep it.
+    /// How long a holder may keep the lock when a client of greater priority wants it; none if it may keep the lock.
     pub preempt_after: Option<Duration>,
     /// How many clients wait at most.
     pub waiting_max: usize,
@@ -40,20 +41,20 @@ pub struct LockSettings {
 pub enum LockInput {
     /// A client asks.
     Request(LockRequest),
-    /// The numbers before this one may be granted: this reservation is on the disk.
+    /// The reservation of all numbers before this one is on the disk, so they may be granted.
     Persisted(u64),
-    /// A time has come.
+    /// The time of [`ResourceLock::deadline`] has come.
     Tick,
 }
 
 /// An effect of a lock.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LockEffect {
-    /// Write this number to the disk, then give [`LockInput::Persisted`]: no number from it on was granted.
+    /// Write this number to the disk, then give [`LockInput::Persisted`]. No number from it on was granted yet.
     Persist(u64),
-    /// Answer a client. It may have asked long ago.
+    /// Answer a client, which may have asked long ago.
     Answer {
-        /// Which client.
+        /// The client to answer.
         client: u64,
         /// The answer.
         answer: LockAnswer,
@@ -69,15 +70,15 @@ pub struct ResourceLock {
     next: u64,
     /// The first number that may not be granted yet.
     reserved: u64,
-    /// Whether a reservation is on its way to the disk.
+    /// Whether a reservation is being written to the disk.
     is_persisting: bool,
-    /// Before this time nothing is granted.
+    /// Nothing is granted before this time.
     quarantine: Time,
     holder: Option<Holder>,
     /// By priority and arrival.
     waiting: BTreeMap<(Reverse<u8>, u64), Waiter>,
     arrival: u64,
-    /// The last request of each client that is over, and when it ended.
+    /// For each client, its last ended request, the reason, and the time when it ended.
     ended: BTreeMap<u64, (u64, Denied, Time)>,
     grants: u64,
     expired: u64,
@@ -86,16 +87,16 @@ pub struct ResourceLock {
     pub(super) fault: Option<Fault>,
 }
 
-/// A bug, made on purpose, that the schedules of the tests must find. No program has one.
+/// A deliberate bug that the schedules of the tests must find. No program has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fault {
-    /// A lease that is over still lets its holder through.
+    /// A holder whose lease is over is still let through.
     StaysOpen,
     /// A number is granted before it is on the disk.
     GrantsUnwritten,
     /// A renewal by a former holder counts.
     RenewsAnybody,
-    /// The holder that is preempted keeps its number.
+    /// A preempted holder keeps its number.
     PreemptsOnPaper,
 }
 
@@ -120,7 +121,7 @@ struct Waiter {
 }
 
 impl ResourceLock {
-    /// Returns a lock whose server starts now. No number from `first` on was ever granted; 1 for a new lock.
+    /// Returns a lock whose server starts at `now`. No number from `first` on was granted yet; 1 for a new lock.
     pub fn new(settings: LockSettings, first: u64, now: Time) -> Self {
         let first = first.max(1);
         Self {
@@ -166,7 +167,7 @@ impl ResourceLock {
         self.grant(now, effects);
     }
 
-    /// Returns when something happens by itself.
+    /// Returns the time at which the lock has to be called with [`LockInput::Tick`]; none if it waits for nothing.
     pub fn deadline(&self) -> Option<Time> {
         let grant =
             (self.holder.is_none() && !self.waiting.is_empty() && !self.is_persisting).then_some(self.quarantine);
@@ -175,23 +176,23 @@ impl ResourceLock {
         [grant, expiry, forgotten].into_iter().flatten().min()
     }
 
-    /// Lets a command through to the resource, or refuses it: only the holder's number is let through, and only before
-    /// its lease is over.
+    /// Lets a command through to the resource, or refuses it. Only the holder's number is let through, and only before
+    /// the lease is over.
     ///
     /// # Errors
-    /// The reason for a refusal of its number.
+    /// Why the number is refused.
     pub fn admit(&mut self, now: Time, number: Option<u64>) -> Result<(), Refusal> {
         self.expire(now);
         self.fencing.admit(number)
     }
 
-    /// Returns the fencing number of the holder.
+    /// Returns the fencing number of the present holder.
     pub fn held(&mut self, now: Time) -> Option<u64> {
         self.expire(now);
         self.holder.as_ref().map(|holder| holder.fence)
     }
 
-    /// Returns its status.
+    /// Returns the status of the lock.
     pub fn status(&self, now: Time) -> LockStatus {
         let holder = self.holder.as_ref();
         LockStatus {
@@ -222,7 +223,7 @@ impl ResourceLock {
         {
             return deny(*why);
         }
-        // A newer request of a client takes the place of its older one.
+        // A newer request of a client replaces its older request.
         self.release(now, client, request.saturating_sub(1));
         let place = self.waiting.iter().find(|(_, other)| other.client == client).map(|(&place, _)| place);
         match place {
@@ -275,7 +276,7 @@ impl ResourceLock {
         effects.push(LockEffect::Answer { client, answer: LockAnswer::Denied { request, why } });
     }
 
-    /// Withdraws the requests of a client up to this one, both waiting and granted.
+    /// Withdraws all requests of a client up to `request`, waiting or granted.
     fn release(&mut self, now: Time, client: u64, request: u64) {
         self.waiting.retain(|_, waiter| waiter.client != client || waiter.request > request);
         if self.holder.as_ref().is_some_and(|holder| holder.client == client && holder.request <= request) {

@@ -1,15 +1,15 @@
 //! The client's side of a resource lock.
 //!
-//! The client believes that it holds the lock for less time than the server does: the client counts the remaining time
-//! from when it *sent* the answered request, the server from when it received the request. The client may still be
-//! wrong, because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries
-//! the fencing number, and the resource looks at that.
+//! The client considers the lock as held for less time than the server does. The client counts the lease from when it
+//! *sent* the answered request; the server counts it from when it received the request. The client may still be wrong,
+//! because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries the
+//! fencing number, and the resource checks that.
 
 use super::wire::{Denied, LockAnswer, LockRequest};
 use crate::logic::time::Time;
 use std::time::Duration;
 
-/// How long an answer is waited for before the request is made again.
+/// How long the client waits for an answer before it repeats the request.
 const RETRY: Duration = Duration::from_millis(250);
 /// The shortest time between two requests.
 const PACE: Duration = Duration::from_millis(5);
@@ -23,12 +23,12 @@ pub enum ClientInput {
     Drop,
     /// The answer to a call.
     Answer {
-        /// Which [`ClientEffect::Call`].
+        /// The number of the [`ClientEffect::Call`].
         call: u64,
-        /// The answer; none if there was none.
+        /// The answer; none if no answer came.
         answer: Option<LockAnswer>,
     },
-    /// A time has come.
+    /// The time of [`LockClient::deadline`] has come.
     Tick,
 }
 
@@ -41,15 +41,15 @@ pub enum ClientEffect {
         call: u64,
         /// The request to send.
         request: LockRequest,
-        /// For how long an answer is worth something.
+        /// How long the answer is useful.
         within: Duration,
     },
     /// The lock is held.
     Held {
-        /// The fencing number that goes with each command.
+        /// The fencing number to send with each command.
         fence: u64,
     },
-    /// The lock is lost, or cannot be had.
+    /// The lock is lost, or cannot be granted.
     Lost(Denied),
 }
 
@@ -62,7 +62,7 @@ pub struct LockClient {
     /// Counts the requests of the program.
     request: u64,
     call: u64,
-    /// The call that has no answer yet, and when it was made.
+    /// The unanswered call, and when it was made.
     open: Option<(u64, Time)>,
     /// When the next call is due.
     due: Time,
@@ -71,7 +71,7 @@ pub struct LockClient {
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum State {
     Idle,
-    /// The server has yet to hear that it is over.
+    /// The server does not know yet that the request is withdrawn.
     Releasing {
         tries: u8,
     },
@@ -85,12 +85,12 @@ enum State {
     },
 }
 
-/// How often a release is sent; after that the lease ends the grant.
+/// How often a release is sent. After that, the grant ends with the lease.
 const RELEASES_MAX: u8 = 4;
 
 impl LockClient {
-    /// Returns a client without a request. `client` is a random number, drawn when the program starts; `name` is for
-    /// people.
+    /// Returns a client without a request. `client` is a random number, drawn at the start of the program. `name` is
+    /// for people.
     pub const fn new(client: u64, name: String) -> Self {
         Self { client, name, state: State::Idle, request: 0, call: 0, open: None, due: Time::ZERO }
     }
@@ -107,14 +107,14 @@ impl LockClient {
         self.call(now, effects);
     }
 
-    /// Returns when something happens by itself.
+    /// Returns the time at which the client has to be called with [`ClientInput::Tick`]; none if it waits for nothing.
     pub fn deadline(&self) -> Option<Time> {
         let until = if let State::Holding { until, .. } = self.state { Some(until) } else { None };
         let call = (self.state != State::Idle).then(|| self.open.map_or(self.due, |(_, sent)| sent + RETRY));
         [until, call].into_iter().flatten().min()
     }
 
-    /// Returns the fencing number, as long as this client may believe that it holds the lock.
+    /// Returns the fencing number, as long as this client may consider the lock as held.
     pub fn held(&self, now: Time) -> Option<u64> {
         match self.state {
             State::Holding { fence, until, .. } => (now < until).then_some(fence),
@@ -122,7 +122,7 @@ impl LockClient {
         }
     }
 
-    /// Returns whether a client with a greater priority waits for this one's lock.
+    /// Returns whether a client of greater priority waits for the lock that this client holds.
     pub const fn is_wanted(&self) -> bool {
         matches!(self.state, State::Holding { is_wanted: true, .. })
     }
@@ -132,7 +132,7 @@ impl LockClient {
         matches!(self.state, State::Waiting { .. } | State::Holding { .. })
     }
 
-    /// Returns whether nothing is wanted or held, and the server knows it, or has not answered to it several times.
+    /// Returns whether nothing is wanted or held, and the server knows this or did not answer several releases.
     pub const fn is_idle(&self) -> bool {
         matches!(self.state, State::Idle)
     }
@@ -251,7 +251,7 @@ mod tests {
         Some(LockAnswer::Granted { request: 1, fence: 7, lease, left, is_wanted })
     }
 
-    /// It sends a request. When the answer comes, the lease counts from the moment of the request.
+    /// The lease counts from the moment when the request was sent, not from the moment of the answer.
     #[test]
     fn a_lease_counts_from_the_question() {
         let mut client = LockClient::new(9, "task".into());
@@ -262,7 +262,7 @@ mod tests {
         let answer = |call, answer| ClientInput::Answer { call, answer };
         assert_eq!(handle(&mut client, 50, answer(1, granted(100, false))), [ClientEffect::Held { fence: 7 }]);
         assert_eq!((client.held(at(109)), client.held(at(110))), (Some(7), None));
-        // A renewal is due after a third of a lease, too late here.
+        // A renewal is due after a third of a lease, which is too late here.
         assert_eq!((handle(&mut client, 105, ClientInput::Tick), client.deadline()), (vec![], Some(at(110))));
         assert_eq!(handle(&mut client, 110, ClientInput::Tick), [ClientEffect::Lost(Denied::Expired)]);
         assert_eq!((client.deadline(), client.is_active()), (None, false));
@@ -276,7 +276,7 @@ mod tests {
         let (request, within) = (LockRequest::Renew { client: 9, request: 1 }, RETRY);
         let renewing = handle(&mut client, 101, ClientInput::Tick);
         assert_eq!(renewing, [ClientEffect::Call { call: 2, request, within }]);
-        // An answer that is late, or to another question, changes nothing.
+        // A late answer, or an answer to another call, changes nothing.
         assert_eq!(handle(&mut client, 102, ClientInput::Answer { call: 1, answer: granted(900, false) }), []);
         assert!(!client.is_wanted());
         handle(&mut client, 103, ClientInput::Answer { call: 2, answer: granted(20, true) });

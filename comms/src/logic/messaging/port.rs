@@ -1,8 +1,9 @@
-//! Messages for the ports of an activity, in the program that has these ports, until the node of the activity has taken them.
+//! Messages for the ports of an activity. The program with these ports keeps them until the node of the activity has taken them.
 //!
-//! Each port has a limit. Of more messages the last one is given up: the newest of the lowest priority, as in the
-//! queue of the activity itself. A few messages are handed to the node at a time, the highest priority first, and the node reports
-//! the fate of each. Invariant: a message with a receipt is accepted only after the node has taken it, and is taken once.
+//! Each port has a limit. When it is exceeded, the last message in the order is dropped: the newest of the lowest priority, as in
+//! the activity's own queue. At most [`HANDED_MAX`] messages are handed to the node at a time, the highest priority first. The
+//! node reports the fate of each. Invariant: a message with a receipt is accepted only after the node has taken it, and the node
+//! takes it once.
 
 use super::header::{MessageId, count};
 use super::queue::{Receipt, Rejected};
@@ -12,9 +13,9 @@ use crate::logic::time::Time;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// The controller type of the program that has the ports of an activity. Plans name it.
+/// The controller type of the program with the ports of an activity. Plans name it.
 pub const PORTS: &str = "ActivityPorts";
-/// How many messages are on their way to the node.
+/// How many messages may be handed to the node before it has reported their fate.
 pub const HANDED_MAX: usize = 16;
 
 /// A message for a port.
@@ -24,16 +25,16 @@ pub struct Offer<R> {
     pub port: usize,
     /// The value, encoded.
     pub value: Vec<u8>,
-    /// A greater one goes first.
+    /// Messages of greater priority go first.
     pub priority: u8,
-    /// The way of its receipt; none for a value of a wire.
+    /// The way of the receipt; none for a value of a wire.
     pub receipt: Option<Expected<R>>,
 }
 
 /// A receipt that a sender waits for.
 #[derive(Debug)]
 pub struct Expected<R> {
-    /// The identifier of the message. A message that is sent again keeps it.
+    /// The identifier of the message. A message that is sent again keeps its identifier.
     pub id: MessageId,
     /// The way of the receipt.
     pub way: R,
@@ -42,7 +43,7 @@ pub struct Expected<R> {
 /// A receipt to give.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Given<R> {
-    /// Its way.
+    /// The way of the receipt.
     pub way: R,
     /// The receipt.
     pub receipt: Receipt,
@@ -52,7 +53,7 @@ pub struct Given<R> {
 struct Port {
     name: String,
     limit: usize,
-    /// Lost values that the node was not told of.
+    /// How many lost values the node was not told of yet.
     lost: u64,
 }
 
@@ -62,7 +63,7 @@ pub struct PortInbox<R> {
     ports: Vec<Port>,
     /// By priority and arrival.
     waiting: BTreeMap<(Reverse<u8>, u64), Offer<R>>,
-    /// By the numbers under which the node has them.
+    /// The messages that the node has, by their numbers.
     handed: BTreeMap<u64, Offer<R>>,
     seen: Seen,
     arrivals: u64,
@@ -70,7 +71,7 @@ pub struct PortInbox<R> {
 }
 
 impl<R> PortInbox<R> {
-    /// Returns the inbox of these ports, each with how many messages may wait.
+    /// Returns the inbox of these ports. Each port comes with the number of messages that may wait.
     pub fn new(ports: impl IntoIterator<Item = (String, usize)>) -> Self {
         let port = |(name, limit): (String, usize)| Port { name, limit: limit.max(1), lost: 0 };
         let ports = ports.into_iter().map(port).collect();
@@ -78,7 +79,7 @@ impl<R> PortInbox<R> {
         Self { ports, waiting, handed, seen, arrivals: 0, numbers: 0 }
     }
 
-    /// Takes a message. Returns the receipts that follow at once.
+    /// Adds a message. Returns the receipts that can be given at once.
     pub fn offer(&mut self, now: Time, mut offer: Offer<R>) -> Vec<Given<R>> {
         if offer.port >= self.ports.len() {
             return Vec::new();
@@ -87,7 +88,7 @@ impl<R> PortInbox<R> {
             let known = self.waiting.values_mut().chain(self.handed.values_mut());
             let same = known.filter_map(|other| other.receipt.as_mut()).find(|other| other.id == id);
             if let Some(same) = same {
-                // Its sender no longer waits for the previous receipt.
+                // The sender does not wait for the previous receipt any longer.
                 same.way = way;
                 return Vec::new();
             }
@@ -108,7 +109,7 @@ impl<R> PortInbox<R> {
         self.give_up_last(port).into_iter().collect()
     }
 
-    /// Gives up the last message of a port that has too many.
+    /// Drops the last message of a port that has too many.
     fn give_up_last(&mut self, port: usize) -> Option<Given<R>> {
         let limit = self.ports[port].limit;
         let mut own = self.waiting.iter().filter(|(_, offer)| offer.port == port);
@@ -125,14 +126,14 @@ impl<R> PortInbox<R> {
         Some(Given { way, receipt: full(limit) })
     }
 
-    /// Notes values of a port that were lost before they came here.
+    /// Counts values of a port that were lost before they arrived here.
     pub fn lose(&mut self, port: usize, count: u64) {
         if let Some(port) = self.ports.get_mut(port) {
             port.lost += count;
         }
     }
 
-    /// Returns the next message for the node, if the node may have one more.
+    /// Returns the next message for the node, if the node may be handed one more.
     pub fn next_for_node(&mut self) -> Option<PortMessage> {
         if self.handed.len() >= HANDED_MAX {
             return None;
@@ -152,7 +153,7 @@ impl<R> PortInbox<R> {
         Some(message)
     }
 
-    /// Takes the fate of a message. Returns its receipt.
+    /// Processes the fate of a message. Returns its receipt.
     pub fn fate(&mut self, now: Time, number: u64, fate: MessageFate) -> Option<Given<R>> {
         let Offer { port, receipt, .. } = self.handed.remove(&number)?;
         let limit = self.ports[port].limit;

@@ -1,8 +1,9 @@
-//! A message queue: receives messages, and gives them out by priority, in the order of their arrival within one.
+//! A message queue: receives messages, and gives them out by priority. Messages of the same priority keep their order
+//! of arrival.
 //!
-//! It has one method of reception, [`MessageQueue::receive`], and says with a [`Receipt`] what became of the message. A
-//! message that is sent again, because its receipt was lost, is taken once. Invariant: of all that was accepted, each
-//! message is taken once, or dropped and counted, or waits.
+//! A queue receives messages only by [`MessageQueue::receive`], which returns the result as a [`Receipt`]. A message
+//! that is sent again because its receipt was lost is taken once. Invariant: each accepted message is taken once, or
+//! dropped and counted, or waits.
 
 use super::fencing::Refusal;
 use super::header::{Malformed, Message, count};
@@ -20,18 +21,19 @@ pub const CAPACITY_MAX: usize = 65_536;
 /// The policy for a message that finds the queue full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Full {
-    /// It is turned away.
+    /// The new message is rejected.
     Reject,
-    /// The last in the order gives way: the newest of the lowest priority. If that is the new one, it is turned away.
+    /// The last message in the order is dropped: the newest of the lowest priority. If that is the new message, it is
+    /// rejected.
     DropLowest,
-    /// The message that has waited longest is dropped, whatever its priority.
+    /// The message that has waited for longest is dropped, regardless of its priority.
     DropOldest,
 }
 
 /// The declaration of a queue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct QueueSettings {
-    /// The type of the data: another one is turned away.
+    /// The type of the data. Messages of another type are rejected.
     pub type_name: String,
     /// How many messages wait at most.
     pub capacity: NonZeroUsize,
@@ -44,9 +46,9 @@ pub struct QueueSettings {
 /// The result for a message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Receipt {
-    /// It waits in the queue, or did when it came for the first time.
+    /// The message waits in the queue, or was accepted when it came for the first time.
     Accepted,
-    /// It was turned away, and nothing of it is kept.
+    /// The message was rejected, and is not stored.
     Rejected(Rejected),
 }
 
@@ -56,30 +58,30 @@ pub enum Rejected {
     /// The queue is full.
     #[error("{capacity} messages wait already")]
     Full {
-        /// Its capacity.
+        /// The capacity of the queue.
         capacity: u64,
     },
-    /// It is of another type.
+    /// The message has another type.
     #[error("the queue takes `{expected}`, and it is a `{found}`")]
     WrongType {
-        /// The type that the queue takes.
+        /// The type that the queue accepts.
         expected: String,
-        /// The type that it has.
+        /// The type of the message.
         found: String,
     },
-    /// It breaks a limit.
+    /// The message breaks a limit.
     #[error("{0}")]
     Malformed(Malformed),
-    /// It is so old that it is unknown whether it was taken.
+    /// The message is so old that it is unknown whether it was taken.
     #[error("it is so old that it may have been taken already")]
     TooOld,
     /// Too many senders are active.
     #[error("too many senders are active at the queue")]
     Senders,
-    /// The resource behind the queue refuses it.
+    /// The resource behind the queue refuses the message.
     #[error("{0}")]
     Fenced(Refusal),
-    /// The program takes nothing now: it is not active.
+    /// The program accepts nothing now: it is not active.
     #[error("its program is idle")]
     Idle,
 }
@@ -89,17 +91,17 @@ pub enum Rejected {
 pub struct QueueCounters {
     /// How many messages wait.
     pub depth: u64,
-    /// The most that have waited.
+    /// The most messages that have waited at a time.
     pub depth_max: u64,
     /// Accepted, each message once.
     pub accepted: u64,
     /// Taken by the program.
     pub taken: u64,
-    /// Accepted, and then given up for others.
+    /// Messages that were accepted, and later dropped for others.
     pub dropped: u64,
     /// Turned away.
     pub rejected: u64,
-    /// Sent again after they were accepted.
+    /// Messages that were sent again after they were accepted.
     pub repeated: u64,
 }
 
@@ -107,9 +109,9 @@ pub struct QueueCounters {
 #[derive(Clone, Debug)]
 pub struct MessageQueue {
     settings: QueueSettings,
-    /// By priority and arrival; the first is the next to be taken.
+    /// The messages by priority and arrival; the first one is the next to be taken.
     waiting: BTreeMap<(Reverse<u8>, u64), Message>,
-    /// The priorities by arrival, to find the message that has waited longest.
+    /// The priorities by arrival, to find the message that has waited for longest.
     arrivals: BTreeMap<u64, u8>,
     arrival: u64,
     seen: Seen,
@@ -133,7 +135,7 @@ impl MessageQueue {
         }
     }
 
-    /// Notes that a message was turned away for a reason that the queue does not know by itself.
+    /// Notes that a message was rejected for a reason that the queue itself cannot know.
     pub fn turn_away(&mut self, rejected: Rejected) -> Receipt {
         self.counters.rejected += 1;
         Receipt::Rejected(rejected)
@@ -195,7 +197,7 @@ impl MessageQueue {
         Ok(())
     }
 
-    /// Takes the first message: the one with the highest priority, and among equals the earliest.
+    /// Takes the message of the highest priority; among several, the earliest.
     pub fn take(&mut self) -> Option<Message> {
         let ((_, arrival), message) = self.waiting.pop_first()?;
         self.arrivals.remove(&arrival);
@@ -214,7 +216,7 @@ impl MessageQueue {
         self.counters.depth = count(self.waiting.len());
     }
 
-    /// Drops all waiting messages; taken messages stay known.
+    /// Drops all waiting messages. The queue still recognises the messages that were already taken.
     pub fn clear(&mut self) {
         self.counters.dropped += count(self.waiting.len());
         self.waiting.clear();
@@ -222,17 +224,17 @@ impl MessageQueue {
         self.counters.depth = 0;
     }
 
-    /// Returns the counters of its traffic.
+    /// Returns the counters of the messages.
     pub fn counters(&self) -> QueueCounters {
         self.counters
     }
 
-    /// Returns the sender of the last message that it took in; empty before there was one.
+    /// Returns the sender of the last accepted message; empty if there was none.
     pub fn last_sender(&self) -> &str {
         &self.last_sender
     }
 
-    /// Returns its declaration.
+    /// Returns the settings with which the queue was declared.
     pub fn settings(&self) -> &QueueSettings {
         &self.settings
     }
@@ -249,7 +251,7 @@ mod tests {
         QueueSettings { type_name: "Speed".into(), capacity, full, data_size_max: 16 }
     }
 
-    /// The plainest model: a list in the order of arrival, searched from end to end.
+    /// The simplest model: a list in the order of arrival, searched from end to end.
     #[derive(Default)]
     struct Model {
         waiting: Vec<Message>,
@@ -343,7 +345,7 @@ mod tests {
         assert_eq!((queue.counters().rejected, queue.counters().accepted), (4, 1));
     }
 
-    /// A message that was rejected for lack of room may be sent again, with the same identifier, and is then accepted.
+    /// A message that was rejected for lack of room may be sent again with the same identifier, and is then accepted.
     #[test]
     fn a_rejected_message_is_no_duplicate() {
         let mut queue = MessageQueue::new(settings(1, Full::Reject));

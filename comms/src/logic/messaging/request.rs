@@ -1,7 +1,7 @@
-//! Requests and replies over queues: a reply has the marker of its request, and goes to the queue that the request
+//! Requests and replies over queues. A reply has the marker of its request, and is sent to the queue that the request
 //! names as its sender.
 //!
-//! Invariant: each request ends once, with its reply or with the reason why there is none.
+//! Invariant: each request ends once, with its reply or with the reason why it has none.
 
 use super::header::{Message, MessageId};
 use super::queue::{Receipt, Rejected};
@@ -16,9 +16,9 @@ pub const OPEN_MAX: usize = 1024;
 /// How a request ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RequestEnd {
-    /// With this reply.
+    /// The request has this reply.
     Reply(Message),
-    /// Without one.
+    /// The request has no reply, for this reason.
     Failed(RequestFailure),
 }
 
@@ -28,10 +28,10 @@ pub enum RequestFailure {
     /// There is no queue of that name.
     #[error("there is no such queue")]
     Unknown,
-    /// The queue has turned the request away.
+    /// The queue has rejected the request.
     #[error("the queue has turned it away: {0}")]
     Rejected(Rejected),
-    /// The time is over. Whether it was received is not known.
+    /// No reply came in time. It is not known whether the request was received.
     #[error("no reply came in time")]
     Deadline,
     /// Too many requests are open.
@@ -49,10 +49,10 @@ pub struct Requests {
 }
 
 impl Requests {
-    /// Begins a request: returns the marker for its header. It ends at `now + within` at the latest.
+    /// Begins a request: returns the marker for its header. The request ends at `now + within` at the latest.
     ///
     /// # Errors
-    /// If too many are open.
+    /// If too many requests are open.
     pub fn begin(&mut self, now: Time, within: Duration) -> Result<u64, RequestFailure> {
         if self.open.len() >= OPEN_MAX {
             return Err(RequestFailure::TooMany);
@@ -62,8 +62,8 @@ impl Requests {
         Ok(self.marker)
     }
 
-    /// Takes the receipt of a request; says how it has ended, if that ends it. None for the receipt stands for a name
-    /// that is unknown.
+    /// Takes the receipt of a request; `None` means that the queue's name is unknown. Returns the end of the request,
+    /// if the receipt ends it.
     pub fn received(&mut self, marker: u64, receipt: Option<Receipt>) -> Option<RequestEnd> {
         let failure = match receipt {
             Some(Receipt::Accepted) => return None,
@@ -73,8 +73,8 @@ impl Requests {
         self.open.remove(&marker).map(|_| RequestEnd::Failed(failure))
     }
 
-    /// Takes a message that may be a reply; returns the marker of the request that it ends. A late or repeated reply is
-    /// counted, and ends nothing.
+    /// Takes a message that may be a reply. Returns the marker of the request that it ends, and the end. A late or
+    /// repeated reply is only counted.
     pub fn replied(&mut self, now: Time, reply: Message) -> Option<(u64, RequestEnd)> {
         let marker = reply.header.marker;
         match self.open.remove(&marker) {
@@ -90,30 +90,30 @@ impl Requests {
         }
     }
 
-    /// Returns a request whose time is over; called until there is none.
+    /// Returns one request whose time is over. Call this until it returns none.
     pub fn time_out(&mut self, now: Time) -> Option<(u64, RequestEnd)> {
         let marker = self.open.iter().find(|(_, until)| **until <= now).map(|(&marker, _)| marker)?;
         self.open.remove(&marker);
         Some((marker, RequestEnd::Failed(RequestFailure::Deadline)))
     }
 
-    /// Returns when the next request ends by itself.
+    /// Returns the time at which the next request times out.
     pub fn deadline(&self) -> Option<Time> {
         self.open.values().min().copied()
     }
 
-    /// Returns how many replies came too late, or twice.
+    /// Returns how many replies came too late or repeatedly.
     pub const fn late(&self) -> u64 {
         self.late
     }
 }
 
-/// Numbers the messages of one life of a sender.
+/// Numbers the messages of a sender since its start.
 #[derive(Clone, Debug)]
 pub struct Numbering(MessageId);
 
 impl Numbering {
-    /// Returns the numbering of a life, which is a random number.
+    /// Returns the numbering for `life`, the random number that a sender draws at its start.
     pub const fn new(life: u64) -> Self {
         Self(MessageId { life, number: 0 })
     }
@@ -150,7 +150,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against a list of all requests ever made, each with how often it ended.
+        /// Compared with a list of all requests, each with the number of its ends.
         #[test]
         fn each_request_ends_once(steps in steps()) {
             let (mut requests, mut now) = (Requests::default(), Time::ZERO);

@@ -1,10 +1,10 @@
-//! A router: sends each message to every queue that has subscribed and whose filters take its header.
+//! A router: sends each message to every subscribed queue whose filters accept its header.
 //!
-//! The filters are evaluated here, at the sender, so that no message travels in vain. Each subscriber has its own
-//! outbox with one message in transit: a slow or absent subscriber fills only its own outbox and delays no other. A
-//! message that was not received is sent again with the same identifier, which its queue takes once. A subscriber whose
-//! queue is gone, or that has been silent for long, is dropped from the register. Invariant: of all messages that a
-//! subscriber's filters took, each was delivered, or refused by its queue, or lost and counted, or waits in its outbox.
+//! The filters are evaluated here, at the sender, so no unwanted message is sent. Each subscriber has its own outbox
+//! with one message in transit: a slow or absent subscriber fills only its own outbox and delays no other. A message
+//! that was not received is sent again with the same identifier, so its queue takes it once. A subscriber whose queue
+//! has ended, or that has been silent for long, is removed from the register. Invariant: each message that a
+//! subscriber's filters accepted was delivered, or refused by its queue, or lost and counted, or waits in its outbox.
 
 use super::header::{Header, Message, NAME_SIZE_MAX, count};
 use super::queue::{Receipt, Rejected};
@@ -19,28 +19,28 @@ use std::time::Duration;
 pub const SUBSCRIBERS_MAX: usize = 256;
 /// How many filters a subscription has at most.
 pub const FILTERS_MAX: usize = 16;
-/// The longest name in the register, in bytes: that of a queue, then a blank and the life of its owner, in 16 digits.
+/// The longest name in the register, in bytes: the name of a queue, a blank, and the life of its owner in 16 digits.
 const KEY_SIZE_MAX: usize = NAME_SIZE_MAX + 17;
-/// How long an answer of a queue is waited for.
+/// How long the router waits for the answer of a queue.
 pub const DELIVER_WITHIN: Duration = Duration::from_millis(500);
 /// How often a subscriber renews its subscription.
 pub const RENEW_EVERY: Duration = Duration::from_secs(1);
 /// How long a silent subscriber stays in the register, unless a router sets another time.
 pub const GONE_AFTER: Duration = Duration::from_secs(5);
-/// The pause after a queue was full or could not be reached; it doubles up to [`PAUSE_MAX`].
+/// The pause after a queue was full or could not be reached. It doubles with each failure, up to [`PAUSE_MAX`].
 const PAUSE_MIN: Duration = Duration::from_millis(5);
 const PAUSE_MAX: Duration = Duration::from_millis(500);
 
-/// Takes some messages by their headers: those that match in every named part.
+/// Accepts messages by their headers. Each given part has to match.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
-    /// This category; a category that ends with `*` takes all with this beginning.
+    /// The category. A pattern that ends with `*` matches all categories with this beginning.
     pub category: Option<String>,
-    /// This sender; `*` at the end as above.
+    /// The sender, with the same meaning of `*`.
     pub sender: Option<String>,
-    /// This priority or a greater one.
+    /// The smallest accepted priority.
     pub priority_min: Option<u8>,
-    /// This marker.
+    /// The marker.
     pub marker: Option<u64>,
 }
 
@@ -49,9 +49,9 @@ pub struct Filter {
 pub struct RouterSettings {
     /// The type of its messages.
     pub type_name: String,
-    /// How many messages wait for a subscriber at most; its oldest gives way.
+    /// How many messages wait for a subscriber at most. When there are more, its oldest message is dropped.
     pub outbox_max: usize,
-    /// For how long a subscriber of which nothing is heard, neither a receipt nor a renewal, stays in the register.
+    /// How long a subscriber stays in the register without a receipt or a renewal.
     pub gone_after: Duration,
 }
 
@@ -62,16 +62,16 @@ pub enum RouterInput {
     Request(RouterRequest),
     /// The program sends a message to all.
     Publish(Message),
-    /// The end of a [`RouterEffect::Deliver`].
+    /// The result of a [`RouterEffect::Deliver`].
     Delivered {
         /// The queue.
         queue: String,
         /// The number of the delivery.
         delivery: u64,
-        /// How it ended.
+        /// The result.
         end: DeliveryEnd,
     },
-    /// A time has come.
+    /// The time of [`Router::deadline`] has come.
     Tick,
 }
 
@@ -80,16 +80,16 @@ pub enum RouterInput {
 pub enum DeliveryEnd {
     /// The queue has answered.
     Receipt(Receipt),
-    /// It cannot be reached, or did not answer in time.
+    /// The queue cannot be reached, or did not answer in time.
     Unreachable,
-    /// There is no such queue: the name server has looked.
+    /// There is no such queue, according to the name server.
     Unknown,
 }
 
 /// An effect of a router.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RouterEffect {
-    /// Answer the program that has asked.
+    /// Answer the program that has sent the request.
     Answer(RouterAnswer),
     /// Put a message into a queue, then give [`RouterInput::Delivered`].
     Deliver {
@@ -99,16 +99,16 @@ pub enum RouterEffect {
         delivery: u64,
         /// The message.
         message: Message,
-        /// For how long an answer is worth something.
+        /// How long the answer is useful.
         within: Duration,
     },
-    /// A subscriber was dropped from the register: inform the program.
+    /// A subscriber was removed from the register: report it to the program.
     Dropped {
-        /// Its queue.
+        /// The queue of the subscriber.
         queue: String,
         /// The reason.
         why: Gone,
-        /// How many messages that were for it were lost.
+        /// How many messages for this subscriber were lost.
         lost: u64,
     },
 }
@@ -116,11 +116,11 @@ pub enum RouterEffect {
 /// Why a subscriber was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gone {
-    /// Its queue is not there.
+    /// Its queue does not exist.
     Unknown,
-    /// Nothing was heard of it for [`RouterSettings::gone_after`].
+    /// Neither a receipt nor a renewal has come for [`RouterSettings::gone_after`].
     Silent,
-    /// Its queue takes another type.
+    /// Its queue accepts another type.
     WrongType,
 }
 
@@ -129,28 +129,28 @@ pub enum Gone {
 pub struct RouterCounters {
     /// Sent by the program.
     pub published: u64,
-    /// Subscribers that were dropped.
+    /// Subscribers that were removed.
     pub dropped_subscribers: u64,
 }
 
 /// The status of a subscriber.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SubscriberStatus {
-    /// Its queue.
+    /// The queue of the subscriber.
     pub queue: String,
-    /// Its filters.
+    /// The filters of the subscription.
     pub filters: Vec<Filter>,
-    /// Taken by its filters.
+    /// Messages that its filters accepted.
     pub matched: u64,
-    /// Accepted by its queue.
+    /// Messages that its queue accepted.
     pub delivered: u64,
     /// Given up in the outbox.
     pub lost: u64,
-    /// Refused by its queue for good.
+    /// Messages that its queue refused for good.
     pub refused: u64,
     /// In the outbox.
     pub waiting: u64,
-    /// Whether its queue could not be reached last time.
+    /// Whether the last delivery did not reach its queue.
     pub is_unreachable: bool,
 }
 
@@ -167,14 +167,14 @@ pub struct Router {
 struct Subscriber {
     filters: Vec<Filter>,
     outbox: VecDeque<Message>,
-    /// The message that is on its way: the number of its delivery, and when it began.
+    /// The message in transit: the number of its delivery, and when that began.
     on_its_way: Option<(u64, Message, Time)>,
-    /// Nothing is sent before.
+    /// Nothing is sent before this time.
     resume: Time,
     pause: Duration,
-    /// When something was heard of it: a receipt or a renewal.
+    /// When the last receipt or renewal came.
     heard: Time,
-    /// Whether the last delivery found no queue.
+    /// Whether the last delivery did not reach the queue.
     is_unreachable: bool,
     matched: u64,
     delivered: u64,
@@ -183,7 +183,7 @@ struct Subscriber {
 }
 
 impl Filter {
-    /// Returns whether a header is taken.
+    /// Returns whether the filter accepts a header.
     pub fn takes(&self, header: &Header) -> bool {
         let text = |wanted: &Option<String>, found: &str| {
             wanted.as_ref().is_none_or(|wanted| match wanted.strip_suffix('*') {
@@ -237,13 +237,13 @@ impl Router {
         self.send(now, effects);
     }
 
-    /// Returns when something happens by itself.
+    /// Returns the time at which the router has to be called with [`RouterInput::Tick`]; none if it waits for nothing.
     pub fn deadline(&self) -> Option<Time> {
         let silent = self.register.values().map(|one| one.heard + self.settings.gone_after);
         self.register.values().filter_map(Subscriber::deadline).chain(silent).min()
     }
 
-    /// Returns its status; `fields` are those of its type.
+    /// Returns the status of the router; `fields` are the fields of its message type.
     pub fn status(&self, fields: String) -> RouterStatus {
         let subscribers = self.register.iter().map(|(queue, one)| one.status(queue.clone())).collect();
         RouterStatus { type_name: self.settings.type_name.clone(), fields, counters: self.counters, subscribers }
@@ -281,7 +281,7 @@ impl Router {
         }
         if let Some(known) = self.register.get_mut(&queue) {
             known.filters = filters;
-            // It has just sent a message, so it is there.
+            // The subscriber has just sent a message, so it is running.
             (known.heard, known.is_unreachable) = (now, false);
             (known.pause, known.resume) = (PAUSE_MIN, known.resume.min(now));
             return Ok(RouterAnswer::Subscribed { is_known: true, lost: known.lost });
@@ -359,7 +359,7 @@ impl Router {
         effects.push(RouterEffect::Dropped { queue: queue.to_owned(), why, lost });
     }
 
-    /// A delivery without a result ends by itself. Subscribers that are silent for long are dropped.
+    /// Ends deliveries without a result, and removes subscribers that are silent for long.
     fn time_out(&mut self, now: Time, effects: &mut Vec<RouterEffect>) {
         let late = |subscriber: &Subscriber| {
             let (delivery, _, sent) = subscriber.on_its_way.as_ref()?;
@@ -407,7 +407,7 @@ impl Subscriber {
         }
     }
 
-    /// The message is the oldest, so it is the next again.
+    /// Puts the message back. It is the oldest, so it is the next again.
     fn try_later(&mut self, now: Time, message: Message) {
         self.outbox.push_front(message);
         self.resume = now + self.pause;

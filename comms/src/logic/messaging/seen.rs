@@ -1,8 +1,9 @@
-//! The messages that have been taken, so that a repeated message is taken once.
+//! The messages that were taken, so that a repeated message is taken only once.
 //!
-//! For each sender a window over its last numbers is kept, as in IPsec against replays (RFC 6479). A number below the
-//! window is refused, because it is unknown whether it was taken. A sender is forgotten only when it has been silent
-//! for longer than any sender repeats a message. While all places are taken by active senders, a new sender is refused.
+//! For each sender there is a window over its last numbers, as IPsec has it against replays (RFC 6479). A number below
+//! the window is refused, because it is unknown whether it was taken. A sender is forgotten only when it has been
+//! silent for longer than any sender repeats a message. While all places are taken by active senders, a new sender is
+//! refused.
 
 use super::header::MessageId;
 use crate::logic::time::Time;
@@ -20,13 +21,13 @@ const WORD: u64 = 64;
 /// Whether a message may be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Novelty {
-    /// It was not taken before.
+    /// The message was not taken before.
     New,
-    /// It was.
+    /// The message was taken before.
     Taken,
-    /// Unknown: it is older than the window.
+    /// It is unknown whether the message was taken: its number is below the window.
     TooOld,
-    /// There is no place for its sender.
+    /// No place is free for the sender of the message.
     NoRoom,
 }
 
@@ -40,13 +41,13 @@ pub(super) struct Seen {
 struct Sender {
     /// The greatest number.
     newest: u64,
-    /// One bit for each number, from `newest` down, in words of 64: bit 0 of word 0 is a multiple of 64.
+    /// One bit for each number, from `newest` down, in words of 64 bits. Bit 0 of word 0 is a multiple of 64.
     words: VecDeque<u64>,
     heard: Time,
 }
 
 impl Seen {
-    /// Looks at a message without taking it. A sender that is looked at is not silent.
+    /// Looks up a message without noting it as taken. Its sender no longer counts as silent.
     pub(super) fn look(&mut self, now: Time, id: MessageId) -> Novelty {
         if let Some(sender) = self.senders.get_mut(&id.life) {
             sender.heard = now;
@@ -62,7 +63,7 @@ impl Seen {
         sender.take(id.number);
     }
 
-    /// Makes room; only for that are senders looked through.
+    /// Makes room by forgetting a silent sender. Senders are searched only for this.
     fn forget_one(&mut self, now: Time) -> bool {
         let silent = self.senders.iter().min_by_key(|(_, sender)| sender.heard);
         let silent = silent.filter(|(_, sender)| now.since(sender.heard) > SILENCE).map(|(&life, _)| life);
@@ -76,7 +77,7 @@ impl Sender {
         Self { newest, words: std::iter::repeat_n(0, words).collect(), heard }
     }
 
-    /// Returns the word and the bit of a number that is not newer than the newest; none if it is below the window.
+    /// Returns the word and the bit of a number up to the newest one; none if the number is below the window.
     fn place(&self, number: u64) -> Option<(usize, u64)> {
         let back = (self.newest / WORD).checked_sub(number / WORD)?;
         let word = usize::try_from(back).ok().filter(|&word| word < self.words.len())?;
@@ -119,7 +120,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     proptest! {
-        /// Against a set of all numbers ever taken.
+        /// Compared with a set of all numbers that were ever taken.
         #[test]
         fn a_number_is_new_once(
             steps in prop::collection::vec((prop_oneof![0_u64..200, 900_u64..1200, 1_u64..5000, Just(u64::MAX), Just(u64::MAX - 70)], any::<bool>()), 1..300)
@@ -154,7 +155,7 @@ mod tests {
         }
         let new = MessageId { life: 5000, number: 1 };
         assert_eq!(seen.look(at(60), new), Novelty::NoRoom);
-        // A sender that is heard again stays; another one is dropped.
+        // A sender that was looked up again stays; another one is forgotten.
         assert_eq!(seen.look(at(61), MessageId { life: 0, number: 1 }), Novelty::Taken);
         assert_eq!(seen.look(at(61), new), Novelty::New);
         seen.take(at(61), new);

@@ -11,9 +11,9 @@ use thiserror::Error;
 /// To a queue.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum QueueRequest {
-    /// Receive this message: the one method of a queue.
+    /// Put this message into the queue.
     Put(Message),
-    /// For people and tools: its counters.
+    /// Ask for the counters, for people and tools.
     Look,
 }
 
@@ -29,7 +29,7 @@ pub enum QueueAnswer {
 /// The status of a queue.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct QueueStatus {
-    /// The type of its messages.
+    /// The type of the queue's messages.
     pub type_name: String,
     /// The fields of that type, as a spec spells them; empty if it does not name them.
     pub fields: String,
@@ -37,23 +37,23 @@ pub struct QueueStatus {
     pub capacity: u64,
     /// The policy for a full queue.
     pub full: Full,
-    /// The lock without which it takes nothing; empty if there is none.
+    /// The lock without which the queue accepts nothing; empty if it needs none.
     pub lock: String,
-    /// The traffic through it.
+    /// The counters of its messages.
     pub counters: QueueCounters,
-    /// The sender of the last message that it took in, as its header has it; empty before there was one.
+    /// The sender of the last accepted message, as in the header; empty if there was none.
     pub last_sender: String,
 }
 
 /// To a router.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RouterRequest {
-    /// Sends each message that one of the filters takes to this queue; without filters, every message. A repeated
+    /// Send to this queue each message that one of the filters accepts; without filters, every message. A repeated
     /// request renews the subscription and replaces its filters.
     Subscribe {
         /// The name of the queue.
         queue: String,
-        /// The type that the queue takes.
+        /// The type that the queue accepts.
         type_name: String,
         /// The filters.
         filters: Vec<Filter>,
@@ -63,7 +63,7 @@ pub enum RouterRequest {
         /// The name of the queue.
         queue: String,
     },
-    /// For people and tools: its subscribers.
+    /// Ask for the subscribers, for people and tools.
     Look,
 }
 
@@ -72,20 +72,20 @@ pub enum RouterRequest {
 pub enum RouterAnswer {
     /// The queue is in the register.
     Subscribed {
-        /// Whether it was before.
+        /// Whether the queue was in the register before.
         is_known: bool,
-        /// How many messages that were for it were lost since it was registered first.
+        /// How many messages for this queue were lost since it was first registered.
         lost: u64,
     },
     /// The queue is not in the register.
     Unsubscribed,
-    /// The queue is not in the register, and cannot be.
+    /// The queue is not in the register, and cannot be added.
     Refused(RouterRefusal),
     /// To [`RouterRequest::Look`].
     Status(RouterStatus),
 }
 
-/// Why a router does not take a subscription.
+/// Why a router refuses a subscription.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RouterRefusal {
     /// The register is full.
@@ -99,10 +99,10 @@ pub enum RouterRefusal {
     WrongType {
         /// The type that the router sends.
         sent: String,
-        /// The type that the queue takes.
+        /// The type that the queue accepts.
         taken: String,
     },
-    /// The filters are too many or too long.
+    /// There are too many filters, or they are too long.
     #[error("a subscription has {max} filters at most, each with {size_max} bytes of text")]
     Filters {
         /// How many there may be.
@@ -115,45 +115,45 @@ pub enum RouterRefusal {
 /// The status of a router.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RouterStatus {
-    /// The type of its messages.
+    /// The type of the router's messages.
     pub type_name: String,
     /// The fields of that type, as a spec spells them; empty if it does not name them.
     pub fields: String,
-    /// The traffic through it.
+    /// The counters of its messages.
     pub counters: RouterCounters,
-    /// Its subscribers, by name.
+    /// The subscribers, by name.
     pub subscribers: Vec<SubscriberStatus>,
 }
 
-/// To a lock. Said again, a request does no more than the first time.
+/// A request to a lock. A repeated request has no further effect.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LockRequest {
     /// Wait for the lock, and take it.
     Acquire {
-        /// One life of one client: a random number.
+        /// The client: a random number that it draws at its start.
         client: u64,
         /// The name of the client, for people.
         name: String,
-        /// Counts the requests of that client.
+        /// The number of the request, counted by the client.
         request: u64,
-        /// The order among clients: a greater number goes first.
+        /// The priority: a client with a greater number goes first.
         priority: u8,
     },
     /// Keep the lock for another lease.
     Renew {
         /// The client.
         client: u64,
-        /// The request under which it holds the lock.
+        /// The request that was granted.
         request: u64,
     },
     /// Let go of the lock, or wait no more.
     Release {
         /// The client.
         client: u64,
-        /// This request and all before it are over.
+        /// The last request to end: this one and all earlier requests are over.
         request: u64,
     },
-    /// For people and tools: its holder.
+    /// Ask for the holder, for people and tools.
     Look,
 }
 
@@ -162,31 +162,31 @@ pub enum LockRequest {
 pub enum LockAnswer {
     /// The client holds the lock.
     Granted {
-        /// Its request.
+        /// The answered request.
         request: u64,
         /// The fencing number of this grant.
         fence: u64,
         /// How long a grant lasts.
         lease: Duration,
-        /// How much of it was left when the server answered.
+        /// How much of the lease was left when the server answered.
         left: Duration,
-        /// Whether a client with a greater priority waits: then the lease is not renewed.
+        /// Whether a client of greater priority waits. The lease is not renewed then.
         is_wanted: bool,
     },
-    /// The client waits: it asks again, and is forgotten if it does not within one lease.
+    /// The client waits. It has to ask again within one lease, otherwise it is forgotten.
     Waiting {
-        /// Its request.
+        /// The answered request.
         request: u64,
-        /// How many others wait before it.
+        /// How many clients wait before this one.
         ahead: u64,
         /// The holder of the lock; empty if there is none.
         holder: String,
         /// How long a grant lasts.
         lease: Duration,
     },
-    /// The client does not hold the lock, and does not wait.
+    /// The client does not hold the lock, and does not wait for it.
     Denied {
-        /// Its request.
+        /// The answered request.
         request: u64,
         /// The reason.
         why: Denied,
@@ -203,16 +203,16 @@ pub enum LockAnswer {
 /// Why a client does not hold a lock.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Denied {
-    /// Its lease is over.
+    /// The lease of the client is over.
     #[error("the lease is over: it was not renewed in time")]
     Expired,
-    /// A client with a greater priority has it.
+    /// A client of greater priority has got the lock.
     #[error("a client with a higher priority has taken the lock")]
     Preempted,
-    /// It has let go.
+    /// The client has released the lock.
     #[error("the lock was let go")]
     Released,
-    /// The server does not know that it ever held the lock: it was started again.
+    /// The server was restarted, and does not know that the client ever held the lock.
     #[error("the lock is not held: its server was started again")]
     NotHeld,
     /// Too many wait.
@@ -225,7 +225,7 @@ pub enum Denied {
 pub struct LockStatus {
     /// The holder.
     pub holder: Option<String>,
-    /// Under which number.
+    /// The fencing number of the holder.
     pub fence: Option<u64>,
     /// For how long, without a renewal.
     pub left: Option<Duration>,
@@ -233,7 +233,7 @@ pub struct LockStatus {
     pub lease: Duration,
     /// The waiting clients, in their order.
     pub waiting: Vec<String>,
-    /// How often it was granted since the server's start.
+    /// How often the lock was granted since the server's start.
     pub grants: u64,
     /// How many leases ran out.
     pub expired: u64,
@@ -242,7 +242,7 @@ pub struct LockStatus {
 }
 
 impl LockAnswer {
-    /// Returns which request of a client it answers; 0 for none.
+    /// Returns the number of the answered request; 0 for none.
     pub const fn request(&self) -> u64 {
         match self {
             Self::Granted { request, .. }
@@ -254,7 +254,7 @@ impl LockAnswer {
     }
 }
 
-/// More than the data of a message: its header, and the envelope.
+/// The data of a message, with room for its header and the envelope.
 const SIZE_MAX: usize = super::header::DATA_SIZE_MAX + (8 << 10);
 
 impl Enveloped for QueueRequest {

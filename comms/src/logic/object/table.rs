@@ -1,5 +1,5 @@
-//! The calls that wait for the loop of the program that is called: bounded, in order of arrival, each until its
-//! deadline.
+//! The calls that wait for the loop of the called program. Their number is limited, they keep their order of arrival,
+//! and each waits until its deadline.
 
 use super::{CallId, ObjectError};
 use crate::logic::time::Time;
@@ -7,14 +7,14 @@ use std::collections::{BTreeMap, VecDeque};
 
 /// The most calls that wait.
 pub const WAITING_MAX: usize = 256;
-/// The most calls of one session that wait, so that one caller leaves room for others.
+/// The most waiting calls of one session, so that one caller leaves room for others.
 pub const PER_CALLER_MAX: usize = 64;
 
 /// The calls that wait.
 #[derive(Debug)]
 pub struct CallTable<T> {
     waiting: VecDeque<Waiting<T>>,
-    /// How many of them each session has.
+    /// The number of waiting calls of each session.
     shares: BTreeMap<String, usize>,
 }
 
@@ -28,18 +28,18 @@ struct Waiting<T> {
 /// The answer to a call that arrives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Admission<T> {
-    /// It waits.
+    /// The call waits.
     Admitted,
-    /// It does not, and here it is, with the reason.
+    /// The call does not wait. It is returned with the reason.
     TurnedAway(T, ObjectError),
 }
 
 /// The next call.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Next<T> {
-    /// It is to be carried out.
+    /// The call has to be carried out.
     Run(T),
-    /// Its caller no longer waits for it; it was not carried out.
+    /// The caller does not wait any longer, and the call was not carried out.
     Expired(T),
 }
 
@@ -50,7 +50,7 @@ impl<T> Default for CallTable<T> {
 }
 
 impl<T> CallTable<T> {
-    /// Takes a call that arrives.
+    /// Adds a call that has arrived.
     pub fn admit(&mut self, id: CallId, deadline: Time, call: T) -> Admission<T> {
         let share = self.shares.get(&id.session).copied().unwrap_or(0);
         if self.waiting.len() >= WAITING_MAX || share >= PER_CALLER_MAX {
@@ -72,7 +72,7 @@ impl<T> CallTable<T> {
         Some(if deadline <= now { Next::Expired(call) } else { Next::Run(call) })
     }
 
-    /// Removes a cancelled call; none if it does not wait here.
+    /// Removes a cancelled call and returns it; none if it does not wait here.
     pub fn cancel(&mut self, id: &CallId) -> Option<T> {
         let place = self.waiting.iter().position(|waiting| waiting.id == *id)?;
         let waiting = self.waiting.remove(place)?;
@@ -85,7 +85,7 @@ impl<T> CallTable<T> {
         self.waiting.len()
     }
 
-    /// Returns whether none waits.
+    /// Returns whether no call waits.
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()
     }
@@ -125,7 +125,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
-        /// Compared with the simplest model: a list of all calls that were ever admitted, with their ends.
+        /// Compared with the simplest model: a list of all admitted calls with their ends.
         #[test]
         fn each_call_has_one_end_and_in_order(steps in steps()) {
             let (mut table, mut model, mut now) = (CallTable::default(), Vec::<(u8, u64, u64, usize)>::new(), 0);

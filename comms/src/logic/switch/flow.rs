@@ -1,5 +1,5 @@
-//! The producer's end of a wire, without the way itself. It passes nothing while closed, keeps the rate limit, and
-//! repeats the last value when it opens.
+//! The state of a wire at its producer, without I/O. It passes no value while the wire is closed, keeps the rate
+//! limit, and repeats the last value when the wire opens.
 
 use crate::logic::control::Shape;
 use crate::logic::time::Time;
@@ -9,13 +9,13 @@ use crate::logic::time::Time;
 pub struct Flow {
     shape: Shape,
     open: bool,
-    /// When the last value passed since the wire was opened.
+    /// When the last value passed, if one has passed since the wire was opened.
     passed: Option<Time>,
-    /// How many values have passed since then.
+    /// How many values have passed since the wire was opened.
     sent: u64,
-    /// How many values have passed in all; after `u32::MAX` comes 0.
+    /// How many values have passed in all. 0 follows `u32::MAX`.
     number: u32,
-    /// Kept for consumers that connect later.
+    /// The last value, for consumers that connect later.
     last: Option<Vec<u8>>,
 }
 
@@ -50,14 +50,14 @@ impl Flow {
         passes
     }
 
-    /// Leaves out the numbers of so many values, which their sender has lost. The consumer counts them as lost.
+    /// Skips the numbers of values that the sender has lost. The consumer counts them as lost.
     pub fn skip(&mut self, count: u32) {
         if self.open {
             self.number = self.number.wrapping_add(count);
         }
     }
 
-    /// Returns the sequence number of the value that has passed last.
+    /// Returns the sequence number of the last value that has passed.
     pub fn number(&self) -> u32 {
         self.number
     }
@@ -67,7 +67,7 @@ impl Flow {
         self.open
     }
 
-    /// Opens the wire; returns the value to be sent at once. Nothing changes on a wire that is open.
+    /// Opens the wire; returns the value to be sent at once. If the wire is open already, nothing changes.
     pub fn open(&mut self, now: Time) -> Option<Vec<u8>> {
         if self.open {
             return None;
@@ -78,7 +78,8 @@ impl Flow {
         last
     }
 
-    /// Closes the wire; returns how many values have passed since it was opened. A second call returns the same.
+    /// Closes the wire; returns how many values have passed since it was opened. A second call returns the same
+    /// number.
     pub fn close(&mut self) -> u64 {
         self.open = false;
         self.sent

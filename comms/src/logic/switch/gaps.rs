@@ -1,5 +1,5 @@
-//! The consumer's count of the values that were lost on a wire: each has a sequence number, and each missing number is
-//! a lost value.
+//! The consumer's count of the values that were lost on a wire. Each value has a sequence number, and each missing
+//! number is a lost value.
 
 /// Identifies a publisher on a wire: its session and, within it, the publisher. A restarted program has another id.
 pub type PublisherId = (u128, u32);
@@ -9,8 +9,8 @@ pub type PublisherId = (u128, u32);
 pub struct Sequence {
     /// The publisher.
     pub publisher: PublisherId,
-    /// How many values it had sent over this wire then, a value included that has this number itself. After `u32::MAX`
-    /// comes 0.
+    /// How many values the publisher had sent over this wire, including the value that has this number. 0 follows
+    /// `u32::MAX`.
     pub number: u32,
 }
 
@@ -21,12 +21,12 @@ pub struct Gaps {
 }
 
 impl Gaps {
-    /// Takes note of a value; returns how many before it have not arrived since this wire was first heard.
+    /// Notes a value. Returns how many values before it are missing since the first message on this wire.
     pub fn value(&mut self, sequence: Sequence) -> u32 {
         self.next(sequence, 1)
     }
 
-    /// Takes note of a word between values, as [`Gaps::value`].
+    /// Notes a boundary between values; returns the same as [`Gaps::value`].
     pub fn boundary(&mut self, sequence: Sequence) -> u32 {
         self.next(sequence, 0)
     }
@@ -34,7 +34,8 @@ impl Gaps {
     fn next(&mut self, sequence: Sequence, step: u32) -> u32 {
         let last = self.last.filter(|last| last.publisher == sequence.publisher);
         let ahead = last.map_or(step, |last| sequence.number.wrapping_sub(last.number));
-        // More than half of all numbers ahead is behind: it was counted as lost, and comes late.
+        // A number that seems more than half of all numbers ahead is behind: its value was counted as lost, and comes
+        // late.
         if ahead > u32::MAX / 2 {
             return 0;
         }
@@ -53,7 +54,7 @@ mod tests {
     }
 
     proptest! {
-        /// For any arrivals: each value sent between the first arrival and the last has arrived or is counted.
+        /// For any arrivals: each value sent between the first and the last arrival has arrived or is counted.
         #[test]
         fn what_does_not_arrive_is_counted(first: u32, sent in proptest::collection::vec(any::<[bool; 2]>(), 0..200)) {
             let (mut gaps, mut number, mut lost) = (Gaps::default(), first, 0);

@@ -1,12 +1,12 @@
-//! The consumer's end of its wires: puts arrivals in the order of the switches.
+//! The state of all wires at their consumer: puts arrivals into the order of the switches.
 
 use super::{Boundary, Expect, HOLD_WITHIN};
 use crate::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// How many switches a consumer expects at one time; the oldest is given up for the next.
+/// How many switches a consumer expects at one time. For a further one, the oldest is given up.
 const EXPECTED_MAX: usize = 64;
-/// How many wires that are linked no more are remembered; the lowest number gives way.
+/// How many unlinked wires are remembered. For a further one, the lowest number is dropped.
 const UNLINKED_MAX: usize = 4096;
 
 /// An arrival on a wire.
@@ -18,26 +18,26 @@ pub enum Arrival<T> {
     Boundary(Boundary),
 }
 
-/// The consumer's events, in this order.
+/// The consumer's events, in the order in which it has to process them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Passed<T> {
     /// A value.
     Value(T),
-    /// All values of an expected switch have come, or are no longer waited for.
+    /// All values of an expected switch have arrived, or the consumer does not wait for them any longer.
     Taken(Taken),
 }
 
-/// How a switch has gone, at a consumer.
+/// The result of a switch at a consumer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
     /// The switch.
     pub generation: u64,
-    /// How many values of the wires that it closed were sent and have not arrived, and how many were held back and
-    /// found no room.
+    /// How many values of the closed wires were sent but did not arrive, plus how many values were lost for lack of
+    /// room while they were held back.
     pub lost: u64,
-    /// How many values came over old wires after they were given up, since the last switch; they were dropped.
+    /// How many values came over old wires after these were given up, since the last switch. They were dropped.
     pub late: u64,
-    /// Wires whose boundaries have not come in time.
+    /// Wires whose boundaries did not arrive in time.
     pub missing: Vec<u32>,
 }
 
@@ -46,26 +46,27 @@ pub struct Taken {
 pub struct Intake<T> {
     wires: BTreeMap<u32, Wire<T>>,
     expected: BTreeMap<u64, Expected>,
-    /// Wires that are linked no more: of those nothing is waited for.
+    /// Wires that are not linked any more. Nothing is expected from them.
     unlinked: BTreeSet<u32>,
     late: u64,
 }
 
 #[derive(Debug)]
 struct Wire<T> {
-    /// The generation of its last opening, and of its last closing after that.
+    /// The generation of its last opening, and of the last closing after that.
     opened: Option<u64>,
     closed: Option<u64>,
-    /// How many values have come since its opening, if that has come.
+    /// How many values have come since its opening; none if the opening has not come.
     received: Option<u64>,
     /// The waiting values, and their limit.
     held: VecDeque<T>,
-    /// The switch that values wait for, until when at most, and the wires that are to close first.
+    /// The switch for which values are held back, the latest time to release them, and the wires that have to close
+    /// first.
     hold: Option<(u64, Time)>,
     after: BTreeSet<u32>,
-    /// Given up: values are late until a boundary comes.
+    /// The wire was given up: values are late until a boundary comes.
     given_up: bool,
-    /// Values that were lost since the last opening.
+    /// How many values were lost since the last opening.
     lost: u64,
 }
 
@@ -97,10 +98,10 @@ impl<T> Default for Wire<T> {
 }
 
 impl<T> Intake<T> {
-    /// Takes an arrival on a wire, of which at most `held_max` values are held back; the oldest is dropped.
+    /// Takes an arrival on a wire. At most `held_max` values are held back; for a further one, the oldest is dropped.
     pub fn arrive(&mut self, now: Time, wire: u32, held_max: usize, arrival: Arrival<T>, out: &mut Vec<Passed<T>>) {
         match arrival {
-            // It was under way when the wire was forgotten.
+            // The value was in transit when the wire was removed.
             Arrival::Value(_) if self.unlinked.contains(&wire) => self.late += 1,
             Arrival::Boundary(_) if self.unlinked.contains(&wire) => {}
             Arrival::Value(value) => self.value(wire, held_max, value, out),
@@ -121,7 +122,7 @@ impl<T> Intake<T> {
         self.settle(out);
     }
 
-    /// Gives up the expectations whose time is over.
+    /// Gives up the expected switches whose time is over.
     pub fn tick(&mut self, now: Time, out: &mut Vec<Passed<T>>) {
         let late: BTreeSet<u32> = self
             .wires
@@ -142,18 +143,18 @@ impl<T> Intake<T> {
         self.settle(out);
     }
 
-    /// Returns when [`Intake::tick`] wants to be called.
+    /// Returns the time at which [`Intake::tick`] has to be called.
     pub fn deadline(&self) -> Option<Time> {
         let holds = self.wires.values().filter_map(|wire| wire.hold.map(|(_, until)| until));
         holds.chain(self.expected.values().map(|expected| expected.until)).min()
     }
 
-    /// Takes note that a wire is linked, before anything comes over it.
+    /// Notes that a wire is linked, before any message comes over it.
     pub fn link(&mut self, wire: u32) {
         self.unlinked.remove(&wire);
     }
 
-    /// Forgets a wire that is no longer linked. Its held values pass, and its end is no longer expected.
+    /// Removes a wire that is no longer linked. Its held values pass, and its end is no longer expected.
     pub fn forget(&mut self, number: u32, out: &mut Vec<Passed<T>>) {
         if self.unlinked.len() >= UNLINKED_MAX {
             self.unlinked.pop_first();
@@ -196,7 +197,7 @@ impl<T> Intake<T> {
         let is_aligned = self.expected.get(&generation).is_some_and(|expected| expected.what.open.len() > 1);
         let wire = self.wires.entry(number).or_default();
         if generation > 0 && wire.opened == Some(generation) {
-            // It was already reported.
+            // The switch was already reported.
             return;
         }
         if wire.opened.is_none() || generation == 0 {
@@ -216,7 +217,7 @@ impl<T> Intake<T> {
         }
         (wire.opened, wire.received, wire.given_up) = (None, None, false);
         if generation > 0 && wire.hold.is_some_and(|(held, _)| held == generation) {
-            // Closed by the switch that has opened it: that is taken back, and nothing of it counts.
+            // The same switch has closed and opened this wire: the opening is withdrawn, and its values are dropped.
             wire.held.clear();
             (wire.hold, wire.lost) = (None, 0);
             wire.after.clear();
@@ -227,7 +228,7 @@ impl<T> Intake<T> {
         }
     }
 
-    /// Passes the values that wait for nothing any more, and reports the complete switches.
+    /// Passes the values that need not wait any longer, and reports the complete switches.
     fn settle(&mut self, out: &mut Vec<Passed<T>>) {
         let is_complete = |expected: &Expect| self.missing(expected).next().is_none();
         let complete: BTreeSet<u64> = self
@@ -238,7 +239,7 @@ impl<T> Intake<T> {
             .collect();
         for generation in &complete {
             if let Some(expected) = self.expected.remove(generation) {
-                // The values before the switch have passed. Then follow the boundary, and the values after it.
+                // The values before the switch have passed. The boundary follows, and then the values after it.
                 out.push(Passed::Taken(self.taken(&expected.what)));
             }
         }
@@ -253,7 +254,7 @@ impl<T> Intake<T> {
         }
     }
 
-    /// Returns the wires of a switch whose boundaries have not come.
+    /// Returns the wires of a switch whose boundaries have not arrived.
     fn missing<'a>(&'a self, what: &'a Expect) -> impl Iterator<Item = u32> + 'a {
         let is = |wire: &u32, was: fn(&Wire<T>, u64) -> bool| {
             self.unlinked.contains(wire) || self.wires.get(wire).is_some_and(|wire| was(wire, what.generation))
@@ -277,12 +278,12 @@ impl<T> Intake<T> {
 }
 
 impl<T> Wire<T> {
-    /// Returns whether a switch has closed it: a later one may have opened it again since.
+    /// Returns whether this switch or a later one has closed the wire. A later switch may have opened it again.
     fn was_closed(&self, generation: u64) -> bool {
         self.closed.is_some_and(|closed| closed >= generation) || self.opened.is_some_and(|opened| opened > generation)
     }
 
-    /// Returns whether a switch has opened it: a later one may have closed it since.
+    /// Returns whether this switch or a later one has opened the wire. A later switch may have closed it again.
     fn was_opened(&self, generation: u64) -> bool {
         self.opened.is_some_and(|opened| opened >= generation) || self.closed.is_some_and(|closed| closed >= generation)
     }

@@ -1,4 +1,5 @@
-//! Replicas and lines between them, in virtual time: a line carries so many bytes a second, one message after another.
+//! Replicas and lines between them, in virtual time. A line carries a fixed number of bytes per second, one message
+//! after another.
 
 use crate::Failure;
 use crate::robot::config;
@@ -15,7 +16,7 @@ use std::time::Duration;
 pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
 /// How long anything may take.
 const TIME_MAX: Duration = Duration::from_secs(3600);
-/// How long a team has to gather.
+/// How long a team has to find all its members.
 const GATHERED_AFTER: Duration = Duration::from_secs(60);
 
 /// A line in one direction.
@@ -23,7 +24,7 @@ const GATHERED_AFTER: Duration = Duration::from_secs(60);
 pub(super) struct Line {
     /// Bytes a second.
     pub(super) rate: u64,
-    /// How long a byte is on its way.
+    /// How long a byte is in transit.
     pub(super) delay: Duration,
 }
 
@@ -34,7 +35,7 @@ pub(super) struct Net {
     replicas: Vec<Replica>,
     cuts: BTreeSet<(usize, usize)>,
     mail: BTreeMap<(Time, u64), (usize, ReplicaId, Message)>,
-    /// Until when a line is busy; lines to a robot that is reached over the air are one.
+    /// The time until which each line is busy. All lines to a robot that is reached over the air share one entry.
     busy: BTreeMap<(Option<usize>, usize), Time>,
     air: Option<usize>,
     longest_on_air: Duration,
@@ -74,7 +75,7 @@ impl Net {
         self.now
     }
 
-    /// Returns how many bytes were sent, to each receiver.
+    /// Returns how many bytes were sent, over all receivers.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -84,22 +85,22 @@ impl Net {
         self.replicas[robot].log().vector().clone()
     }
 
-    /// Returns how long the longest message to the robot on the air has occupied it.
+    /// Returns for how long the longest message to the robot on the air has occupied the air.
     pub(super) fn longest_on_air(&self) -> Duration {
         self.longest_on_air
     }
 
-    /// Lets all others reach a robot over one line only.
+    /// Makes all other robots reach this robot over one shared line.
     pub(super) fn share_air(&mut self, robot: usize) {
         self.air = Some(robot);
     }
 
-    /// Cuts two robots off from each other.
+    /// Cuts the line between two robots.
     pub(super) fn cut(&mut self, a: usize, b: usize) {
         self.cuts.insert((a.min(b), a.max(b)));
     }
 
-    /// Lets two robots see each other again, and notice it; returns when.
+    /// Restores the line between two robots, and tells them; returns the time.
     pub(super) fn meet(&mut self, a: usize, b: usize) -> Result<Time, Failure> {
         self.cuts.remove(&(a.min(b), a.max(b)));
         self.tell(a, Input::Appeared(WALL))?;
@@ -115,7 +116,7 @@ impl Net {
         Ok(())
     }
 
-    /// Lets time pass until something is so.
+    /// Lets time pass until `is_so` returns true.
     pub(super) fn run_until(&mut self, is_so: impl Fn(&Self) -> bool) -> Result<(), Failure> {
         let end = self.now + TIME_MAX;
         while !is_so(self) {
@@ -126,7 +127,7 @@ impl Net {
         Ok(())
     }
 
-    /// Carries out the next event, if it is before `end`.
+    /// Processes the next event, if it is before `end`.
     fn step(&mut self, end: Time) -> Result<bool, Failure> {
         let mail = self.mail.first_key_value().map(|((at, _), _)| *at);
         let due = |(robot, replica): (usize, &Replica)| Some((replica.deadline()?.max(self.now), robot));
@@ -148,7 +149,7 @@ impl Net {
         }
     }
 
-    /// Gives a robot an input, and carries out its effects.
+    /// Gives an input to a robot, and executes the effects.
     pub(super) fn tell(&mut self, robot: usize, input: Input) -> Result<(), Failure> {
         let mut effects = Vec::new();
         self.replicas[robot].handle(self.now, input, &mut effects);

@@ -1,8 +1,8 @@
 //! The store of a robot: a folder with the records, kept by one of two engines, and a witness beside the folder.
 //!
-//! The engine was chosen when the folder was made, and shows in the names of its entries. Everything that the engine
-//! does not do by itself is done here or in its adapter: an opening checks the content and makes it durable, names of
-//! files included; a panic is an error; after an error the engine is closed, and the store has to be reopened.
+//! The engine is chosen when the folder is made; the names of the entries show which one it is. This module and the
+//! adapters add what the engines lack. Opening checks the content and makes it durable, including the names of files. A
+//! panic becomes an error. After an error the engine is closed, and the store has to be reopened.
 
 use super::witness::{self, Life, Trust};
 use super::{Store, StoreError, check_file, check_files, damaged, file_error};
@@ -14,16 +14,16 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// The longest name of a record, and the longest record: far more than a replica ever writes.
+/// The longest name of a record, and the longest record, in bytes: far more than a replica writes.
 const NAME_SIZE_MAX: usize = 32 << 10;
 const RECORD_SIZE_MAX: usize = 64 << 20;
-/// How many damaged stores are put aside before a person has to look.
+/// How many damaged stores are put aside before a person has to look at them.
 const ASIDE_MAX: u32 = 100;
 
 /// The engine that keeps the records of a store on the disk.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Engine {
-    /// redb 4: a file of pages that are copied when they change.
+    /// redb 4: one file of pages; a changed page is copied.
     #[default]
     Redb,
     /// sled 0.34: a log of changes.
@@ -35,14 +35,14 @@ pub(super) trait Records: fmt::Debug + Send {
     /// As [`Store::each`].
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;
 
-    /// As [`Store::commit`]; writes down the present life too, if there is a new one.
+    /// Writes a batch like [`Store::commit`], and with it the present life, if that is new.
     fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError>;
 
     /// Closes the engine in order, if possible.
     fn close(self: Box<Self>);
 }
 
-/// An opened engine, and the store's record of its life, if it is not new.
+/// An opened engine, and the life that the store has recorded; none in a new store.
 pub(super) type Opened = (Box<dyn Records>, Option<Life>);
 
 /// A store in a directory, and its witness next to it.
@@ -53,7 +53,7 @@ pub struct DirStore {
     /// The engine; none after an error.
     records: Option<Box<dyn Records>>,
     trust: Trust,
-    /// The present life, until the witness knows of it.
+    /// The present life, until it is written to the witness.
     unattested: Option<Life>,
 }
 
@@ -61,7 +61,7 @@ impl Engine {
     /// Both engines.
     pub const ALL: [Self; 2] = [Self::Redb, Self::Sled];
 
-    /// Returns the name under which it is chosen.
+    /// Returns the name by which users choose the engine.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Redb => "redb",
@@ -69,7 +69,7 @@ impl Engine {
         }
     }
 
-    /// Returns what is in the folder of a store: a file, or a folder.
+    /// Returns the name of the engine's file or folder in the folder of a store.
     const fn place(self) -> &'static str {
         match self {
             Self::Redb => on_redb::DATA,
@@ -85,7 +85,7 @@ impl Engine {
         }
     }
 
-    /// Returns which engine keeps the store in a folder; `None` if there is none yet.
+    /// Returns the engine of the store in a folder; `None` if the store does not exist yet.
     pub fn of(path: &Path) -> Option<Self> {
         Self::ALL.into_iter().find(|engine| path.join(engine.place()).exists())
     }
@@ -107,18 +107,19 @@ impl FromStr for Engine {
 }
 
 impl DirStore {
-    /// Opens the store in this directory, or makes one on the usual engine. Everything in it is durable when this returns.
+    /// Opens the store in this directory, or makes one with the default engine. Everything in it is durable when this
+    /// returns.
     ///
     /// # Errors
-    /// If the directory cannot be used, is open already, or is damaged.
+    /// If the directory cannot be used, is already open, or is damaged.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         Self::open_on(None, path)
     }
 
-    /// The same; a new one is made on `engine`.
+    /// Opens the store like [`DirStore::open`]; a new store is made with `engine`.
     ///
     /// # Errors
-    /// As [`DirStore::open`], and if another engine keeps it.
+    /// The errors of [`DirStore::open`], and if the store has another engine.
     pub fn open_on(engine: Option<Engine>, path: &Path) -> Result<Self, StoreError> {
         let file_error = |cause| file_error(path, cause);
         fs::create_dir_all(path).map_err(file_error)?;
@@ -157,20 +158,20 @@ impl DirStore {
         Ok(store)
     }
 
-    /// Returns which engine keeps it.
+    /// Returns the engine of the store.
     pub fn engine(&self) -> Engine {
         self.engine
     }
 
-    /// Returns whether the replica in it may go on under the origin that it has.
+    /// Returns whether the replica in the store may continue under its present origin.
     pub fn trust(&self) -> Trust {
         self.trust
     }
 
-    /// Puts a damaged store aside, under a name beside its own that is returned. Nothing is deleted.
+    /// Puts a damaged store aside by renaming it; returns the new name, beside the old one. Nothing is deleted.
     ///
     /// # Errors
-    /// If it cannot be renamed.
+    /// If the store cannot be renamed.
     pub fn put_aside(path: &Path) -> Result<PathBuf, StoreError> {
         let name = |number| path.with_extension(format!("aside-{number}"));
         let free = (1..=ASIDE_MAX).map(name).find(|aside| !aside.exists());
@@ -181,7 +182,7 @@ impl DirStore {
         Ok(aside)
     }
 
-    /// Makes changes durable, or closes the engine.
+    /// Makes changes durable. After an error it closes the engine.
     fn apply(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
         let mut records = self.records.take().ok_or_else(|| poisoned(&self.path))?;
         let done = shielded(&self.path, || {
@@ -195,8 +196,8 @@ impl DirStore {
         done
     }
 
-    /// Tells the witness about this life, if it does not know it. The reason for a doubt stays until the replica has
-    /// written its reaction to the disk.
+    /// Writes this life to the witness, if the witness does not have it yet. Before that, the replica has written its
+    /// reaction to a doubt to the disk, so the reason for the doubt is not lost.
     fn attest(&mut self) -> Result<(), StoreError> {
         if let Some(life) = self.unattested {
             let attested = witness::attest(&self.path, life, &self.engine.data(&self.path));
@@ -233,7 +234,7 @@ impl Drop for DirStore {
     }
 }
 
-/// Makes every file below a directory durable, and the directories themselves.
+/// Makes every file below a directory durable, and also the directories themselves.
 fn sync_all(path: &Path) -> Result<(), StoreError> {
     for entry in fs::read_dir(path).map_err(|cause| file_error(path, cause))? {
         let entry = entry.map_err(|cause| file_error(path, cause))?;

@@ -1,4 +1,4 @@
-//! A store without a disk: for a database that need not outlive its program, and for tests.
+//! A store without a disk: for a database that does not have to outlive its program, and for tests.
 
 use crate::io::store::{Store, StoreError};
 use crate::logic::record::{Batch, Records};

@@ -1,18 +1,18 @@
 //! A store on redb: one file.
 //!
-//! *A commit.* The engine copies each changed page to a place that the last state does not use, and writes it. Then it
-//! writes into the first sector of the file. There, the root of the new state goes into the slot that the last state does
-//! not use, and a mark says which of the two slots is the newest. One `fdatasync` follows. Each parent stores a sum of
-//! 128 bits beside the number of a page, each slot does the same for its root, and each slot has a sum of its own. After
-//! a power cut, any of these writes may be there and others not. If all are there, the file has the new state. If not,
-//! some sum does not fit, and the other slot leads to the last state, of which no page was touched. So one sync is
-//! enough. Two phases (`set_two_phase_commit`) would cost a second sync, and would only help against an attacker who
-//! chooses both the values and the order in which the drive writes. A file grows, and is synced, before anything in it
-//! says that it is longer.
+//! *A commit.* The engine copies each changed page to a place that the last state does not use, and writes it there. Then
+//! it writes the first sector of the file, which has two slots for the root of a state. The root of the new state goes
+//! into the slot that the last state does not use, and a mark tells which slot is the newest. One `fdatasync` follows.
+//! Each parent stores a checksum of 128 bits beside the number of a page. Each slot has such a checksum of its root, and
+//! another one of itself. After a power cut, any of these writes may be present or missing. If all are present, the file
+//! has the new state. Otherwise some checksum does not fit, and the other slot leads to the last state, of which no page
+//! was touched. So one sync is enough. Two phases (`set_two_phase_commit`) would cost a second sync, and would help only
+//! against an attacker who chooses both the values and the order of the drive's writes. When the file grows, it is synced
+//! before any content depends on the new length.
 //!
-//! *Additions.* The engine checks sums only when it was not closed in order, and may panic over damage: here every
-//! opening checks all of them. The engine never syncs the folder: here every opening of a store does. The engine takes
-//! an empty file for a new one: here not if a witness shows that the file had content.
+//! *Additions.* The engine checks checksums only if it was not closed properly, and may panic over damage; this adapter
+//! checks all of them at every opening. The engine never syncs the folder; every opening of a store does. The engine
+//! treats an empty file as a new one; this adapter does not if a witness shows that the file had content.
 
 use super::dir::{Opened, Records};
 use super::witness::{self, Life};
@@ -28,19 +28,19 @@ use std::path::{Path, PathBuf};
 pub(super) const DATA: &str = "records.redb";
 /// The records, by name.
 const RECORDS: TableDefinition<'static, &[u8], &[u8]> = TableDefinition::new("records");
-/// The program whose store this is, the layout, the number of the store, and in how many lives it was written to.
+/// Records about the store: its program, its layout, its number, and the number of lives in which it was written to.
 const GUARD: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("dca-dbmanager");
 const LAYOUT: (&str, &[u8]) = ("layout", b"1");
 const LIFE: &str = "life";
-/// Bytes of the file that the engine may keep in memory. The replica has the whole content in memory anyway.
+/// How many bytes of the file the engine may keep in memory. The replica keeps the whole content in memory anyway.
 const CACHE_SIZE: usize = 1 << 20;
-/// Sizes in the engine's file: the mark of its kind, the page with this mark and the roots, and the longest new file.
-/// Source: redb 4.5, `header.rs` and `page_manager.rs`.
+/// Sizes in the engine's file: the magic bytes at its beginning, the page with these bytes and the roots, and the longest
+/// new file. Source: redb 4.5, `header.rs` and `page_manager.rs`.
 const MAGIC_SIZE: usize = 9;
 const HEAD_SIZE: usize = 4096;
 const NEW_SIZE_MAX: u64 = 4 << 20;
 
-/// A file that is open.
+/// An open store on redb.
 #[derive(Debug)]
 struct OnRedb {
     path: PathBuf,
@@ -56,7 +56,7 @@ impl Records for OnRedb {
         write(&self.engine, life, batch).map_err(|cause| store_error(&self.path, cause))
     }
 
-    /// A store that was not closed in order only opens a little more slowly.
+    /// A store that was not closed properly only takes a little longer to open.
     fn close(self: Box<Self>) {
         let Self { path, engine } = *self;
         let closed = shielded(&path, || engine.close().map_err(|cause| store_error(&path, cause.into())));
@@ -72,7 +72,8 @@ pub(super) fn open(path: &Path) -> Result<Opened, StoreError> {
     Ok((Box::new(OnRedb { path: path.to_owned(), engine }), life))
 }
 
-/// Opens the engine, and checks every sum in its file; returns what the store says of its life, if it is not new.
+/// Opens the engine, and checks every checksum in its file. Also returns the life that the store has recorded; none in a
+/// new store.
 fn open_engine(path: &Path, data: &Path) -> Result<(Database, Option<Life>), StoreError> {
     use redb::Error::{TableDoesNotExist, TableIsMultimap, TableTypeMismatch};
     let file = open_file(path, data)?;
@@ -94,7 +95,7 @@ fn open_engine(path: &Path, data: &Path) -> Result<(Database, Option<Life>), Sto
     Ok((engine, Some(life)))
 }
 
-/// Opens the file, and locks it. If the engine was interrupted while it began the file, the file is emptied again.
+/// Opens the file, and locks it. If the engine was interrupted while it made the file, the file is emptied again.
 fn open_file(path: &Path, data: &Path) -> Result<File, StoreError> {
     let file_error = |cause| file_error(path, cause);
     let opened = File::options().read(true).write(true).create(true).truncate(false).open(data);
@@ -110,7 +111,7 @@ fn open_file(path: &Path, data: &Path) -> Result<File, StoreError> {
     Ok(file)
 }
 
-/// Returns whether a file has nothing but a head without the mark of its kind, which the engine writes last.
+/// Returns whether a file has only a header without the magic bytes, which the engine writes last.
 fn is_false_start(mut file: &File) -> io::Result<bool> {
     if file.metadata()?.len() > NEW_SIZE_MAX {
         return Ok(false);
@@ -121,7 +122,7 @@ fn is_false_start(mut file: &File) -> io::Result<bool> {
     Ok(bytes.get(..MAGIC_SIZE).is_none_or(zero) && bytes.get(HEAD_SIZE..).is_none_or(zero))
 }
 
-/// Returns layout and life; `None` without a table.
+/// Returns the layout and the life; `None` if the table does not exist.
 fn read_guard(engine: &Database) -> Result<Option<[Vec<u8>; 2]>, redb::Error> {
     let txn = engine.begin_read()?;
     if txn.list_tables()?.next().is_none() {
@@ -158,7 +159,7 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
     Ok(txn.commit()?)
 }
 
-/// Returns the meaning of the engine's error for a user of the store.
+/// Converts the engine's error into one that users of the store understand.
 #[expect(clippy::wildcard_enum_match_arm, reason = "most errors of the engine are about calls that are not made here")]
 fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     use io::ErrorKind::{InvalidData, UnexpectedEof};
@@ -166,9 +167,9 @@ fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     match cause {
         Error::DatabaseAlreadyOpen | Error::LockProtocolMismatch => StoreError::Busy { path: path.to_owned() },
         Error::Corrupted(what) => damaged(path, &what),
-        // This program has only ever written one version of the format.
+        // This program has written only one version of the format.
         Error::UpgradeRequired(_) => damaged(path, &cause.to_string()),
-        // The file is shorter than it says, or does not say what it is.
+        // The file is shorter than its header claims, or its header is not valid.
         Error::Io(cause) if matches!(cause.kind(), InvalidData | UnexpectedEof) => damaged(path, &cause.to_string()),
         Error::Io(cause) => file_error(path, cause),
         cause => file_error(path, io::Error::other(cause)),

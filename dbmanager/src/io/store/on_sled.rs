@@ -1,11 +1,13 @@
-//! A store on sled 0.34.7, pinned, with additions for Linux: a separate folder in the folder of the store.
+//! A store on sled 0.34.7, a pinned version, with additions for Linux: a separate folder in the folder of the store.
 //!
-//! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache: of 100 simulated power cuts 99
-//! lost writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data
-//! file. It never syncs the files it makes first (`conf`), nor its directory: every opening of a store does. It never
-//! syncs blobs, which it makes of long values: records are stored in pieces of 4 KiB, and a blob is an error. It may
-//! panic over a damaged file, or wait for ever for a write that has failed (`watch`): both become errors. It gives up
-//! if it finds a snapshot that was only partly written: such a snapshot is removed.
+//! Additions to the engine:
+//!
+//! - Its `flush` ends with `sync_file_range`, which never makes the drive empty its cache: 99 of 100 simulated power cuts lost
+//!   acknowledged writes. So a commit is one batch, `flush`, and then an `fdatasync` of the data file by this adapter.
+//! - It never syncs the files that it makes first (`conf`), nor its directory; every opening of a store does.
+//! - It never syncs blobs, which it makes of long values. So records are stored in pieces of 4 KiB, and a blob is an error.
+//! - It may panic over a damaged file, or wait for ever for a failed write (`watch`). Both become errors.
+//! - It gives up on a partly written snapshot. Such a snapshot is removed.
 
 use super::dir::{Opened, Records};
 use super::watch::Watch;
@@ -18,28 +20,29 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The folder in the folder of a store, and its data file.
+/// The engine's folder in the folder of a store.
 pub(super) const FOLDER: &str = "records.sled";
 pub(super) const DATA: &str = "db";
-/// The longest piece of a record. A leaf of the engine's tree may hold 17 of them, and a page over 128 KiB becomes a blob.
+/// The longest piece of a record, in bytes. A leaf of the engine's tree may hold 17 pieces, and a page over 128 KiB becomes a blob.
 const PIECE_SIZE: usize = 4 << 10;
-/// Bytes of the store that sled may keep in memory. The replica has all of it in memory anyway.
+/// How many bytes of the store sled may keep in memory. The replica keeps all of them in memory anyway.
 const CACHE_SIZE: u64 = 4 << 20;
-/// The program whose store this is, and the layout. No record has such a name: names of records begin with their length.
+/// A record about the store: its program and its layout. No other record has such a name, since names of records begin with their
+/// length.
 const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"2");
-/// The name of the record of the store's identity and the number of its lives.
+/// The name of the record with the store's identity and its number of lives.
 const LIFE: &[u8] = b"\xff\xfflife";
-/// How long the data file of a new store is at the most.
+/// The greatest length of the data file of a new store, in bytes.
 const NEW_SIZE_MAX: u64 = 4 << 20;
-/// How long a store that was closed may still be locked, and how often to look.
+/// How long a store may remain locked after it was closed.
 const CLOSED_WITHIN: Duration = Duration::from_secs(1);
 const ASK_AGAIN_AFTER: Duration = Duration::from_millis(5);
 
-/// A folder that is open.
+/// An open store on sled.
 #[derive(Debug)]
 struct OnSled {
     path: PathBuf,
-    /// Stands before the engine so that it is dropped first, because the watch also holds the engine.
+    /// Declared before the engine, so that it is dropped first: the watch also holds the engine.
     watch: Watch,
     engine: sled::Db,
     data: File,
@@ -125,12 +128,12 @@ impl Records for OnSled {
         self.check_blobs()
     }
 
-    /// The engine closes itself when it is dropped.
+    /// The engine closes when it is dropped.
     fn close(self: Box<Self>) {}
 }
 
 impl OnSled {
-    /// Returns of how many pieces a record consists, as its first says.
+    /// Returns the number of pieces of a record, which is stored in its first piece.
     fn pieces(&self, first: &[u8]) -> Result<u16, StoreError> {
         let count = first.first_chunk().map(|count| u16::from_be_bytes(*count));
         count.ok_or_else(|| damaged(&self.path, "a piece of a record is too short"))
@@ -147,7 +150,7 @@ impl OnSled {
     }
 }
 
-/// Opens the engine; returns what the store says of its life, if it is not new.
+/// Opens the engine. Also returns the life that the store has recorded; none in a new store.
 fn open_engine(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
     let failed = |cause| store_error(path, cause);
     let config = sled::Config::new().path(folder).flush_every_ms(None).cache_capacity(CACHE_SIZE);
@@ -163,8 +166,8 @@ fn open_engine(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), S
     Ok((engine, life))
 }
 
-/// Checks that no process has the store open. The engine takes the same lock, but its error cannot be told from others;
-/// and it releases the lock on a separate thread, some time after it was closed, without a notice.
+/// Checks that no process has the store open. The engine takes the same lock, but its error looks like others. It releases the lock
+/// on a separate thread, some time after it was closed.
 fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     let file = match File::open(data) {
         Ok(file) => file,
@@ -174,8 +177,8 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     let until = clock::now() + CLOSED_WITHIN;
     loop {
         match file.try_lock() {
-            // Closing it would not do: a program that is just being started on another thread may briefly hold the file
-            // as well.
+            // Closing the file would not be enough: a program that another thread is just starting may briefly hold the file as
+            // well.
             Ok(()) => return file.unlock().map_err(|cause| file_error(path, cause)),
             Err(TryLockError::WouldBlock) if clock::now() < until => {
                 Wakeup::default().wait(Some(clock::now() + ASK_AGAIN_AFTER));
@@ -186,11 +189,11 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Opens the engine; where it had only begun to make its files when it was cut off, what there is of them is put aside.
+/// Opens the engine. If it was interrupted while it made its first files, these are put aside, and it begins again.
 fn open_or_begin_again(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
     let opened = shielded(path, || open_engine(path, folder));
     let size = folder.join(DATA).metadata().map_or(0, |file| file.len());
-    // Without a witness nothing was promised.
+    // Without a witness no commit was acknowledged yet.
     if opened.as_ref().is_err_and(StoreError::is_damage) && !witness::exists(path) && size <= NEW_SIZE_MAX {
         let aside = folder.with_extension("begun");
         let cleared = if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) };
@@ -201,7 +204,7 @@ fn open_or_begin_again(path: &Path, folder: &Path) -> Result<(sled::Db, Option<L
     opened
 }
 
-/// Removes snapshots of where its pages are that the engine was writing when it was cut off: it would read a torn one, and give up.
+/// Removes incomplete snapshots of the engine's page table, which it was writing when it was interrupted. It would fail on them.
 fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -212,7 +215,7 @@ fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns the meaning of the engine's error for a user of the store.
+/// Converts the engine's error into one that users of the store understand.
 fn store_error(path: &Path, cause: sled::Error) -> StoreError {
     let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
     // The engine reports the system errors of its threads as text.
@@ -221,7 +224,7 @@ fn store_error(path: &Path, cause: sled::Error) -> StoreError {
     file_error(path, if full { io::Error::new(io::ErrorKind::StorageFull, text) } else { cause })
 }
 
-/// Returns the name of a piece. The length goes first, so that no record's pieces are among another's.
+/// Returns the name of a piece. It begins with the length, so that the pieces of different records do not mix.
 fn piece_name(name: &[u8], number: u16) -> Result<Vec<u8>, StoreError> {
     let length = u16::try_from(name.len()).ok().filter(|length| *length < u16::MAX);
     let length = length.ok_or(StoreError::Long { size: name.len() })?;

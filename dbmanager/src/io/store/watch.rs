@@ -1,8 +1,8 @@
 //! A thread that finds flushes that hang.
 //!
-//! When a write fails on one of the engine's threads, the engine does not always wake the thread that waits for the write: a
-//! commit on a full disk would wait for ever. Another flush finds the error, and wakes the first. So a thread looks every
-//! second. If a flush takes longer than that, the thread begins another flush, and does not wait for it.
+//! When a write fails on one of the engine's threads, the engine does not always wake the thread that waits for it. A commit
+//! on a full disk would wait for ever. A further flush finds the error, and wakes the waiting thread. So a watching thread
+//! looks every second. If a flush takes longer than that, the watching thread begins another flush, without waiting for it.
 
 use comms::io::clock::{self, Wakeup, Woken};
 use std::future::Future;
@@ -16,7 +16,7 @@ use std::time::Duration;
 /// How long a flush may take before another flush begins.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// The thread; it ends with this.
+/// The watching thread. It ends when this is dropped.
 #[derive(Debug)]
 pub(super) struct Watch {
     shared: Arc<Shared>,
@@ -25,13 +25,13 @@ pub(super) struct Watch {
 
 #[derive(Debug, Default)]
 struct Shared {
-    /// How many flushes have begun, and how many have ended: odd while one goes on.
+    /// Counts both the begun and the ended flushes: the number is odd during a flush.
     turns: AtomicU64,
     closing: Wakeup,
 }
 
 impl Watch {
-    /// Begins to watch; `flush` begins another flush.
+    /// Begins to watch; `flush` starts a further flush.
     pub(super) fn start<F: Future>(flush: impl Fn() -> F + Send + 'static) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let seen = Arc::clone(&shared);
@@ -49,7 +49,7 @@ impl Watch {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// Does something that flushes and does not panic.
+    /// Runs work that flushes and does not panic.
     pub(super) fn during<T>(&self, work: impl FnOnce() -> T) -> T {
         self.shared.turns.fetch_add(1, Ordering::Relaxed);
         let done = work();

@@ -1,14 +1,14 @@
 //! The witness: a file beside the store that shows whether the store is still the same one.
 //!
-//! A store that was restored from a backup, or copied to another robot, would continue its numbers from that time, but
-//! others already know other transactions by those numbers. So each store has a number of its own and counts how often
-//! it was written to after an opening. The witness, which lies beside the store and not in it, records the last values
-//! of both, and the file and the machine. A store that does not match begins a new life, under a new origin, with its
-//! first write.
+//! A store may be restored from a backup, or copied to another robot. It would then continue its numbers from that time, but
+//! other replicas already know other transactions by those numbers. So each store has a random number, and counts its
+//! *lives*: the openings after which it was written to. The witness lies beside the store, not in it. It records the last
+//! number and count, and also the file and the machine. A store that does not match begins a new life, under a new origin,
+//! with its first write.
 //!
-//! The count goes up in the store first, with that first batch, and here second. So a store may be one ahead of its witness
-//! after a crash between the two. A card that was copied bit by bit for an equal machine passes; the copy is noticed when the
-//! two robots meet.
+//! The count is increased in the store first, with that first batch, and then in the witness. So after a crash between the
+//! two, a store may be one ahead of its witness. A bit-by-bit copy of a card for an equal machine is not recognised here; it
+//! is noticed when the two robots meet.
 
 use super::{StoreError, check_file};
 use comms::io::entropy;
@@ -21,17 +21,17 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Files that differ between machines and that anybody may read.
+/// Files that differ between machines and that any user may read.
 const MACHINE: [&str; 2] = ["/etc/machine-id", "/proc/device-tree/serial-number"];
-/// The longest witness that is read.
+/// The longest witness that is read, in bytes.
 const SIZE_MAX: usize = 4096;
 
-/// Whether a store may go on under the origin that it has.
+/// Whether a store may continue under its present origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trust {
-    /// The store was made just now, or nothing was ever written to it.
+    /// The store was just made, or was never written to.
     New,
-    /// The store is the one that was open here last.
+    /// The store is the one that was last open here.
     Kept,
     /// The store may be a copy: [`Replica::open_copied`](crate::logic::replica::Replica::open_copied).
     Doubtful(Doubt),
@@ -42,13 +42,13 @@ pub enum Trust {
 pub enum Doubt {
     /// There is no witness.
     Missing,
-    /// The witness is not what a store writes.
+    /// The content of the witness is not valid.
     Damaged,
     /// Another store was here.
     Another,
-    /// The store was written to in more lives, or in fewer, than the witness knows of.
+    /// The number of lives in which the store was written to does not match the witness.
     Restored,
-    /// Its file is a copy.
+    /// The store's file is a copy.
     Copied,
     /// The store was on another machine.
     Moved,
@@ -75,7 +75,7 @@ pub(super) struct Life {
 }
 
 impl Life {
-    /// Returns the life of a new store, from the system's randomness.
+    /// Returns the life of a new store, with a random identity from the system.
     pub(super) fn new() -> io::Result<Self> {
         Ok(Self { store: u128::from_le_bytes(entropy::bytes()?), boots: 0 })
     }
@@ -90,7 +90,7 @@ impl Life {
     }
 }
 
-/// Asks the witness of the store in `dir` about `life`, and about the file `data`.
+/// Compares the witness of the store in `dir` with `life`, and with the file `data`.
 pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     if life.boots == 0 {
         return Ok(Trust::New);
@@ -98,7 +98,7 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     let said = match file::bytes(&path(dir), SIZE_MAX) {
         Ok(said) => String::from_utf8_lossy(&said).into_owned(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Trust::Doubtful(Doubt::Missing)),
-        // A pipe, or a file that no store has written: nothing confirms the store.
+        // A pipe, or a file that no store has written. Nothing confirms the store then.
         Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => {
             return Ok(Trust::Doubtful(Doubt::Damaged));
         }
@@ -122,7 +122,7 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     Ok(doubt.map_or(Trust::Kept, Trust::Doubtful))
 }
 
-/// Checks that the witness of the store in `dir` can be replaced when the time comes: anything except a folder may be there.
+/// Checks that the witness of the store in `dir` can be replaced later: its name may belong to anything except a folder.
 pub(super) fn check(dir: &Path) -> Result<(), StoreError> {
     let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|there| there.is_dir());
     let folder = [path(dir), unfinished(dir)].into_iter().find(is_folder);
@@ -153,7 +153,7 @@ fn testimony(life: Life, data: &Path) -> io::Result<BTreeMap<&'static str, Strin
     let born = file.stx_btime;
     let mut machine = blake3::Hasher::new();
     for path in MACHINE {
-        // A property that the machine lacks was not there before either.
+        // If the machine lacks a property, it also lacked it before.
         machine.update(&fs::read(path).unwrap_or_default()).update(&[0]);
     }
     Ok(BTreeMap::from([
@@ -174,7 +174,7 @@ fn unfinished(dir: &Path) -> PathBuf {
     file_next_to(dir, ".witness.new")
 }
 
-/// Returns the path of a file beside `dir` that has its name and an ending.
+/// Returns the path of a file beside `dir` with the same name and an ending.
 fn file_next_to(dir: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(dir);
     name.push(ending);

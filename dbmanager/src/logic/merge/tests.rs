@@ -1,5 +1,5 @@
-//! Two sides of a partition that have retired each other, with logs cut and deletions dropped, against the set of all
-//! transactions.
+//! Two sides of a partition that have retired each other, with cut logs and dropped deletions, compared with the set
+//! of all transactions.
 
 use super::*;
 use crate::logic::clock::Wall;
@@ -16,14 +16,14 @@ struct Node {
     knows: BTreeSet<Timestamp>,
 }
 
-/// A transaction as it happened.
+/// A transaction, as it was committed.
 struct Event {
     stamp: Timestamp,
     knew: BTreeSet<Timestamp>,
     writes: Vec<Write>,
 }
 
-/// One step: the replica, the one that it merges with, and the keys at which it puts (true) or deletes.
+/// One step: the replica, the replica that it merges with, and the keys that it puts (true) or deletes.
 type Step = (usize, usize, Vec<(u8, bool)>);
 
 fn steps(most: usize) -> impl Strategy<Value = Vec<Step>> {
@@ -67,7 +67,7 @@ impl Node {
         self.knows.extend(&other.knows);
     }
 
-    /// Comes back as `origin`, with the state of `sponsor`; returns what it is then.
+    /// Comes back as `origin`, with the state of `sponsor`; returns the replica after that.
     fn come_back(&self, sponsor: &Self, origin: ReplicaId, mut hlc: u64) -> Self {
         let mut back = Self { log: Log::new(sponsor.log.heads().clone()), ..sponsor.clone() };
         let (old_members, members) = (Members::of(&self.state), Members::of(&sponsor.state));
@@ -90,7 +90,7 @@ impl Node {
     }
 }
 
-/// Everything that happens.
+/// The replicas, and the events so far.
 struct Team {
     nodes: Vec<Node>,
     events: Vec<Event>,
@@ -98,7 +98,8 @@ struct Team {
 }
 
 impl Team {
-    /// Returns four replicas, of which the second and the fourth are members for good, and so is who comes back.
+    /// Returns four replicas. The second and the fourth always stay members, and so do the origins under which
+    /// replicas come back.
     fn new() -> Self {
         let mut first = Node::default();
         let members = [2, 4, 10, 11].map(|number| member::admission(ReplicaId::new(number), "r").unwrap());
@@ -118,7 +119,8 @@ impl Team {
         node.knows.insert(stamp);
     }
 
-    /// Runs steps among those who are `together` with each other; they may drop what all of them have.
+    /// Runs steps between replicas that can reach each other according to `together`. They may drop transactions that
+    /// all of them have.
     fn run(&mut self, steps: &[Step], drops: bool, together: impl Fn(usize, usize) -> bool) {
         for (node, other, writes) in steps {
             let group: Vec<usize> = (0..4).filter(|other| together(*node, *other)).collect();
@@ -138,7 +140,7 @@ impl Team {
         }
     }
 
-    /// Returns the timestamps of the values at a key that no writer who knew them has overwritten.
+    /// Returns the timestamps of the values at a key that were not overwritten by a writer who had seen them.
     fn expected(&self, key: u8) -> BTreeSet<Timestamp> {
         let key = Key::new(format!("k{key}")).unwrap();
         let writes = |event: &&Event| event.writes.iter().any(|write| write.key == key);

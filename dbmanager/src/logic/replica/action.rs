@@ -1,31 +1,31 @@
-//! The actions that the rules for messages of peers return. A rule reads the ledger; only the replica carries out its actions.
+//! The actions that the rules for messages of peers return. A rule only reads the ledger; the replica executes the actions.
 
 use super::commit::Change;
 use super::interface::Effect;
 use crate::logic::message::Message;
 use crate::logic::version_vector::{ReplicaId, VersionVector};
 
-/// One thing to do about a message of a peer.
+/// One action in response to a message of a peer.
 #[derive(Debug)]
 pub(super) enum Action {
     /// Send or tell something.
     Emit(Effect),
-    /// The peer may have more than is here.
+    /// Note that the peer may have more transactions.
     Ahead,
-    /// The peer reads formats up to this.
+    /// Note the newest format that the peer reads.
     Reads(u8),
-    /// The peer has this, durably.
+    /// Note that the peer has these transactions durably.
     Has(VersionVector),
-    /// The peer has all own transactions, and means the same by their numbers.
+    /// Note that the peer has all own transactions, and knows the same ones under their numbers.
     KnowsOwn,
-    /// This origin, under which this replica has not written, has used numbers twice.
+    /// Note that this origin, under which this replica has not written, has used numbers twice.
     KnowForked(ReplicaId),
-    /// Give up the origin, which may have used numbers twice.
+    /// Give up the own origin.
     Rejoin {
         /// Whether the origin is known to have used numbers twice.
         twice: bool,
     },
-    /// Commit this.
+    /// Commit this change.
     Commit(Change),
     /// Offer the state to the peer.
     Offer,

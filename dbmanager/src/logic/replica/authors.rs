@@ -1,5 +1,5 @@
-//! Decides whose transactions are taken over, in a team whose robots have keys: [`notary`](crate::logic::notary) has the rule.
-//! Without keys, every replica is believed.
+//! Decides which transactions are accepted, in a team whose robots have keys. [`notary`](crate::logic::notary) has the rule. Without
+//! keys, every replica is trusted.
 
 use super::Replica;
 use super::contents::Contents;
@@ -14,10 +14,11 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// How far the dates of a robot may be ahead of those that others know: it may have written many local keys, which never leave it.
+/// How far the dates of a robot may be ahead of the dates that others know. The robot may have written many local keys, which never
+/// leave it.
 const TICKS_MAX_MS: u64 = 1000;
 
-/// How many epochs of dates a transaction may skip: a robot that is admitted again may have begun some alone.
+/// How many epochs of dates a transaction may skip. A robot that is admitted again may have begun some epochs on its own.
 const EPOCHS_MAX: u16 = 100;
 
 /// The authors of transactions.
@@ -62,24 +63,24 @@ impl Authors {
         known.or_else(|| notary::holder(notary, origin, contents.state()))
     }
 
-    /// Returns whether a state has an origin as this robot's, with the keys that it has now, where robots have some.
+    /// Returns whether a state assigns an origin to this robot, with the robot's present keys. Always true in a team without keys.
     pub(super) fn is_own(&self, origin: ReplicaId, state: &State) -> bool {
         let own = |notary: &dyn Notary| notary.holder(&notary.credential()).ok();
         self.notary()
             .is_none_or(|notary| own(notary).is_some_and(|own| notary::holder(notary, origin, state) == Some(own)))
     }
 
-    /// Returns whether an origin has a key, where robots have some.
+    /// Returns whether an origin has a key. Always true in a team without keys.
     pub(super) fn is_claimed(&self, origin: ReplicaId, contents: &Contents) -> bool {
         self.notary.is_none() || self.holder(origin, contents).is_some()
     }
 
-    /// Returns the claim that shows a sponsor that these origins belong to this robot.
+    /// Returns the claim that proves to a sponsor that these origins belong to this robot.
     pub(super) fn claim(&self, origin: ReplicaId, replaces: &[ReplicaId]) -> Option<Vec<u8>> {
         self.notary().map(|notary| Claim::make(notary, origin, replaces).to_bytes())
     }
 
-    /// Checks that a transaction is of its origin.
+    /// Checks that a transaction was signed by the owner of its origin.
     pub(super) fn check_signature(
         &mut self,
         txn: &Txn,
@@ -97,7 +98,7 @@ impl Authors {
         Ok(())
     }
 
-    /// Checks what a transaction that is next may do.
+    /// Checks that the next transaction of an origin does nothing that it may not do.
     pub(super) fn check_rules(&self, txn: &Txn, contents: &Contents) -> Result<(), Doubt> {
         let Some(author) = self.notary().and_then(|_| self.holder(txn.stamp.origin, contents)) else { return Ok(()) };
         check_dates(txn, contents.log().last_stamp())
@@ -112,7 +113,7 @@ impl Authors {
         own.is_ok_and(|own| notary::may_retire(notary, &own, self.holder(origin, contents).as_ref()))
     }
 
-    /// Checks that others will take over an own transaction: they would take none after it either.
+    /// Checks that others will accept an own transaction. If they refused it, they would also refuse all later ones.
     pub(super) fn check_own(&self, txn: &Txn, contents: &Contents) -> Result<(), String> {
         let Some(notary) = self.notary() else { return Ok(()) };
         let author = notary.holder(&notary.credential())?;
@@ -125,8 +126,8 @@ impl Authors {
     }
 }
 
-/// Checks that a transaction leaves dates to others, where `known` is the last date of a log that has all transactions
-/// it has seen: a replica that follows the clock's rule is never refused.
+/// Checks that a transaction does not use up the dates. `known` is the last date of a log with all transactions that it has seen. A
+/// replica that follows the clock's rule is never refused.
 fn check_dates(txn: &Txn, known: Timestamp) -> Result<(), &'static str> {
     let is_ahead = |stamp: Timestamp, most: Timestamp| stamp.millis() > DATE_MAX_MS.max(most.millis() + TICKS_MAX_MS);
     let before = if txn.stamp.epoch > known.epoch { Timestamp::default() } else { known };
@@ -140,8 +141,8 @@ fn check_dates(txn: &Txn, known: Timestamp) -> Result<(), &'static str> {
 }
 
 impl Replica {
-    /// Signs what it writes from now on, and takes over only what others have signed. An origin from before this robot had these keys
-    /// is given up.
+    /// Makes the replica sign its writes, and accept only signed transactions of others. An origin from before this robot had these
+    /// keys is given up.
     #[must_use]
     pub fn signed_by(mut self, notary: Arc<dyn Notary>) -> Self {
         self.ledger.sign_with(notary);
@@ -149,21 +150,21 @@ impl Replica {
             let is_own = self.ledger.authors.is_own(self.origin(), self.state());
             let has_strays = self.ledger.has_strays();
             if !is_own || has_strays {
-                // The caller requested this, so no alarm.
+                // The caller requested this, so no alarm is raised.
                 self.rejoin(Time::ZERO, has_strays, &mut Vec::new());
             }
         }
         self
     }
 
-    /// Returns whether the keys of its team let this robot retire an origin: one of its own, or one whose key is revoked.
+    /// Returns whether the keys of the team permit this robot to retire an origin: one of its own, or one whose key is revoked.
     pub fn may_retire(&self, origin: ReplicaId) -> bool {
         self.ledger.authors.may_retire(origin, self.ledger.contents())
     }
 }
 
 impl Ledger {
-    /// Returns whether a transaction is here that no member takes over, because its origin was admitted nowhere: a disk has lost the
+    /// Returns whether the log has a transaction that no member accepts, because its origin was never admitted: a disk has lost the
     /// record of this origin.
     pub(super) fn has_strays(&self) -> bool {
         let is_stray = |(dot, encoded): &(Dot, &EncodedTxn)| {
@@ -172,7 +173,8 @@ impl Ledger {
         self.authors.notary().is_some() && self.log().in_order().iter().any(is_stray)
     }
 
-    /// Retires the origins of robots whose keys the team has revoked. The smallest member does, so that it is done once.
+    /// Retires the origins of robots whose keys the team has revoked. The member with the smallest id does this, so that it is done
+    /// once.
     pub(super) fn retire_revoked(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(notary) = self.authors.notary().filter(|_| self.is_member()) else { return };
         let holder = |origin: &ReplicaId| self.authors.holder(*origin, self.contents());

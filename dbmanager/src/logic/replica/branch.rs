@@ -1,21 +1,20 @@
-//! The rules for branches: a peer has another transaction under a number, knows more of this replica than it does itself, or
-//! has retired it.
+//! The rules for branches: a peer has a different transaction under a number, knows more transactions of this replica than the replica
+//! itself, or has retired it.
 //!
-//! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses its own numbers that
-//! others already know. The two transactions are never mixed up: a transaction that does not follow, or that has seen
-//! the other one, is refused, and the two replicas that disagree exchange the hashes by which they know each number
-//! ([`Chunk::Known`]). So an acknowledged write is never overwritten by a writer who never saw it, and each branch is
-//! rebased.
+//! *Numbers used twice.* A store that was set back, and writes before it hears from others, reuses numbers that others already know. The
+//! two transactions are never mixed up. A transaction that does not follow, or that has seen the other one, is refused. The two replicas
+//! that disagree exchange the hashes by which they know each number ([`Chunk::Known`]). So an acknowledged write is never overwritten by a
+//! writer that never saw it, and each branch is rebased.
 //!
-//! *Branches that cannot be compared.* A log that is cut does not have the hash of an old number. Of two replicas that
-//! are known to disagree, the one with the larger origin then starts again, and treats every number it cannot compare
-//! as used twice. A state has the hashes of its last numbers only; so a replica that has seen an origin use a number
-//! twice remembers it, and takes over no state that has more of it.
+//! *Branches that cannot be compared.* A log that is cut does not have the hash of an old number. If two replicas are known to disagree,
+//! the one with the larger origin starts again, and treats every number that it cannot compare as used twice. A state has only the hashes
+//! of its last numbers. So a replica that has seen an origin use a number twice remembers it, and takes over no state that has more
+//! transactions of this origin.
 //!
-//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions
-//! than itself ([`Chunk::Fork`]), or it reports less than it reported before ([`Chunk::Behind`]). In both cases it
-//! starts again. The second sign is lost if all replicas that had heard it were restarted since; nor does it help a
-//! replica that has since applied a write made without the lost deletions. Then digests differ, and there is an alarm.
+//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than itself
+//! ([`Chunk::Fork`]), or it reports less than it reported before ([`Chunk::Behind`]). In both cases it starts again. The second sign is
+//! lost if all replicas that had received the report were restarted since. It also does not help a replica that has since applied a write
+//! made without the lost deletions. Then digests differ, and there is an alarm.
 
 use super::action::Action;
 use super::interface::{Alarm, Effect};
@@ -29,9 +28,9 @@ use crate::logic::txn::ChainHash;
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeSet;
 
-/// A member knows transactions by these hashes. If one differs here, a store was set back, and both branches have
-/// spread: of two replicas on different branches, the one with the larger origin starts again, from the other, and
-/// rebases its transactions. Returns nothing if all hashes agree, or the replica is already starting again.
+/// Handles the hashes by which a member knows transactions. If one differs here, a store was set back, and both branches have spread. Then,
+/// of the two replicas, the one with the larger origin starts again with the state of the other one, and rebases its transactions. Returns
+/// no actions if all hashes agree, or the replica is already starting again.
 pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let contents = ledger.contents();
     if !may_rejoin(ledger) {
@@ -53,8 +52,8 @@ pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)
     }
 }
 
-/// A peer reports that the two mean different transactions, and too little of the log is kept here to tell which of `hashes` differ.
-/// Then each transaction that cannot be compared may be one of them. The peer with the smaller origin says up to where it has those chains.
+/// Handles the case that a peer knows different transactions, but too little of the log is kept here to tell which of `hashes` differ. Each
+/// transaction that cannot be compared may be one of them. The replica with the smaller origin sends how far it has those chains.
 fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let (log, me) = (ledger.log(), ledger.identity.origin());
     let untold = hashes.iter().map(|(dot, _)| *dot).filter(|dot| dot.origin != me && log.hash(*dot).is_none());
@@ -62,7 +61,7 @@ fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<
     gives_up(ledger, from, &origins)
 }
 
-/// Of two replicas on different branches of these origins, the one with the larger origin starts again.
+/// Resolves different branches of these origins: of the two replicas, the one with the larger origin starts again.
 fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> Vec<Action> {
     if origins.is_empty() {
         return Vec::new();
@@ -76,7 +75,7 @@ fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> 
     alarms.chain(forked).chain([Action::Rejoin { twice: false }]).collect()
 }
 
-/// A peer knows the own transaction `seq` by this hash.
+/// Handles the hash by which a peer knows the own transaction `seq`.
 pub(super) fn fork(ledger: &Ledger, seq: u64, hash: ChainHash) -> Option<Action> {
     let origin = ledger.identity.origin();
     let known = ledger.log().hash(Dot { origin, seq });
@@ -84,7 +83,7 @@ pub(super) fn fork(ledger: &Ledger, seq: u64, hash: ChainHash) -> Option<Action>
     (other && may_rejoin(ledger)).then_some(Action::Rejoin { twice: true })
 }
 
-/// Returns what to do about a state that knows other transactions by the same numbers, and so would hide some; nothing otherwise.
+/// Returns the actions for a state that has other transactions under the same numbers, and so would hide some; none if it hides nothing.
 pub(super) fn hidden(ledger: &Ledger, from: ReplicaId, manifest: &Manifest) -> Vec<Action> {
     let head = |(origin, head): &(ReplicaId, Head)| (Dot { origin: *origin, seq: head.seq }, head.hash);
     let heads: Vec<(Dot, ChainHash)> = manifest.heads.iter().map(head).collect();
@@ -98,31 +97,31 @@ pub(super) fn hidden(ledger: &Ledger, from: ReplicaId, manifest: &Manifest) -> V
     }
 }
 
-/// Returns the origins that are known to have used numbers twice, and of which a state has more than is here: whether on this branch
-/// it does not say.
+/// Returns the origins that are known to have used numbers twice and of which a state has more than this replica. The state does not show
+/// whether these are on the same branch.
 fn beyond_a_fork(ledger: &Ledger, heads: &[(Dot, ChainHash)]) -> BTreeSet<ReplicaId> {
     let here = |dot: &Dot| ledger.log().tip(dot.origin).0;
     let beyond = heads.iter().map(|(dot, _)| dot).filter(|dot| here(dot) > 0 && dot.seq > here(dot));
     beyond.map(|dot| dot.origin).filter(|origin| ledger.identity.is_forked(*origin)).collect()
 }
 
-/// A peer remembers that this replica had all of `vector`.
+/// Handles a peer's report that this replica once had all of `vector`.
 pub(super) fn behind(ledger: &Ledger, vector: &VersionVector) -> Action {
     let set_back = ledger.identity.joining().is_none() && !ledger.log().vector().dominates(vector);
-    // Stale otherwise: what it names is here by now.
+    // If this is false, the report is stale: the transactions in it have arrived by now.
     if set_back { Action::Rejoin { twice: false } } else { Action::Ahead }
 }
 
-/// A peer says that this replica was retired, by a transaction with this timestamp. If each has retired the other, the earlier
-/// retirement stands.
+/// Handles a peer's report that this replica was retired, by a transaction with this timestamp. If each has retired the other, the earlier
+/// retirement is valid.
 pub(super) fn retired(ledger: &Ledger, from: ReplicaId, stamp: Timestamp) -> Option<Action> {
     let mine = ledger.contents().members().retired(from);
     let stands = ledger.identity.joining().is_none() && mine.is_none_or(|mine| stamp < mine);
     stands.then_some(Action::Rejoin { twice: false })
 }
 
-/// Returns whether a replica with this end of its own chain has less of it, or another one, than a replica that knows
-/// it to end at `known`.
+/// Returns whether a replica's own chain, which ends at `own`, is shorter than another replica knows it, or different. `known` is the end
+/// that the other one knows.
 pub(super) fn is_set_back(own: (u64, ChainHash), known: (u64, ChainHash)) -> bool {
     own.0 < known.0 || own.0 == known.0 && own.1 != known.1
 }

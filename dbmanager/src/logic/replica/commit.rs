@@ -1,13 +1,13 @@
-//! The commit pipeline: turns a draft of a caller into a transaction with its place in history.
+//! The commit pipeline: turns a draft of a caller into a transaction with its position in history.
 //!
-//! [`CommitPipeline::plan`] checks a draft against the present state, [`CommitPipeline::seal`] gives it a timestamp, a
-//! number and a context; the replica then enters it. Values that never leave the robot are written here at once.
+//! [`CommitPipeline::plan`] checks a draft against the present state. [`CommitPipeline::seal`] gives it a timestamp, a number
+//! and a context. The replica then adds it to its contents. Values that never leave the robot are written here at once.
 //!
-//! *Urgent and bulk.* Transactions have no classes. A transaction is shown after all transactions its writer
-//! had seen, which is usually everything its robot had. So an urgent one could hardly overtake anything without
-//! breaking that promise or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at
-//! most four of them), and large data goes beside them: a value names it by its hash. A robot that needs bulk data with
-//! a separate history runs a second replica as a separate team, whose messages the driver sends with less priority.
+//! *Urgent and bulk.* Transactions have no priorities. A transaction is shown after all transactions that its writer had seen,
+//! which is usually everything that its robot had. So an urgent transaction could overtake almost nothing without breaking that
+//! promise or making two histories. Instead, transactions are short (256 KiB; a chunk of a slow link has at most four of them).
+//! Large data is stored elsewhere, and a value names it by its hash. A robot that needs bulk data with a separate history runs
+//! a second replica as a separate team, whose messages the driver sends with less priority.
 //!
 //! *State.* The hybrid clock, the last reading of the wall clock, and the values at `local/…`.
 
@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The content of a transaction, without its place in history.
+/// The content of a transaction, without its position in history.
 #[derive(Debug, Default)]
 pub(super) struct Change {
     pub(super) reason: String,
@@ -38,7 +38,7 @@ pub(super) struct Change {
 }
 
 impl Change {
-    /// Returns what the database itself writes.
+    /// Returns a change that the database itself writes.
     pub(super) fn system(reason: &str, writes: Vec<Write>) -> Self {
         Self { reason: reason.into(), writes, ..Self::default() }
     }
@@ -55,7 +55,8 @@ pub(super) struct CommitPipeline {
 }
 
 impl CommitPipeline {
-    /// Continues after the largest timestamp that is here, in the log and among the local keys.
+    /// Returns a pipeline that continues after `last`, the largest timestamp of the log, or after the largest one of the local
+    /// keys.
     pub(super) fn new(origin: ReplicaId, last: Timestamp, local: State) -> Self {
         let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
         let last = stamps.chain([last]).max().unwrap_or_default();
@@ -80,14 +81,14 @@ impl CommitPipeline {
         self.wall = wall;
     }
 
-    /// Takes note of a transaction of another; returns by how much it is dated ahead of a trusted clock, if that is suspicious.
+    /// Notes a transaction of another replica. Returns how far it is dated ahead of a trusted clock, if this is suspicious.
     pub(super) fn observe(&mut self, now: Time, txn: &Txn) -> Option<Duration> {
         let ahead_by = Clock::suspects(txn.stamp, self.wall);
         self.clock.observe(now, txn.stamp, txn.wall);
         ahead_by
     }
 
-    /// Goes on after the largest timestamp of a state that was taken over.
+    /// Continues after the largest timestamp of a state that was taken over.
     pub(super) fn go_on_after(&mut self, now: Time, last: Timestamp) {
         self.clock.observe(now, last, Wall::default());
     }
@@ -97,12 +98,12 @@ impl CommitPipeline {
         self.clock.move_to(origin);
     }
 
-    /// Begins a new epoch; returns whether there was one left.
+    /// Begins a new epoch; returns false if none was left.
     pub(super) fn heal(&mut self) -> bool {
         self.clock.heal()
     }
 
-    /// Returns the change that a draft of this `robot` makes, if it may be committed.
+    /// Returns the change that a draft of this `robot` makes.
     pub(super) fn plan(&self, draft: Draft, robot: &str, contents: &Contents) -> Result<Change, TxnError> {
         draft.check()?;
         draft.requires().iter().try_for_each(|require| self.check(require, contents))?;
@@ -119,7 +120,7 @@ impl CommitPipeline {
             granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), to)) });
         }
         let (reason, mut requires, mut writes) = draft.into_parts();
-        // Conditions on local keys are checked, and not passed on.
+        // Conditions on local keys are checked here, and are not part of the transaction.
         requires.retain(|require| require.key.namespace() != Namespace::Local);
         requires.extend(fences.into_iter().map(|(key, dot)| Require { key, condition: Condition::Is(dot) }));
         writes.extend(granted);
@@ -127,7 +128,7 @@ impl CommitPipeline {
         Ok(Change { reason, requires, writes, ..Change::default() })
     }
 
-    /// Gives a change the next place in the history of `origin`, on what is in `log`.
+    /// Gives a change the next position in the history of `origin`, after the transactions in `log`.
     pub(super) fn seal(
         &mut self,
         now: Time,
@@ -139,7 +140,7 @@ impl CommitPipeline {
         let stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let head = log.head(origin).cloned().unwrap_or_default();
         let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
-        // The transactions that one's own earlier ones have seen are covered by one's own number.
+        // The replica's own number already covers the transactions that its earlier transactions have seen.
         let context: VersionVector = log.vector().beyond(&head.context).without(origin);
         let txn = Txn {
             stamp,
@@ -153,7 +154,7 @@ impl CommitPipeline {
             wants_ack: change.wants_ack,
             rebase: change.rebase,
         };
-        // The context only has the last writes of others, so all its hashes are known.
+        // The context contains only the last transactions of other origins, so all its hashes are known.
         let seen = log.seen(&txn.context);
         if let Some(notary) = &self.notary {
             let encoded = EncodedTxn::seal_signed(&txn, seen.unwrap_or_default(), &**notary)?;
@@ -166,7 +167,7 @@ impl CommitPipeline {
         Ok((txn, encoded))
     }
 
-    /// Writes what never leaves the robot. Its dot has no origin.
+    /// Writes values that never leave the robot. Their dot has no origin.
     pub(super) fn write_local(
         &mut self,
         now: Time,
@@ -198,7 +199,7 @@ impl CommitPipeline {
     }
 }
 
-/// Returns the grant on which writing a key at a robot relies, if any, with the key of its record.
+/// Returns the grant that permits a robot to write a key, if it needs one, with the key of the grant's record.
 fn check_owner(key: &Key, robot: &str, contents: &Contents) -> Result<Option<(Key, Dot)>, TxnError> {
     if matches!(key.namespace(), Namespace::System | Namespace::Local) {
         return Err(TxnError::Reserved { key: key.clone() });

@@ -1,6 +1,6 @@
-//! The contents of a replica: its transactions, and the state, the members and the owners that follow from them.
+//! The contents of a replica: its transactions, and the state, the members and the owners that result from them.
 //!
-//! *Rule.* All four change together, when a transaction is entered or the state of another is taken over, and the
+//! *Rule.* All four change together, when a transaction is added or the state of another replica is taken over. The
 //! changes go to the disk in the same batch.
 
 use crate::logic::key::Key;
@@ -13,12 +13,12 @@ use crate::logic::state::{CausalContext, State};
 use crate::logic::txn::{ChainHash, EncodedTxn, Txn};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
-/// How many hashes are told at a time.
+/// How many hashes are sent at a time.
 const KNOWN_MAX: usize = 1024;
 /// How often the name of a transaction may have changed.
 const LIVES_MAX: u32 = 32;
 
-/// Log and state, with the records in it that the replica itself goes by.
+/// Log and state, with the records in the state that the replica itself uses.
 #[derive(Debug)]
 pub(super) struct Contents {
     log: Log,
@@ -48,7 +48,7 @@ impl Contents {
         &self.owners
     }
 
-    /// Enters a transaction that is next at its origin.
+    /// Adds the next transaction of an origin.
     pub(super) fn enter(&mut self, txn: &Txn, encoded: &EncodedTxn, batch: &mut Batch) {
         let (dot, context) = (txn.dot(), self.log.context(txn));
         let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
@@ -66,7 +66,7 @@ impl Contents {
         }
     }
 
-    /// Takes over the state of another; returns what was here before.
+    /// Takes over the state of another replica; returns the previous contents.
     pub(super) fn replace(&mut self, log: Log, state: State, batch: &mut Batch) -> Self {
         self.erase(batch);
         let old = std::mem::replace(self, Self::new(log, state));
@@ -91,7 +91,7 @@ impl Contents {
         }
     }
 
-    /// Drops the keys that are only deleted, by transactions within `stable`.
+    /// Drops the keys that have only deletions within `stable`.
     pub(super) fn drop_deleted(&mut self, stable: &VersionVector, batch: &mut Batch) {
         for key in self.state.drop_deleted(stable) {
             batch.versions(SHARED, &key, &[]);
@@ -105,7 +105,7 @@ impl Contents {
         }
     }
 
-    /// Returns under which name a transaction has to be asked for: see [`Replica::name_of`](super::Replica::name_of).
+    /// Returns the present name of a transaction: see [`Replica::name_of`](super::Replica::name_of).
     pub(super) fn name_of(&self, mut dot: Dot) -> Dot {
         for _ in 0..LIVES_MAX {
             let rebased = self.members.rebased(dot.origin).filter(|rebased| dot.seq <= rebased.last.seq);
@@ -115,13 +115,14 @@ impl Contents {
         dot
     }
 
-    /// Returns what tells a peer which transaction of an origin is the last one here.
+    /// Returns the message that tells a peer the last transaction of an origin here.
     pub(super) fn tip_of(&self, origin: ReplicaId) -> Message {
         let (seq, hash) = self.log.tip(origin);
         Message::Chunk(Chunk::Fork { seq, hash })
     }
 
-    /// Returns what tells a peer by which hashes these transactions are known here, of which it means others.
+    /// Returns the message that tells a peer the hashes of these transactions here, because the peer knows different
+    /// ones.
     pub(super) fn links_of(&self, of: impl IntoIterator<Item = (ReplicaId, u64)>) -> Message {
         let known = of.into_iter().filter_map(|(origin, seq)| {
             let dot = Dot { origin, seq };
@@ -130,7 +131,7 @@ impl Contents {
         Message::Chunk(Chunk::Known(known.take(KNOWN_MAX).collect()))
     }
 
-    /// Returns the first of these transactions that is another one here.
+    /// Returns the first of these transactions whose hash differs here.
     pub(super) fn other_than(&self, known: &[(Dot, ChainHash)]) -> Option<(Dot, ChainHash)> {
         let other = |(dot, hash): &&(Dot, ChainHash)| self.log.hash(*dot).is_some_and(|here| here != *hash);
         known.iter().find(other).copied()

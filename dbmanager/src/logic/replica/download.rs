@@ -1,7 +1,7 @@
 //! Snapshots: those that are offered to others, and the one that is being downloaded.
 //!
-//! *Rule.* Chunks are named by their hashes, so what has come stays of use when a download is broken off. On a slow link one chunk
-//! is on its way at a time; where they come quickly, or the way is merely long, more are asked for.
+//! *Rule.* Chunks are named by their hashes, so the received chunks remain useful after a download was broken off. On a slow link
+//! one chunk is requested at a time. If chunks arrive quickly, or the link only has a long delay, more are requested.
 
 use super::contents::Contents;
 use super::interface::{Alarm, Effect};
@@ -14,9 +14,9 @@ use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How many bytes a state that is taken over may have: it has to be in memory as a whole.
+/// The greatest size in bytes of a state that is taken over, since the whole state has to be in memory.
 const DOWNLOAD_SIZE_MAX: usize = 1 << 30;
-/// How many chunks are asked for at a time at most.
+/// How many chunks may be requested at a time.
 const CHUNKS_ASKED_MAX: usize = 8;
 
 /// A snapshot that others may take.
@@ -27,7 +27,7 @@ pub(super) struct Offer {
     before: BTreeMap<ChunkHash, Vec<u8>>,
 }
 
-/// The download in progress, if any, and the chunks of one that was broken off.
+/// The download in progress, if any, and the chunks of a download that was broken off.
 #[derive(Debug, Default)]
 pub(super) struct Downloads {
     current: Option<Download>,
@@ -41,11 +41,11 @@ struct Download {
     manifest: Manifest,
     chunks: BTreeMap<ChunkHash, Vec<u8>>,
     asked: BTreeSet<ChunkHash>,
-    /// How many are asked for at a time.
+    /// How many chunks may be requested at a time.
     window: usize,
-    /// How long a chunk took that was asked for alone.
+    /// How long a chunk took when it was the only requested one.
     alone: Duration,
-    /// When the last one came, or the download began.
+    /// When the last chunk came, or the download began.
     since: Time,
     /// How long the download waits for the next chunk, and until when.
     wait: Duration,
@@ -53,7 +53,7 @@ struct Download {
     tries: u32,
 }
 
-/// A state that has come as a whole.
+/// A state that was downloaded completely.
 #[derive(Debug)]
 pub(super) struct Downloaded {
     pub(super) from: ReplicaId,
@@ -62,7 +62,7 @@ pub(super) struct Downloaded {
 }
 
 impl Offer {
-    /// Returns the snapshot of now; the one before it can still be taken over too.
+    /// Takes a snapshot now. Other replicas can still take over the previous snapshot as well.
     pub(super) fn take(&mut self, contents: &Contents) -> Manifest {
         let log = contents.log();
         match &self.latest {
@@ -95,7 +95,7 @@ impl Downloads {
         if self.current.is_some() || manifest.chunks.len() > CHUNKS_MAX {
             return;
         }
-        // Chunks of a download that was broken off may be in this one too.
+        // Chunks of a download that was broken off may also belong to this one.
         let wanted: BTreeSet<ChunkHash> = manifest.chunks.iter().copied().collect();
         let mut chunks = std::mem::take(&mut self.spare);
         chunks.retain(|name, _| wanted.contains(name));
@@ -104,7 +104,7 @@ impl Downloads {
         self.current = Some(download);
     }
 
-    /// Asks once more for chunks that have not come in time, and finally gives up.
+    /// Requests missing chunks again when they are late, and finally breaks the download off.
     pub(super) fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(download) = self.current.as_mut().filter(|download| download.until <= now) else { return };
         if download.tries >= CHUNK_TRIES_MAX {
@@ -114,7 +114,7 @@ impl Downloads {
         effects.extend(download.ask());
     }
 
-    /// Takes a chunk that was asked for.
+    /// Takes a requested chunk.
     pub(super) fn receive(
         &mut self,
         now: Time,
@@ -137,7 +137,7 @@ impl Downloads {
                 self.current = None;
                 effects.push(Effect::Alarm(Alarm::Malformed(from)));
             }
-            // The peer has moved on, or was restarted: the next pull brings its new manifest.
+            // The peer has a newer snapshot, or was restarted. The next pull brings its new manifest.
             None => self.break_off(),
         }
     }
@@ -155,12 +155,12 @@ impl Downloads {
         }
     }
 
-    /// Cancels it, and discards its chunks.
+    /// Cancels the download, and discards its chunks.
     pub(super) fn cancel(&mut self) {
         self.current = None;
     }
 
-    /// Gives a download up, and keeps the chunks that have come.
+    /// Breaks a download off, and keeps the received chunks.
     fn break_off(&mut self) {
         self.spare = self.current.take().map(|download| download.chunks).unwrap_or_default();
     }
@@ -173,8 +173,8 @@ impl Download {
         Self { from, manifest, chunks, asked, window: 1, alone, since, wait, until, tries: 0 }
     }
 
-    /// A chunk has come: the time it took is the time that the next one may take. On a slow radio there is one in
-    /// transit at a time.
+    /// Takes a chunk. Twice its time is the limit for the next one. The times also decide how many chunks are requested at once:
+    /// one on a slow radio.
     fn arrived(&mut self, now: Time, name: ChunkHash, bytes: Vec<u8>) {
         self.chunks.insert(name, bytes);
         let took = now.since(self.since);
@@ -190,7 +190,7 @@ impl Download {
         (self.since, self.until, self.tries) = (now, now + self.wait, 0);
     }
 
-    /// No chunk has come: the missing chunks are asked for once more, one at a time.
+    /// Prepares to request the missing chunks again, one at a time, since none has come.
     fn again(&mut self, now: Time) {
         self.tries += 1;
         self.until = now + (self.wait * (1 << self.tries.min(CHUNK_TRIES_MAX))).min(CHUNK_WAIT_MAX);
@@ -215,7 +215,7 @@ mod tests {
 
     const PEER: ReplicaId = ReplicaId::new(1);
 
-    /// Returns the state of a peer in two chunks, which are none.
+    /// Returns the manifest of a peer, with two chunks that do not contain a state.
     fn manifest() -> Manifest {
         Manifest { heads: Vec::new(), state: 0, chunks: vec![ChunkHash::of(b"a"), ChunkHash::of(b"b")] }
     }

@@ -1,4 +1,4 @@
-//! The rules for `Hello`: a replica's own report, and the consequences of a peer's `Hello`.
+//! The rules for `Hello`: the content of a replica's own `Hello`, and the consequences of a peer's.
 
 use super::action::Action;
 use super::branch::is_set_back;
@@ -14,28 +14,28 @@ use crate::logic::version_vector::ReplicaId;
 enum Greeting {
     /// The message needs no reaction.
     Ignored,
-    /// The disk was copied: there are two starts of one origin.
+    /// The disk was copied: the same origin was started twice.
     Copied,
-    /// The peer may have more than is here.
+    /// The peer may have more transactions than this replica.
     Ahead,
-    /// The peer is not known, and its sponsor was retired.
+    /// The peer is unknown, and its sponsor was retired.
     Retired(Timestamp),
     /// The peer belongs to another team of the same name.
     OtherTeam {
-        /// Whether this replica gives up its own team for that one.
+        /// Whether this replica gives up its own team for the peer's.
         gives_way: bool,
     },
-    /// The peer has less of its own chain than is known here, or another one.
+    /// The peer's own chain is shorter than this replica knows it, or different.
     SetBack,
     /// The peer is a member with other transactions.
     Differs,
-    /// The peer is a member with the same numbers.
+    /// The peer is a member with the same version vector.
     Even {
-        /// The peer has buffered other transactions.
+        /// Whether the peer has buffered other transactions.
         buffers: bool,
-        /// These numbers mean the same transactions.
+        /// Whether the same numbers stand for the same transactions.
         same_chains: bool,
-        /// They give the same state.
+        /// Whether both have the same state.
         same_state: bool,
     },
 }
@@ -75,7 +75,7 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
         let Some(sponsor) = hello.sponsors.iter().find(known) else {
             return Greeting::OtherTeam { gives_way: gives_way(ledger, from, hello) };
         };
-        // If a member has admitted it, from whom we have not heard of late, it can tell us itself.
+        // A member from which nothing was received lately may have admitted the peer. The peer itself can then report this.
         return members.retired(*sponsor).map_or(Greeting::Ahead, Greeting::Retired);
     }
     if is_set_back(hello.head, log.tip(from)) {
@@ -91,7 +91,7 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     }
 }
 
-/// Returns whether this replica gives up its own team for that of `from`, which was begun elsewhere under the same name.
+/// Returns whether this replica gives up its own team for that of `from`, a different team of the same name.
 ///
 /// Only a replica that is alone in its team gives way: between teams with several members an operator decides. A founder gives
 /// way to a replica that was admitted; otherwise the larger origin gives way. So of two lone replicas exactly one gives way.
@@ -101,13 +101,13 @@ fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
     members.active().all(|(origin, _)| origin == me) && rank(from, &hello.sponsors) < rank(me, &members.sponsors(me))
 }
 
-/// Returns how a member leaves its team for that of a peer, which it asks first.
+/// Returns the actions by which a member leaves its team for that of a peer, which it asks first.
 pub(super) fn join(ledger: &Ledger, peer: ReplicaId) -> Vec<Action> {
     let is_other = ledger.is_member() && !ledger.contents().members().is_active(peer);
     if is_other { vec![Action::Rejoin { twice: false }, Action::Ahead] } else { Vec::new() }
 }
 
-/// Returns what to do about a hello of `from`.
+/// Returns the actions in response to a hello of `from`.
 pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Action> {
     let alarm = || Action::Emit(Effect::Alarm(Alarm::Diverged(from)));
     let mut actions = Vec::new();
@@ -125,7 +125,7 @@ pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Acti
             }
         }
         Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),
-        // An old hello may have been overtaken by the transactions it announces: the receiver of this knows better.
+        // The transactions that an old hello announces may have arrived before it. The receiver of this message can tell.
         Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
         Greeting::Ahead | Greeting::Differs => actions.push(Action::Ahead),
         Greeting::Even { buffers, same_chains, same_state } => {
@@ -150,7 +150,7 @@ mod tests {
     use crate::logic::replica::tests::{Team, put};
     use crate::logic::txn::ChainHash;
 
-    /// Returns what robot 0 makes of the hello of robot 1, after `change`.
+    /// Returns the consequence, for robot 0, of the hello of robot 1 after `change`.
     fn judged(team: &Team, change: impl FnOnce(&mut Hello)) -> Greeting {
         let mut hello = of(&team.replicas[1].ledger);
         change(&mut hello);

@@ -1,13 +1,13 @@
-//! The replica id under which a replica writes, and the one under which it wants to be admitted.
+//! The replica id under which a replica writes, and the id under which it wants to be admitted.
 //!
-//! *State.* The identity on the disk, and the knowledge since this start: up to which number other replicas mean the same
-//! transactions by the numbers of this replica.
+//! *State.* The identity on the disk. Also, since this start: the number up to which other replicas are known to have the same
+//! transactions under the replica's own numbers.
 //!
-//! *One sponsor for one origin.* A sponsor counts a newcomer as a replica that begins with its state. So a newcomer
-//! that gets no answer and asks another sponsor asks for another origin, and reports that it has given up the first:
-//! two sponsors that did not hear of each other would both count on a state of which the newcomer can take only one. A
-//! sponsor that was asked before is asked for the same origin again, unless it reports that this was retired: so a
-//! newcomer that no sponsor can answer costs the team one record for each member, and not one for each question.
+//! *One sponsor for one origin.* A sponsor counts a newcomer as a replica that begins with its state. If two sponsors that are
+//! cut off from each other admitted the same origin, both would count on it, but the newcomer can take only one state. So a
+//! newcomer that gets no answer and asks another sponsor asks for another origin, and reports that it has given up the first. It
+//! asks a sponsor again for the same origin as before, unless the sponsor reports that this origin was retired. So a newcomer
+//! that no sponsor can answer costs the team one record for each member, not one for each request.
 
 use crate::logic::message::Join;
 use crate::logic::record::{Batch, IdentityRecord, OpenError, Past};
@@ -21,11 +21,11 @@ const PAST_MAX: usize = 256;
 #[derive(Debug)]
 pub(super) struct Identity {
     record: IdentityRecord,
-    /// A random number for this start.
+    /// A random number, drawn at this start.
     boot: u64,
-    /// The number up to which others are known to mean the same by the own numbers, as seen since this start.
+    /// The number up to which others have shown, since this start, that they have the same transactions under the own numbers.
     proven: u64,
-    /// Whether the record has changed since it was written.
+    /// Whether the record has changed since it was last written.
     changed: bool,
 }
 
@@ -63,41 +63,41 @@ impl Identity {
         self.boot
     }
 
-    /// Returns the origin under which it wants to be admitted; `None` once it was admitted.
+    /// Returns the origin under which the replica wants to be admitted; `None` once it was admitted.
     pub(super) fn joining(&self) -> Option<ReplicaId> {
         self.record.joining
     }
 
-    /// Returns the sponsor that it has asked for admission.
+    /// Returns the sponsor that the replica has asked for admission.
     pub(super) fn asked(&self) -> Option<ReplicaId> {
         self.record.asked
     }
 
-    /// Returns the origins it has given up.
+    /// Returns the origins that the replica has given up.
     pub(super) fn past(&self) -> &[Past] {
         &self.record.past
     }
 
-    /// Returns the number up to which others surely mean the same by the own numbers.
+    /// Returns the number up to which others have shown that they have the same transactions under the own numbers.
     pub(super) fn proven(&self) -> u64 {
         self.proven.max(self.record.known_by_peers)
     }
 
-    /// Returns the request for admission, if a sponsor is to be asked.
+    /// Returns the request for admission; none if the replica does not ask for it.
     pub(super) fn join(&self) -> Option<Join> {
         let replaces = || self.record.past.iter().map(|past| past.origin).collect();
         let join = |origin| Join { origin, robot: self.record.robot.clone(), replaces: replaces(), claim: None };
         self.record.joining.map(join)
     }
 
-    /// Writes the record, if it has changed.
+    /// Writes the record if it has changed.
     pub(super) fn write(&mut self, batch: &mut Batch) {
         if std::mem::take(&mut self.changed) {
             batch.identity(&self.record);
         }
     }
 
-    /// Gives up the origin, which may have used numbers `twice`, and returns it.
+    /// Gives up the origin, and returns it. `twice`: the origin may have used numbers twice.
     pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random) -> ReplicaId {
         let record = &mut self.record;
         let from = record.origin;
@@ -112,13 +112,13 @@ impl Identity {
         from
     }
 
-    /// Continues under the origin as which it was admitted.
+    /// Continues under the admitted origin.
     pub(super) fn admitted(&mut self, joining: ReplicaId) {
         let record = &mut self.record;
         record.origin = joining;
         (record.joining, record.asked, record.known_by_peers) = (None, None, 0);
         self.proven = 0;
-        // Every later sponsor is told of these origins: only a team that was also given up may have known of them.
+        // Every later sponsor is told of these origins. Only a team that was also given up may have known them.
         record.past.iter_mut().for_each(|past| (past.known_by_peers, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = record.past.len().saturating_sub(PAST_MAX);
         record.past.drain(..surplus);
@@ -132,7 +132,7 @@ impl Identity {
         self.changed = true;
     }
 
-    /// Asks a peer for admission, unless it is a member: each for another origin.
+    /// Asks a peer for admission, unless this replica is a member. Each peer is asked for a different origin.
     pub(super) fn asks(&mut self, peer: ReplicaId, random: &mut Random) {
         let record = &mut self.record;
         let Some(joining) = record.joining.filter(|_| record.asked != Some(peer)) else { return };
@@ -145,7 +145,7 @@ impl Identity {
         self.changed = true;
     }
 
-    /// The origin that it requested from `from` has been retired since, so it requests another one. Returns whether that was so.
+    /// Requests another origin if the one requested from `from` has been retired since. Returns whether it was.
     pub(super) fn wants_another(&mut self, from: ReplicaId, random: &mut Random) -> bool {
         let Some(joining) = self.record.joining.filter(|_| self.record.asked == Some(from)) else { return false };
         self.record.past.push(Past { origin: joining, ..Past::default() });
@@ -168,7 +168,7 @@ impl Identity {
     }
 
     /// Remembers that others have all own transactions up to `head`. A report of the number alone is not enough: if the store
-    /// was set back, the other replica may know a different transaction by this number.
+    /// was set back, the other replica may have a different transaction under this number.
     pub(super) fn set_known_by_peers(&mut self, head: u64) {
         if head > self.record.known_by_peers && self.record.joining.is_none() {
             self.record.known_by_peers = head;
@@ -176,7 +176,7 @@ impl Identity {
         }
     }
 
-    /// A replica has shown that it means the same by the own numbers up to `seq`.
+    /// Notes that a replica has shown that it has the same transactions under the own numbers up to `seq`.
     pub(super) fn proves(&mut self, seq: u64) {
         self.proven = self.proven.max(seq);
     }

@@ -14,18 +14,18 @@ use std::time::Duration;
 pub struct Config {
     /// Name of the robot.
     pub robot: String,
-    /// Random bits of the system, from which origins are made.
+    /// Random bits of the system, from which origins are generated.
     pub seed: u64,
-    /// How many bytes of transactions are kept although everybody has them.
+    /// How many bytes of transactions are kept although all members have them.
     pub log_size: usize,
 }
 
-/// The acknowledgement level: how far a transaction has to get.
+/// The acknowledgement level: how many robots must have a transaction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AckLevel {
     /// On the disk of this robot.
     Local,
-    /// On the disks of so many other robots.
+    /// On the disks of this many other robots.
     Replicated(usize),
     /// On the disks of these robots.
     On(BTreeSet<String>),
@@ -40,7 +40,7 @@ pub struct CommitRequest {
     pub ticket: u64,
     /// The changes and conditions to commit.
     pub draft: Draft,
-    /// How far it must get before the caller is answered.
+    /// The level that the transaction must reach before the caller is answered.
     pub level: AckLevel,
     /// When the caller gives up waiting.
     pub until: Time,
@@ -49,21 +49,21 @@ pub struct CommitRequest {
 /// An input of a replica.
 #[derive(Clone, Debug)]
 pub enum Input {
-    /// The replica begins; or the time has come that [`Replica::deadline`](super::Replica::deadline) asked for.
+    /// The replica begins, or the time of [`Replica::deadline`](super::Replica::deadline) has come.
     Tick(Wall),
-    /// Callers want to commit. Those that wait at the same time go to the disk together.
+    /// Callers want to commit. Requests that wait at the same time go to the disk together.
     Commit(Vec<CommitRequest>, Wall),
     /// A message has arrived.
     Received(ReplicaId, Message, Wall),
-    /// A peer has arrived, or returned: it is told of the state here at once.
+    /// A peer has appeared or returned: it is sent the state of this replica at once.
     Appeared(Wall),
-    /// An operator: this is the first member of a team.
+    /// From an operator: this is the first member of a team.
     Found(Wall),
-    /// An operator: this origin will never write again.
+    /// From an operator: this origin will never write again.
     Retire(ReplicaId, Wall),
-    /// An operator: this one gives up its team for that of another replica.
+    /// From an operator: this replica gives up its team for that of another replica.
     Join(ReplicaId, Wall),
-    /// An operator: dates have gone wrong, begin a new epoch.
+    /// From an operator: dates have gone wrong, so begin a new epoch.
     HealClock(Wall),
 }
 
@@ -72,9 +72,9 @@ pub enum Input {
 pub enum Answer {
     /// Nothing was written.
     Refused(TxnError),
-    /// The transaction is durable here, and will be everywhere.
+    /// The transaction is durable here, and will reach all other replicas.
     Committed(Dot),
-    /// The transaction has reached the level that was asked for.
+    /// The transaction has reached the requested level.
     Reached(Dot),
     /// The transaction has not reached the level in time, but still may. It stays committed.
     Pending(Dot),
@@ -83,53 +83,53 @@ pub enum Answer {
 /// An alarm for the operator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Alarm {
-    /// A transaction is dated far ahead of our trusted clock.
+    /// A transaction is dated far ahead of this robot's trusted clock.
     ClockSuspect {
         /// The replica that committed it.
         origin: ReplicaId,
-        /// How far it is ahead.
+        /// How far its date is ahead.
         ahead_by: Duration,
     },
     /// An origin has used a number twice.
     Fork(ReplicaId),
-    /// A peer has the same transactions and another state.
+    /// A peer has the same transactions but another state.
     Diverged(ReplicaId),
     /// A peer writes a format that this program cannot read.
     NeedsUpgrade(u8),
     /// A peer has sent a message that no correct peer sends.
     Malformed(ReplicaId),
-    /// A peer has passed on a transaction that breaks the rules. It is left out.
+    /// A peer has passed on a transaction that breaks the rules. It is not applied.
     Forged {
-        /// Its sender.
+        /// The peer that has sent it.
         from: ReplicaId,
         /// Why, for a person.
         why: String,
     },
-    /// The replica of this robot belongs to another team of the same name; told at each of its hellos.
+    /// The replica of this robot belongs to another team of the same name. Repeated at each of its hellos.
     OtherTeam(ReplicaId, String),
-    /// This replica has to begin under a new origin.
+    /// This replica has to continue under a new origin.
     Rejoining {
         /// The origin that was given up.
         from: ReplicaId,
     },
 }
 
-/// An effect of a replica. Effects are carried out in order.
+/// An effect of a replica. Effects are executed in order.
 #[derive(Clone, Debug)]
 pub enum Effect {
-    /// Write this, and return only when it is on the disk.
+    /// Write this batch, and continue only when it is on the disk.
     Persist(Batch),
-    /// Send this to all replicas.
+    /// Send this message to all replicas.
     Broadcast(Message),
-    /// Send this to one.
+    /// Send this message to one replica.
     Send(ReplicaId, Message),
     /// Tell the caller of a ticket.
     Answer(u64, Answer),
-    /// Tell watchers: this transaction is visible now.
+    /// Tell watchers that this transaction is now visible.
     Visible(Dot, EncodedTxn),
-    /// A transaction has a new name, since its origin had to be given up.
+    /// A transaction has a new name (old, new), since its origin was given up.
     Renamed(Dot, Dot),
-    /// Watchers start again: the state was replaced by a snapshot.
+    /// Restart watchers: the state was replaced by a snapshot.
     Replaced,
     /// Tell an operator.
     Alarm(Alarm),

@@ -1,8 +1,8 @@
-//! The ledger: contents and identity of a replica. It applies, commits, takes over and drops transactions, each with its
-//! records in one batch.
+//! The ledger: contents and identity of a replica. It applies, commits, takes over and drops transactions. The records of each
+//! transaction are written in one batch.
 //!
-//! *Rule.* [`Ledger::apply`] and [`Ledger::commit`] are the only ways into log and state. Transactions are applied in
-//! the order in which they come; what does not fit is buffered, or pulled again.
+//! *Rule.* Log and state are changed only by [`Ledger::apply`] and [`Ledger::commit`]. Transactions are applied in the order in
+//! which they come. A transaction that does not fit is buffered, or pulled again.
 
 use super::authors::{Authors, NotTaken};
 use super::commit::{Change, CommitPipeline};
@@ -26,7 +26,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The parts that change together.
+/// The parts of a replica that change together.
 #[derive(Debug)]
 pub(super) struct Ledger {
     contents: Contents,
@@ -38,7 +38,7 @@ pub(super) struct Ledger {
     pub(super) acks: Acks,
     batch: Batch,
     log_size: usize,
-    /// Whether there are changes here that others do not know yet.
+    /// Whether this replica has changes that were not announced to others yet.
     changed: bool,
 }
 
@@ -59,13 +59,13 @@ impl Ledger {
         })
     }
 
-    /// Signs its transactions from now on, and takes over only signed transactions of others.
+    /// Makes the replica sign its transactions, and accept only signed transactions of others.
     pub(super) fn sign_with(&mut self, notary: Arc<dyn Notary>) {
         self.pipeline.sign_with(Arc::clone(&notary));
         self.authors.check_with(notary);
     }
 
-    /// Returns the request for admission, if a sponsor is to be asked.
+    /// Returns the request for admission; none if the replica does not ask for it.
     pub(super) fn join(&self) -> Option<Join> {
         let join = self.identity.join()?;
         let claim = self.authors.claim(join.origin, &join.replaces);
@@ -93,7 +93,7 @@ impl Ledger {
         self.contents.members().active().filter(|(origin, _)| *origin != self.identity.origin())
     }
 
-    /// Returns the transactions that are here, applied or buffered.
+    /// Returns the version vector of all transactions here, applied or buffered.
     pub(super) fn have(&self) -> VersionVector {
         self.pending.with(self.contents.log())
     }
@@ -102,7 +102,7 @@ impl Ledger {
         self.acks.stable(self.identity.origin(), self.log().vector(), self.contents.members())
     }
 
-    /// Puts the waiting writes before the effects that depend on them.
+    /// Appends the pending disk writes, then the effects `after` that depend on them.
     pub(super) fn persist(&mut self, after: Vec<Effect>, effects: &mut Vec<Effect>) {
         self.identity.write(&mut self.batch);
         if self.batch.is_empty() {
@@ -115,7 +115,7 @@ impl Ledger {
         effects.extend(after);
     }
 
-    /// Applies a transaction that may be next.
+    /// Applies a transaction if it is the next one of its origin.
     fn apply(&mut self, now: Time, encoded: EncodedTxn, effects: &mut Vec<Effect>) -> Result<Verdict, NotTaken> {
         let txn = encoded.open()?;
         let verdict = self.log().judge(&txn, &encoded);
@@ -145,7 +145,7 @@ impl Ledger {
         Ok(verdict)
     }
 
-    /// Applies transactions that a peer has sent; returns whether one could not be.
+    /// Applies transactions that a peer has sent; returns whether one could not be applied.
     pub(super) fn receive(
         &mut self,
         now: Time,
@@ -184,7 +184,7 @@ impl Ledger {
                 }
                 Err(NotTaken::Codec(CodecError::Format { format })) => {
                     effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    // This replica cannot tell who has written the transaction: only its own origin may pass it on.
+                    // This replica cannot tell who wrote the transaction, so only its origin itself may send it.
                     let is_theirs = encoded.split().is_ok_and(|(header, _)| header.stamp.origin == from);
                     missing |= self.authors.notary().is_some() && !is_theirs || !self.buffer(&encoded);
                 }
@@ -220,8 +220,8 @@ impl Ledger {
         forks || push.hashes().any(|(seq, _)| seq > self.log().vector().get(from))
     }
 
-    /// A transaction has come whose number its origin has used twice. That is remembered until this replica is admitted
-    /// again: a state does not show which of the two it has.
+    /// Notes that a transaction has come whose number its origin has used twice. This is remembered until this replica is admitted
+    /// again: a state does not show which of the two transactions it has.
     fn notice_fork(&mut self, origin: ReplicaId, effects: &mut Vec<Effect>) {
         if origin != self.identity.origin() {
             self.identity.knows_forked(origin);
@@ -229,18 +229,18 @@ impl Ledger {
         self.tell_fork(origin, effects);
     }
 
-    /// An origin has used a number twice.
+    /// Reports that an origin has used a number twice.
     pub(super) fn tell_fork(&self, origin: ReplicaId, effects: &mut Vec<Effect>) {
         effects.push(Effect::Alarm(Alarm::Fork(origin)));
         effects.push(Effect::Send(origin, self.contents.tip_of(origin)));
     }
 
-    /// Buffers a transaction that cannot be applied; returns whether that was possible, or it is buffered already.
+    /// Buffers a transaction that cannot be applied. Returns whether it is buffered now, possibly from before.
     pub(super) fn buffer(&mut self, encoded: &EncodedTxn) -> bool {
         self.pending.buffer(encoded, self.contents.log(), &mut self.batch)
     }
 
-    /// Applies the buffered transactions that can be read by now, and drops those that have come in another way.
+    /// Applies the buffered transactions that this program can read, and drops those that have been applied in another way.
     pub(super) fn release(&mut self, now: Time, effects: &mut Vec<Effect>) {
         if !self.is_member() {
             return;
@@ -257,13 +257,14 @@ impl Ledger {
         self.pending.keep(left);
     }
 
-    /// Returns whether an origin may be retired: it is another's, none of its transactions is buffered, and it is not retired yet.
+    /// Returns whether an origin may be retired: it belongs to another replica, none of its transactions is buffered, and it is
+    /// not retired yet.
     pub(super) fn may_retire(&self, origin: ReplicaId) -> bool {
         let retired = self.contents.members().retired(origin).is_some();
         origin != self.identity.origin() && !retired && !self.pending.has(origin)
     }
 
-    /// Commits what a caller wants.
+    /// Commits the draft of a caller.
     pub(super) fn commit_draft(
         &mut self,
         now: Time,
@@ -274,7 +275,7 @@ impl Ledger {
         self.commit(now, Change { wants_ack, ..change })
     }
 
-    /// Gives a change its place in history, and applies it.
+    /// Gives a change its position in history, and applies it.
     fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, EncodedTxn), TxnError> {
         let (txn, encoded) = self.pipeline.seal(now, change, (self.identity.origin(), self.contents.log()))?;
         self.authors.check_own(&txn, &self.contents).map_err(|why| TxnError::Unproven { why })?;
@@ -287,14 +288,14 @@ impl Ledger {
         self.pipeline.write_local(now, draft, level, &self.contents, &mut self.batch)
     }
 
-    /// Gives up the origin, which may have used numbers `twice`.
+    /// Gives up the origin. `twice`: the origin may have used numbers twice.
     pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random, effects: &mut Vec<Effect>) {
         let from = self.identity.begin_anew(twice, random);
         self.pipeline.move_to(self.identity.origin());
         effects.push(Effect::Alarm(Alarm::Rejoining { from }));
     }
 
-    /// Commits a transaction once more, in several if it does not fit any more. Returns the name of the last.
+    /// Commits the rest of a transaction again, as several transactions if it is too long now. Returns the name of the last one.
     fn commit_again(&mut self, now: Time, rest: Rest, effects: &mut Vec<Effect>) -> Option<Dot> {
         let (mut waiting, mut name) = (vec![rest], None);
         while let Some(rest) = waiting.pop() {
@@ -310,7 +311,7 @@ impl Ledger {
         name
     }
 
-    /// Commits a change of the database itself, and tells others.
+    /// Commits a change of the database itself, and pushes it to others.
     pub(super) fn commit_system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
         let before = self.own_head();
         match self.commit(now, change) {
@@ -347,7 +348,7 @@ impl Ledger {
         self.log().head(self.identity.origin()).cloned().unwrap_or_default()
     }
 
-    /// Pushes new transactions and the head before them to others. Long transactions are not pushed: others pull them.
+    /// Pushes new transactions, and the head before them, to others. Long transactions are not pushed: others pull them.
     pub(super) fn push(&mut self, before: Head, txns: Vec<EncodedTxn>, effects: &mut Vec<Effect>) {
         if txns.is_empty() || !self.is_member() {
             return;
@@ -360,13 +361,13 @@ impl Ledger {
         }
     }
 
-    /// Returns whether there are changes here that others do not know yet; from now on they do.
+    /// Returns whether there are changes that were not announced to others, and marks them as announced.
     pub(super) fn take_changed(&mut self) -> bool {
         std::mem::take(&mut self.changed)
     }
 
-    /// Takes over the state of a peer, and applies again the transactions that are only here. A replica that is admitted by this
-    /// state then commits its remaining changes. Returns the new names of transactions.
+    /// Takes over the state of a peer, and applies again the transactions that only this replica has. If this state admits the
+    /// replica, it then commits its remaining changes. Returns the new names of transactions.
     pub(super) fn install(&mut self, now: Time, whole: Downloaded, effects: &mut Vec<Effect>) -> BTreeMap<Dot, Dot> {
         let (from, vector, joining) = (whole.from, whole.manifest.vector(), self.identity.joining());
         let log = Log::new(whole.manifest.heads.into_iter().collect());
@@ -389,7 +390,7 @@ impl Ledger {
         names
     }
 
-    /// Continues as `joining`, with all of `old` that no other replica rebases; returns its new names.
+    /// Continues as `joining`, with all of `old` that no other replica rebases; returns the new names of transactions.
     fn rebase(
         &mut self,
         now: Time,
@@ -402,7 +403,7 @@ impl Ledger {
         self.pipeline.move_to(joining);
         let mut names = BTreeMap::new();
         let Some(arrivals) = arrivals else { return names };
-        // The first transaction has the sponsor's version vector as its context, so that the others need not repeat it.
+        // The first transaction has the sponsor's version vector as its context, so the others do not have to repeat it.
         self.commit_system(now, Change::system("come back", Vec::new()), effects);
         for (from, rest) in arrivals.rests {
             let name = self.commit_again(now, rest, effects);
@@ -415,7 +416,7 @@ impl Ledger {
         names
     }
 
-    /// Drops everything that is no longer needed.
+    /// Drops data that is no longer needed.
     pub(super) fn gc(&mut self) {
         self.acks.settle(self.contents.log().vector());
         if !self.is_member() {
@@ -425,8 +426,8 @@ impl Ledger {
         if self.acks.drops(&stable) {
             self.contents.drop_deleted(&stable, &mut self.batch);
         }
-        // Others may know different transactions by the own numbers, from before a set-back. That can be noticed as long as
-        // the transactions are here.
+        // After a set-back, others may have different transactions under the own numbers. This can be noticed only while the own
+        // transactions are kept.
         let (me, proven) = (self.identity.origin(), self.identity.proven());
         if stable.get(me) > proven && self.contents.members().active().nth(1).is_some() {
             stable = stable.without(me);
@@ -435,8 +436,8 @@ impl Ledger {
         self.contents.truncate(&stable, self.log_size, &mut self.batch);
     }
 
-    /// Returns the answer to a member that has fewer transactions than it has reported. Others may have dropped
-    /// deletions because of that report, so the member must not continue under its name.
+    /// Returns the answer to a member that has lost transactions that it had reported. Others may have dropped deletions because
+    /// of that report, so the member must not continue under its id.
     pub(super) fn behind(&self, from: ReplicaId, vector: &VersionVector) -> Option<Message> {
         let said = self.acks.acked(from).filter(|said| !vector.dominates(said));
         said.map(|said| Message::Chunk(Chunk::Behind(said.clone())))

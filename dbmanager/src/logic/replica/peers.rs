@@ -1,12 +1,12 @@
-//! The peer table: which peers may have more than this replica, when each may be asked, and when others are told of the state
-//! here.
+//! The peer table: which peers may have more than this replica, when each may be asked, and when this replica announces its state to
+//! others.
 //!
-//! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over, and the peer is left alone for a while that is four times as
-//! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
-//! an answer nor what is urgent is late on a slow one.
+//! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over. The peer is then not asked for a while, which is four times as long
+//! after each silence, up to 12.8 s. The size of a request follows the speed of the link, so that on a slow link neither answers nor urgent
+//! messages are late.
 //!
 //! A peer that has announced its answer ([`Message::Coming`](crate::logic::message::Message::Coming)) is asked for the next one at once, so
-//! two may be on their way. They come in order; the second is of use only after the first.
+//! two answers may be in transit. They come in order; the second is useful only after the first.
 
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
@@ -18,12 +18,12 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How often a sponsor does not answer before another one is asked.
+/// How often a sponsor may fail to answer before another one is asked.
 const SPONSOR_SILENCES_MAX: u32 = 3;
-/// How many peers are known at most, members or not.
+/// How many peers the table has at most, members or not.
 const PEERS_MAX: usize = 1024;
 
-/// The state of the conversation with each peer.
+/// The state of the exchange with each peer.
 #[derive(Debug, Default)]
 pub(super) struct PeerTable {
     peers: BTreeMap<ReplicaId, Peer>,
@@ -40,21 +40,21 @@ struct Peer {
     ahead: bool,
     /// When the peer may be asked again.
     ask_at: Time,
-    /// The time until which an answer is waited for.
+    /// The time until which an answer is expected; none without an open pull.
     pulling: Option<Time>,
-    /// The pull that the peer has not answered yet, in time or not.
+    /// The pull that the peer has not answered yet, in time or late.
     asked: Option<Asked>,
     /// When the peer announced the answer to that pull.
     announced: Option<Time>,
-    /// The pull that was sent while that answer is on its way.
+    /// The next pull, which was sent while that answer is in transit.
     next: Option<Asked>,
-    /// How much the peer is asked for at a time.
+    /// The size of the requests to the peer.
     pace: Pace,
-    /// How often the peer has not answered since its last answer.
+    /// How many pulls in a row the peer has not answered.
     silences: u32,
-    /// How many states of the peer in a row were of no use.
+    /// How many states of the peer in a row were unusable.
     dropped: u32,
-    /// The newest format it reads, once it has said so.
+    /// The newest format that the peer reads, once it has reported it.
     format: Option<u8>,
 }
 
@@ -63,11 +63,11 @@ struct Peer {
 struct Asked {
     number: u32,
     at: Time,
-    /// Whether the answer to the previous pull was in transit.
+    /// Whether the answer to the previous pull was in transit when this pull was sent.
     follows: bool,
 }
 
-/// The number of a pull, and about how many bytes it asks for.
+/// The number of a pull, and the approximate number of bytes that it asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Asking {
     pub(super) number: u32,
@@ -79,7 +79,7 @@ pub(super) struct Asking {
 pub(super) struct Answered {
     /// Whether the answer came in time.
     pub(super) in_time: bool,
-    /// Whether the previous answer was in transit when this one was asked for.
+    /// Whether the answer to the previous pull was in transit when this one was requested.
     pub(super) follows: bool,
 }
 
@@ -94,14 +94,14 @@ impl PeerTable {
         self.peers.values().filter_map(due).chain([self.hello_at]).min().unwrap_or(self.hello_at)
     }
 
-    /// Something has changed here: others are told soon.
+    /// Notes a change here, which is to be announced to others soon.
     pub(super) fn changed(&mut self, now: Time) {
         self.hello_period = HELLO_PERIOD_MIN;
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD_MIN);
     }
 
-    /// A peer has come: it hears of the state here at once, and a peer that did not answer may be asked again. A
-    /// question that was lost with the link is not waited for; one that was not lost is asked twice, which is harmless.
+    /// Notes that a peer has appeared. It is sent the state of this replica at once, and peers that did not answer may be asked again. A
+    /// question that was lost with the link is not waited for. A question that was not lost is asked twice, which is harmless.
     pub(super) fn met(&mut self, now: Time) {
         (self.hello_at, self.hello_period) = (now, HELLO_PERIOD_MIN);
         for peer in self.peers.values_mut() {
@@ -133,7 +133,7 @@ impl PeerTable {
         self.hello_at
     }
 
-    /// Hello was said: the next one is said after up to twice as long.
+    /// Notes that a hello was sent: the next one is sent after up to twice the time.
     pub(super) fn said_hello(&mut self, now: Time, random: &mut Random) {
         let period = self.hello_period.max(HELLO_PERIOD_MIN);
         let jitter = random.below(u64::try_from(period.as_nanos() / 5).unwrap_or(1));
@@ -141,7 +141,7 @@ impl PeerTable {
         self.hello_period = (period * 2).min(HELLO_PERIOD_MAX);
     }
 
-    /// Removes replicas that are not members, unless they may have more than this one.
+    /// Removes replicas that are not members, unless they may have more than this replica.
     pub(super) fn retain(&mut self, is_member: impl Fn(ReplicaId) -> bool) {
         self.peers.retain(|origin, peer| is_member(*origin) || peer.ahead || peer.pulling.is_some());
     }
@@ -153,31 +153,31 @@ impl PeerTable {
         Some(self.peers.entry(origin).or_default())
     }
 
-    /// Returns the newest format that a peer reads, if it has said so.
+    /// Returns the newest format that a peer reads, if it has reported it.
     pub(super) fn format(&self, origin: ReplicaId) -> Option<u8> {
         self.peers.get(&origin)?.format
     }
 
-    /// Takes note of the newest format that a peer reads.
+    /// Notes the newest format that a peer reads.
     pub(super) fn reads(&mut self, origin: ReplicaId, format: u8) {
         if let Some(peer) = self.peer(origin) {
             peer.format = Some(format);
         }
     }
 
-    /// A state of a peer was of no use; returns how many were in a row.
+    /// Notes that a state of a peer was unusable; returns how many were so in a row.
     pub(super) fn dropped(&mut self, origin: ReplicaId) -> u32 {
         let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
         peer.dropped = peer.dropped.saturating_add(1);
         peer.dropped
     }
 
-    /// A peer has answered with transactions.
+    /// Notes that a peer has answered with transactions.
     pub(super) fn served(&mut self, origin: ReplicaId) {
         self.peers.entry(origin).and_modify(|peer| peer.dropped = 0);
     }
 
-    /// A peer may have more than this replica, and may be asked from `ask_at` on.
+    /// Notes that a peer may have more than this replica, and may be asked from `ask_at` on.
     pub(super) fn ahead(&mut self, origin: ReplicaId, ask_at: Time) {
         if let Some(peer) = self.peer(origin) {
             peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
@@ -185,13 +185,13 @@ impl PeerTable {
         }
     }
 
-    /// A peer has pushed a transaction that does not fit yet: its predecessor may be in transit.
+    /// Notes that a peer has pushed a transaction that does not fit yet: the previous one may be in transit.
     pub(super) fn pushed_early(&mut self, now: Time, origin: ReplicaId) {
         self.ahead(origin, now + PULL_AFTER_PUSH);
     }
 
-    /// Notes an answer, with its bytes if it was a full one: those show how fast the link is.
-    /// An answer of transactions has the `number` of its pull; one that has come before is none.
+    /// Notes an answer. `full` is its size in bytes if it was a full one, which shows how fast the link is. An answer of transactions has
+    /// the `number` of its pull; a repeated answer is ignored.
     pub(super) fn answered(
         &mut self,
         now: Time,
@@ -223,7 +223,7 @@ impl PeerTable {
         Answered { in_time, follows: asked.is_some_and(|asked| asked.follows) }
     }
 
-    /// A peer has said that its answer to a pull is on its way. Returns number and size of the next one, if it is to be sent now. If
+    /// Notes that a peer has announced its answer to a pull. Returns the number and size of the next pull, if it is to be sent now. If
     /// another peer is asked as well, both may send the same transactions, so no further pull is sent.
     pub(super) fn announced(&mut self, now: Time, origin: ReplicaId, number: u32) -> Option<Asking> {
         let is_alone = self.pulling() == 1;
@@ -238,8 +238,8 @@ impl PeerTable {
         Some(Asking { number: self.number, size: peer.pace.chunk() })
     }
 
-    /// Chooses a peer to ask now; none if the limit of open questions is reached. A replica that has asked one
-    /// `sponsor` asks no other as long as that one may answer.
+    /// Chooses a peer to ask now; none if the limit of open pulls is reached. A replica that has asked one `sponsor` asks no other sponsor
+    /// as long as the first may answer.
     pub(super) fn choose(
         &mut self,
         now: Time,
@@ -256,7 +256,7 @@ impl PeerTable {
         chosen.filter(|_| self.pulling() < pulls_max)
     }
 
-    /// A peer is asked; returns the number of the pull, and for how many bytes.
+    /// Notes that a peer is asked; returns the number of the pull, and the number of bytes to ask for.
     pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> Asking {
         let Some(peer) = self.peers.get_mut(&origin) else { return Asking::default() };
         self.number = self.number.wrapping_add(1);
@@ -328,13 +328,13 @@ mod tests {
         assert!((7500..=8000).contains(&size), "{size} bytes are on their way for a round trip and a quarter");
         assert_eq!(table.answered(at(2655), A, Some(second), Some(4096)), answered(true));
         assert_eq!(table.answered(at(4000), A, Some(third), None), answered(true), "it is the last one");
-        // The first of two answers is lost.
+        // The first of the two answers is lost.
         table.ahead(A, at(5000));
         let first = table.asked(at(5000), A).number;
         let second = table.announced(at(6000), A, first).unwrap().number;
         assert_eq!(table.answered(at(7000), A, Some(second), None), answered(true));
         assert_eq!(table.pulling(), 0);
-        // A new link has lost everything that was in transit.
+        // With a new link, everything in transit is lost.
         table.ahead(A, at(8000));
         let first = table.asked(at(8000), A).number;
         table.announced(at(8100), A, first);

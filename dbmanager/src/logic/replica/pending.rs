@@ -1,19 +1,18 @@
-//! Buffers transactions that cannot be applied yet: transactions of a newer format, and transactions that come after one.
+//! Buffers transactions that cannot be applied yet: transactions of a newer format, and all transactions that depend on these.
 //!
-//! *Rule.* Every format begins with the same [`Header`]. So a transaction that is next at its origin and whose causes
-//! are here, applied or buffered, is kept and passed on, although this program cannot read it; and so are its
-//! successors. None of them is applied: the own version vector, by which others count stability, does not include them,
-//! and transactions committed here have not seen them. A newer program finds them on the disk and applies them in the
-//! order in which they came, which is causal.
+//! *Rule.* Every format begins with the same [`Header`]. So a transaction is kept and passed on, although this program cannot
+//! read it, if it is the next one of its origin and its causes are here, applied or buffered. The same holds for its
+//! successors. None of them is applied: the own version vector, by which others determine stability, does not include them,
+//! and transactions committed here have not seen them. A newer program finds them on the disk and applies them in the order in
+//! which they came, which is causal.
 //!
-//! That way a robot with an older program still carries updates from one newer robot to another, and never shows half of them.
+//! So a robot with an older program can carry updates from one newer robot to another, and never shows a part of them.
 //!
-//! *Retirement.* Retirements of a replica with buffered transactions are buffered too. A member that confirms a retirement
-//! counts as having applied everything of that replica that any member has.
+//! *Retirement.* Retirements of a replica with buffered transactions are buffered as well. A member that confirms a retirement
+//! counts as having applied all transactions of that replica that any member has.
 //!
-//! New formats are written only once [`Replica::team_format`](super::Replica::team_format) shows that every member
-//! reads them. So a buffered transaction means that a member has joined since, or that an operator did not wait for
-//! all members.
+//! New formats are written only once [`Replica::team_format`](super::Replica::team_format) shows that every member reads them.
+//! So a buffered transaction means that a member has joined since, or that an operator did not wait for all members.
 
 use crate::logic::log::Log;
 use crate::logic::record::Batch;
@@ -21,7 +20,7 @@ use crate::logic::txn::{ChainHash, EncodedTxn, Header};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
-/// How many bytes of transactions are buffered. Further ones are pulled again later.
+/// How many bytes of transactions are buffered. Further transactions are pulled again later.
 const PENDING_SIZE_MAX: usize = 16 << 20;
 
 /// The buffered transactions, in the order in which they came.
@@ -54,7 +53,7 @@ impl PendingTxns {
         (txns, false)
     }
 
-    /// Returns whether something of this origin is buffered.
+    /// Returns whether a transaction of this origin is buffered.
     pub(super) fn has(&self, origin: ReplicaId) -> bool {
         self.heads.contains_key(&origin)
     }
@@ -63,14 +62,14 @@ impl PendingTxns {
         self.heads.iter().map(|(origin, (seq, _))| (*origin, *seq)).collect()
     }
 
-    /// Returns the transactions that are here, applied to `log` or buffered.
+    /// Returns the version vector of all transactions, applied to `log` or buffered.
     pub(super) fn with(&self, log: &Log) -> VersionVector {
         let mut vector = log.vector().clone();
         vector.join(&self.vector());
         vector
     }
 
-    /// Buffers a transaction that cannot be applied to `log`; returns whether that was possible, or it is buffered already.
+    /// Buffers a transaction that cannot be applied to `log`. Returns whether it is buffered now, possibly from before.
     pub(super) fn buffer(&mut self, encoded: &EncodedTxn, log: &Log, batch: &mut Batch) -> bool {
         let Ok((Header { stamp, seq, prev, context, .. }, _)) = encoded.split() else { return false };
         let (dot, have) = (Dot { origin: stamp.origin, seq }, self.with(log));
@@ -88,12 +87,12 @@ impl PendingTxns {
         true
     }
 
-    /// Takes out all that is buffered, to be tried; until [`PendingTxns::keep`] is told the rest, it counts as buffered.
+    /// Takes out all buffered transactions, to try them. They count as buffered until [`PendingTxns::keep`] gets the rest.
     pub(super) fn take(&mut self) -> BTreeMap<u64, (Dot, EncodedTxn)> {
         std::mem::take(&mut self.txns)
     }
 
-    /// Keeps what still cannot be applied.
+    /// Keeps the transactions that still cannot be applied.
     pub(super) fn keep(&mut self, left: BTreeMap<u64, (Dot, EncodedTxn)>) {
         *self = Self::new(left);
     }
@@ -112,7 +111,7 @@ mod tests {
 
     const A: ReplicaId = ReplicaId::new(1);
 
-    /// Returns a transaction that no program here can read.
+    /// Returns a transaction in a format that no program here can read.
     fn newer(seq: u64, prev: ChainHash, context: &[(u64, u64)]) -> EncodedTxn {
         let context = context.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect();
         let stamp = Timestamp { epoch: 0, hlc: seq, origin: A };

@@ -1,22 +1,23 @@
-//! Re-commits the transactions of a rejoining replica under its new origin.
+//! Commits the transactions of a rejoining replica again, under its new origin.
 //!
-//! *Rule.* Rebased are the transactions that the old state and log have, the new ones have not, and no member rebases
-//! itself: the own transactions, and those of origins that are not members. [`merge`] finds them, and explains why
-//! nothing is lost or hidden; here they become changes, which the replica commits under the admitted origin.
+//! *Rule.* Rebased are the transactions that the old state and log have, that the new ones lack, and that no member rebases
+//! itself. These are the replica's own transactions, and those of origins that are not members. [`merge`] finds them, and
+//! explains why nothing is lost or hidden. This module turns them into changes, which the replica commits under the admitted
+//! origin.
 //!
-//! The last of these transactions says up to where the old origins were rebased. So a replica that returns later with the
-//! same transactions does not rebase them again, and an old name leads to a new one
-//! ([`Replica::name_of`](super::Replica::name_of)): to the transaction with which all that is left of it has arrived.
-//! If two replicas return at the same time, with sponsors that do not hear of each other, both rebase the transaction: the
-//! copies have one timestamp, and count as one among conflicts.
+//! The last of these transactions record up to which number the old origins were rebased. So a replica that returns later with
+//! the same transactions does not rebase them again. And an old name leads to a new one
+//! ([`Replica::name_of`](super::Replica::name_of)): the name of the transaction with which the last remaining part has arrived.
+//! Two replicas may return at the same time, with sponsors that do not hear of each other. Then both rebase the transaction; the
+//! copies have the same timestamp, and count as one among conflicts.
 //!
-//! *Deletions.* Some replicas may have dropped deletions that the returning replica had not seen, because that replica no longer
-//! counted. Each deletion that was dropped anywhere before the admission was known was dropped with the sponsor's consent. So it
-//! is within the sponsor's version vector, which is in the context of all that is rebased, and deletions in there are taken away.
+//! *Deletions.* Some replicas may have dropped deletions that the returning replica had not seen, because it no longer counted.
+//! Each deletion that was dropped anywhere before the admission was known was dropped with the sponsor's consent. So it is within
+//! the sponsor's version vector. That vector is in the context of all rebased transactions, so they take these deletions away.
 //!
-//! *What does not come along.* The records of the old team (`sys/members` and the like), because its retirements do not matter
-//! here. Also values that were overwritten before any replica here saw them: their transactions come along without writes, as
-//! long as the log has their author, time and reason.
+//! *Not rebased:* the records of the old team (`sys/members` and the like), because its retirements do not matter here. Also
+//! values that were overwritten before any replica here saw them: their transactions are rebased without writes, if the log has
+//! their author, time and reason.
 
 use super::commit::Change;
 use super::contents::Contents;
@@ -32,9 +33,9 @@ use std::collections::BTreeSet;
 /// The transactions that are rebased.
 #[derive(Debug)]
 pub(super) struct Arrivals {
-    /// The remaining part of each transaction, with the dot that it had; none for a deletion that had been dropped.
+    /// The remaining part of each transaction, with its former dot; none for a deletion that was dropped.
     pub(super) rests: Vec<(Option<Dot>, Rest)>,
-    /// The writes that record up to where the old origins were rebased.
+    /// The writes that record up to which number the old origins were rebased.
     pub(super) records: Vec<Write>,
 }
 
@@ -47,8 +48,8 @@ pub(super) struct Rest {
     writes: Vec<(Write, BTreeSet<Dot>)>,
 }
 
-/// Returns the part of `old` that has to be committed on `new` as `joining`, which is not admitted yet; `None` if there
-/// is none.
+/// Returns the part of `old` that has to be committed on `new` as `joining`, which is not admitted yet. `None` if `new` already
+/// has everything.
 pub(super) fn arrivals(old: &Contents, new: &Contents, joining: ReplicaId, me: &Identity) -> Option<Arrivals> {
     let forked = forked(old.log(), new.log(), me);
     let (old_side, new_side) = (side(old), side(new));
@@ -71,8 +72,8 @@ fn side(contents: &Contents) -> Side<'_> {
     Side { state: contents.state(), log: contents.log(), members: contents.members() }
 }
 
-/// Returns the origins that have used numbers twice, as far as the logs show, and the own ones that had to be given up
-/// for it: up to which number they mean the same here and there.
+/// Returns the origins that have used numbers twice, as far as the logs show, and the own origins that were given up for this.
+/// Each has the number up to which both logs have the same transactions.
 fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
     let other = |(origin, head): (&ReplicaId, &Head)| {
         let hash = old.hash(Dot { origin: *origin, seq: head.seq })?;
@@ -81,7 +82,7 @@ fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
     let mut forked: Forked = new.heads().iter().filter_map(other).collect();
     let past = me.past().iter().filter(|past| past.known_by_peers < u64::MAX);
     for Past { origin, known_by_peers, twice, .. } in past {
-        // A replica that knows less of its own transactions than others was set back.
+        // A replica that knows less of its own transactions than others do was set back.
         let behind = old.vector().get(*origin) < new.vector().get(*origin);
         if *twice || behind || forked.contains_key(origin) {
             forked.insert(*origin, *known_by_peers);
@@ -103,8 +104,8 @@ impl Rest {
         }
     }
 
-    /// Returns the same in shorter transactions, the first one last. A single write that takes away too many to name them
-    /// leaves some, which are conflicts then.
+    /// Splits the rest into shorter transactions, in reverse order. A single write may take away more versions than a transaction
+    /// can name. Some of these versions then remain as conflicts.
     pub(super) fn shorter(mut self) -> Vec<Self> {
         if self.writes.len() > 1 {
             let writes = self.writes.split_off(self.writes.len() / 2);

@@ -1,4 +1,4 @@
-//! The rules for requests: a pull of transactions, a request to be admitted, and the begin of a team.
+//! The rules for requests: a pull of transactions, a request for admission, and the founding of a team.
 
 use super::action::Action;
 use super::commit::Change;
@@ -10,7 +10,7 @@ use crate::logic::notary::{self, Claim, Notary};
 use crate::logic::txn::EncodedTxn;
 use crate::logic::version_vector::{ReplicaId, VersionVector};
 
-/// How many origins one admission replaces.
+/// How many given-up origins one admission retires at most.
 const REPLACED_MAX: usize = 1024;
 
 /// Answers a question for transactions.
@@ -28,7 +28,8 @@ pub(super) fn pull(ledger: &Ledger, from: ReplicaId, pull: &Pull) -> Vec<Action>
         return vec![Action::send(from, behind)];
     }
     let mut actions = Vec::new();
-    // If two members were admitted by sponsors that are gone, neither knows the other. Such a peer is answered, but does not count.
+    // If two members were admitted by sponsors that have vanished, neither knows the other. Such a peer is answered, but is not
+    // counted.
     if ledger.contents().members().is_active(from) {
         actions.push(Action::Has(pull.vector.clone()));
     }
@@ -61,7 +62,7 @@ fn admission(ledger: &Ledger, from: ReplicaId, join: &Join) -> Vec<Action> {
     {
         return vec![Action::Emit(Effect::Alarm(Alarm::Forged { from, why }))];
     }
-    // Of some it may not have heard yet: a retirement counts whenever the admission comes.
+    // This replica may not know some of them yet. A retirement is valid even if the admission comes later.
     let is_theirs = |past: &&ReplicaId| {
         let holder = ledger.authors.holder(**past, ledger.contents());
         holder.is_none_or(|holder| holder.robot == join.robot)
@@ -82,12 +83,12 @@ fn claimed(notary: &dyn Notary, join: &Join, claim: &[u8]) -> Result<(), String>
     if holder.robot == join.robot { Ok(()) } else { Err(format!("`{}` joins as `{}`", holder.robot, join.robot)) }
 }
 
-/// Returns the change that makes this the first member of a team, alone or with the rest of a team whose only member
-/// was itself.
+/// Returns the change that makes this replica the first member of a team. It may keep the data of a team in which it was the only
+/// member.
 pub(super) fn founding(ledger: &Ledger) -> Option<Change> {
     let given_up = |origin: &ReplicaId| ledger.identity.past().iter().any(|past| past.origin == *origin);
     let before: Vec<ReplicaId> = ledger.contents().members().active().map(|(origin, _)| origin).collect();
-    // Origins from before the robots had keys write nothing any more.
+    // Origins from before the robots had keys cannot write any more.
     let is_over = |origin: &ReplicaId| given_up(origin) || !ledger.authors.is_claimed(*origin, ledger.contents());
     ledger.identity.joining().filter(|_| before.iter().all(is_over))?;
     let origin = ledger.identity.origin();
@@ -99,7 +100,7 @@ pub(super) fn founding(ledger: &Ledger) -> Option<Change> {
     Some(Change::system("found the team", writes))
 }
 
-/// Returns transactions that a peer lacks, about `size_max` bytes of them; `None` if some that it needs are gone.
+/// Returns transactions that a peer lacks, about `size_max` bytes of them; `None` if some of them were dropped.
 fn beyond(ledger: &Ledger, pull: &Pull, size_max: usize) -> Option<Chunk> {
     let mut theirs = pull.vector.clone();
     theirs.join(&pull.pending);

@@ -1,4 +1,4 @@
-//! A few replicas that hear each other at once, on virtual time.
+//! A few replicas that receive each other's messages at once, in virtual time.
 
 mod branches;
 
@@ -26,7 +26,7 @@ pub(super) struct Team {
     pub(super) alarms: Vec<(usize, Alarm)>,
     /// The isolated replicas.
     pub(super) away: BTreeSet<usize>,
-    /// The replica that hears greetings only, and is heard.
+    /// This replica receives and sends only hellos.
     deaf: Option<usize>,
     pub(super) now: Time,
 }
@@ -82,7 +82,7 @@ impl Team {
         }
     }
 
-    /// Lets so many seconds pass.
+    /// Lets this many seconds pass.
     pub(super) fn run(&mut self, seconds: u64) {
         let end = self.now + Duration::from_secs(seconds);
         loop {
@@ -194,7 +194,7 @@ fn unknown_format_relay() {
         team.input(0, Input::Received(from, Message::Push(vec![encoded.clone()]), WALL));
     }
     assert!(team.alarms.contains(&(0, Alarm::NeedsUpgrade(9))), "{:?}", team.alarms);
-    // It goes on after a restart, and passes both on; the third holds them too.
+    // The replica continues after a restart, and passes both on; the third replica buffers them too.
     team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
     team.away = BTreeSet::from([1]);
     team.run(60);
@@ -388,7 +388,7 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     team.input(0, Input::Retire(dot.origin, WALL));
     team.run(120);
     let retired = |team: &Team, node: usize| team.replicas[node].members().retired(dot.origin).is_some();
-    // By then, the other replica has passed on the transactions that it cannot read.
+    // By now, the other replica has passed on the transactions that it cannot read.
     assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
     assert!(!team.replicas[1].ledger.pending().vector().is_empty());
 }
@@ -397,7 +397,7 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
 fn a_store_of_a_newer_program_is_not_damaged() {
     let mut team = Team::of(1);
     let Answer::Committed(last) = team.commit(0, put("team/a", b"1")) else { panic!("it is not committed") };
-    // The traces it would have left: its transaction in the log, and the head with its hash.
+    // The traces that it would have left: its transaction in the log, and its head with the hash.
     let log = team.replicas[0].log();
     let newer = EncodedTxn { format: 9, body: log.encoded(last).unwrap().body.clone() };
     let mut batch = Batch::default();

@@ -6,7 +6,7 @@ use crate::logic::version_vector::{Dot, ReplicaId};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most tickets that wait. A caller that comes later is told at once that its transaction is pending.
+/// The most tickets that wait. A later caller is answered at once that its transaction is pending.
 const WAITING_MAX: usize = 1024;
 
 /// The transaction that a caller waits for.
@@ -14,13 +14,13 @@ const WAITING_MAX: usize = 1024;
 pub(super) struct Waiting {
     /// The transaction.
     pub(super) dot: Dot,
-    /// The level that it is to reach.
+    /// The level that the transaction has to reach.
     pub(super) level: AckLevel,
     /// When the caller gives up.
     pub(super) until: Time,
 }
 
-/// The callers that wait, by ticket.
+/// The waiting callers, by ticket.
 #[derive(Debug, Default)]
 pub(super) struct Tickets(BTreeMap<u64, Waiting>);
 
@@ -29,7 +29,7 @@ impl Tickets {
         self.0.values().map(|waiting| waiting.until).min()
     }
 
-    /// Lets a caller wait; returns whether there is room for it and its time is not over.
+    /// Makes a caller wait. Returns false if there are too many callers, or its time is already over.
     pub(super) fn wait(&mut self, now: Time, ticket: u64, waiting: Waiting) -> bool {
         let waits = self.0.len() < WAITING_MAX && waiting.until > now;
         if waits {
@@ -61,7 +61,7 @@ impl Tickets {
     }
 }
 
-/// Returns whether a transaction has got this far, as far as is known here.
+/// Returns whether a transaction has reached a level, as far as this replica knows.
 pub(super) fn has_reached(ledger: &Ledger, dot: Dot, level: &AckLevel) -> bool {
     let (me, dot) = (ledger.identity.origin(), ledger.contents().name_of(dot));
     let here = ledger.log().vector().contains(dot);

@@ -1,11 +1,11 @@
-//! Laws of the merge rule, against a fold of the set of transactions.
+//! Laws of the merge rule, compared with a fold over the set of transactions.
 
 use super::*;
 use crate::logic::version_vector::ReplicaId;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
-/// A committed transaction, with all that it had seen.
+/// A committed transaction, with everything that it had seen.
 #[derive(Clone, Debug)]
 struct Event {
     dot: Dot,
@@ -14,7 +14,7 @@ struct Event {
     writes: Vec<Write>,
 }
 
-/// One step: the replica that commits, the one whose state it has taken over before, and the keys at which it puts
+/// One step: the replica that commits, the replica whose state it has taken over before, and the keys that it puts
 /// (true) or deletes.
 type Step = (u8, u8, Vec<(u8, bool)>);
 
@@ -28,7 +28,7 @@ fn key(number: u8) -> Key {
     Key::new(format!("k{number}")).unwrap()
 }
 
-/// Runs a history: in each step one origin learns all that another knows, and commits.
+/// Runs a history: in each step one origin learns everything that another one knows, and commits.
 fn events(steps: Vec<Step>) -> Vec<Event> {
     let mut vectors = vec![VersionVector::default(); 3];
     let mut clocks = [0_u64; 3];
@@ -50,7 +50,7 @@ fn events(steps: Vec<Step>) -> Vec<Event> {
     events
 }
 
-/// Applies events in an order that `choices` picks among those that the guard allows.
+/// Applies events in an order that `choices` selects among the permitted orders.
 fn run(events: &[Event], choices: &[u8]) -> State {
     let mut state = State::default();
     let mut left: Vec<&Event> = events.iter().collect();
@@ -110,7 +110,7 @@ proptest! {
     }
 }
 
-/// Returns a state with one write for each origin, none of which has seen another.
+/// Returns a state with one write of each origin, none of which has seen another.
 fn concurrent(count: u64) -> State {
     let mut state = State::default();
     for number in 1..=count {

@@ -1,18 +1,18 @@
 //! Past states, and the difference between two states.
 //!
-//! A moment is a version vector. It can be shown if the log still has every transaction behind a known state, its *base*: the
-//! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
-//! at the present version vector is the present state, to the digest.
+//! A moment is a version vector. It can be shown if there is a *base*, a known state for which the log still has every later
+//! transaction. The base is the empty state if nothing was ever dropped. Transactions are applied by the same rule as in the
+//! replica. So the state at the present version vector equals the present state, including its digest.
 //!
-//! A replica that has joined a team, or has dropped some of its log, has no state from before. So each keeps its own
-//! [`Checkpoints`] from its start on, before the first of the log is dropped: states share what they have in common, so a
-//! handful costs little.
+//! A replica that has joined a team, or has dropped a part of its log, has no earlier state. So each replica keeps its own
+//! [`Checkpoints`] from its start on, before it drops the first part of the log. States share their common parts, so a few of
+//! them cost little.
 //!
-//! A date also names a version vector: all transactions that were committed by then according to a trustworthy clock,
-//! and all transactions that those had seen. For a write without such a clock two bounds are known: it was not before
-//! any date that its writer had seen, and not after the date of any transaction that has seen it. A date between the
-//! two is refused, because the answer is unknown. A base can be used if it is within that version vector, so a single
-//! date in 2099 blocks none, once others have seen it.
+//! A date also selects a version vector: all transactions that were committed by then according to a trustworthy clock, and all
+//! transactions that these had seen. For a write without such a clock two bounds are known: it was not before any date that its
+//! writer had seen, and not after the date of any transaction that has seen it. A date between the two is refused, because the
+//! answer is unknown. A base can be used if it is within the selected version vector. So a single date in 2099 blocks no base,
+//! once others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;
@@ -26,28 +26,28 @@ use thiserror::Error;
 
 /// The most states that are kept, from which other states are computed.
 const CHECKPOINTS_MAX: usize = 16;
-/// The least number of transactions between two kept states.
+/// The smallest number of transactions between two kept states.
 const CHECKPOINT_PERIOD: usize = 1024;
-/// Of how many transactions in the log another one is kept: what the log drops with its oldest takes no more than that along.
+/// A state is kept at least once per this part of the log, so dropping the oldest part of the log loses no more than that.
 const CHECKPOINT_SHARE: usize = 8;
 
-/// A state from which later ones can be computed.
+/// A state from which later states can be computed.
 #[derive(Clone, Debug, Default)]
 pub struct Base {
-    /// The last transaction of each origin in it.
+    /// The last transaction of each origin in the state.
     pub heads: BTreeMap<ReplicaId, Head>,
-    /// The state after them.
+    /// The state after these transactions.
     pub state: State,
 }
 
-/// Some former states, the oldest first. The log still has every transaction after the first of them.
+/// Some earlier states, the oldest first. The log still has every transaction after the first of them.
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoints(VecDeque<Base>);
 
 /// Why a moment cannot be shown.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AsOfError {
-    /// The transactions that would be needed have been removed.
+    /// The required transactions were dropped.
     #[error(
         "what was before is not kept any more; the oldest moment that can be shown is {}",
         super::token::token(oldest)
@@ -56,32 +56,32 @@ pub enum AsOfError {
         /// The oldest moment that can be shown.
         oldest: VersionVector,
     },
-    /// Some of it has not arrived here.
+    /// Some of the transactions have not arrived here.
     #[error(
         "this robot lacks some transactions that were seen at that moment ({}); ask again when it has arrived",
         super::token::token(missing)
     )]
     Ahead {
-        /// The transactions up to which the log would have to reach.
+        /// The transactions that the log would need.
         missing: VersionVector,
     },
-    /// No such robot is known here.
+    /// This robot does not know a robot of this name.
     #[error("the team has no robot `{robot}`; `dca db status` lists its robots")]
     NoMember {
-        /// Its name.
+        /// The name.
         robot: String,
     },
-    /// Some of it was written while no clock was set, and no dated transaction had seen it by then.
+    /// Some changes were made while no clock was set, and by the requested date no dated transaction had seen them.
     #[error(
         "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
          was not set (the first is {first}, by `{by}`); ask for a later date, or for a version as `dca db version` prints it"
     )]
     Undated {
-        /// The first of them.
+        /// The first of these changes.
         first: Dot,
-        /// Its robot.
+        /// The robot of that change.
         by: String,
-        /// How many there are.
+        /// The number of these changes.
         count: usize,
     },
 }
@@ -95,12 +95,12 @@ pub struct Difference {
     pub before: Option<Datum>,
     /// The value after.
     pub after: Option<Datum>,
-    /// How many writes are concurrent after; 1 if they agree.
+    /// The number of concurrent writes after the change; 1 without a conflict.
     pub siblings: usize,
 }
 
 impl Base {
-    /// Returns the base of a log, if there is one: nothing if the log is complete, or `older` if it goes on from that.
+    /// Returns the base of a log: the empty state if the log is complete, or `older` if the log continues from it.
     fn of(past: &Past<'_>, older: Option<&Self>) -> Result<Self, AsOfError> {
         let low = past.log.low();
         match older.filter(|base| base.vector().dominates(&low)) {
@@ -110,15 +110,15 @@ impl Base {
         }
     }
 
-    /// Returns what is in it.
+    /// Returns the version vector of the state.
     pub fn vector(&self) -> VersionVector {
         self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
     }
 }
 
 impl Checkpoints {
-    /// Takes note of the present, now and then. Called after every change, it keeps all moments from the first call on
-    /// within reach, as far as the log goes back.
+    /// Keeps the present state from time to time. If this is called after every change, all moments since the first call can be
+    /// shown, as far as the log reaches back.
     pub fn note(&mut self, past: &Past<'_>) {
         let low = past.log.low();
         while self.0.front().is_some_and(|base| !base.vector().dominates(&low)) {
@@ -132,7 +132,7 @@ impl Checkpoints {
         }
         self.0.push_back(Base { heads: past.log.heads().clone(), state: past.state.clone() });
         if self.0.len() > CHECKPOINTS_MAX {
-            // Every second state is dropped, but not the oldest, which limits how far back users can look.
+            // Every second state is dropped. The oldest is kept, because it limits how far back users can look.
             let mut index = 0_usize;
             self.0.retain(|_| {
                 index += 1;
@@ -153,11 +153,11 @@ impl Checkpoints {
 }
 
 impl Past<'_> {
-    /// Returns the state at a version vector; of one that is not closed under what its transactions had seen, at the largest
-    /// closed part. `base` is a state before it, if there is one.
+    /// Returns the state at a version vector. If the vector lacks transactions that its own transactions had seen, this is the
+    /// state at the largest complete part of it. `base` is a state before it, if there is one.
     ///
     /// # Errors
-    /// If it is not kept any more, or not here yet.
+    /// If the state is no longer kept, or some of its transactions have not arrived.
     pub fn at(&self, vector: &VersionVector, base: Option<&Base>) -> Result<State, AsOfError> {
         if vector == self.log.vector() {
             return Ok(self.state.clone());
@@ -183,10 +183,10 @@ impl Past<'_> {
         Ok(state)
     }
 
-    /// Returns the version vector at a date, in milliseconds since 1970, as far as keys below `prefix` are concerned.
+    /// Returns the version vector at a date, in milliseconds since 1970, for the keys below `prefix`.
     ///
     /// # Errors
-    /// If it is no longer kept, or its content at that time is unknown.
+    /// If that moment is no longer kept, or its content is unknown.
     pub fn vector_at(&self, millis: u64, prefix: &str, base: Option<&Base>) -> Result<VersionVector, AsOfError> {
         let base = Base::of(self, base)?;
         let (mut vector, oldest) = (VersionVector::default(), base.vector());
@@ -229,7 +229,7 @@ impl Past<'_> {
     }
 }
 
-/// Returns the state that holds these versions, for a client that was sent them, so that code for states can be used.
+/// Returns the state with these versions, so that a client which has received them can use the functions for states.
 pub fn state_of(entries: impl IntoIterator<Item = (Key, Vec<Version>)>) -> State {
     let mut state = State::default();
     for (key, versions) in entries {
@@ -238,7 +238,7 @@ pub fn state_of(entries: impl IntoIterator<Item = (Key, Vec<Version>)>) -> State
     state
 }
 
-/// Returns the keys below `prefix` that two states show differently, by key.
+/// Returns the keys below `prefix` that two states show differently, in order.
 pub fn diff(earlier: &State, later: &State, prefix: &str) -> Vec<Difference> {
     let keys: BTreeSet<&Key> = earlier.scan(prefix).chain(later.scan(prefix)).map(|(key, _)| key).collect();
     let shown = |versions: &[Version]| versions.last().and_then(|version| version.value.as_ref().map(Datum::of));
@@ -257,8 +257,8 @@ pub fn diff(earlier: &State, later: &State, prefix: &str) -> Vec<Difference> {
     keys.into_iter().filter_map(difference).collect()
 }
 
-/// Returns the differences between the keys below two prefixes, by their names behind the prefix. Each stands under its key below
-/// `to`.
+/// Returns the differences between the keys below two prefixes, matched by the rest of the key. Each is listed under its key
+/// below `to`.
 pub fn compare(state: &State, from: &str, to: &str) -> Vec<Difference> {
     let (old, new) = (below(state, from), below(state, to));
     let shown = |versions: Option<&&[Version]>| versions?.last()?.value.as_ref().map(Datum::of);
@@ -272,7 +272,7 @@ pub fn compare(state: &State, from: &str, to: &str) -> Vec<Difference> {
     names.into_iter().filter_map(difference).collect()
 }
 
-/// Returns the keys below a prefix, by their names behind it.
+/// Returns the keys below a prefix, by the rest of the key.
 fn below<'s>(state: &'s State, prefix: &'s str) -> BTreeMap<&'s str, &'s [Version]> {
     state.scan(prefix).filter_map(|(key, all)| Some((key.as_str().strip_prefix(prefix)?, all))).collect()
 }

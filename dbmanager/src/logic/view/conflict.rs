@@ -1,11 +1,11 @@
-//! Unsettled conflicts: concurrent writes, and conditions that no longer held.
+//! Unresolved conflicts: concurrent writes, and conditions that no longer held.
 //!
-//! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
-//! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
-//! second would have been refused on one robot. The same holds for a write below a prefix that was granted to another
-//! robot, if neither has seen the other: no timestamp shows which was first, since the owner with the later timestamp
-//! may have decided earlier. No database that takes writes while it is cut off can prevent any of them; this one lists
-//! them. They are over when a client that has seen both writes the key.
+//! A *conflict* is a key with different versions. A *race* is a pair of transactions, neither of which had seen the other: one
+//! relied on a key, and the other had changed it, earlier in the total order. Both were committed, although on one robot the
+//! first would have been refused. A race is also a write below a prefix that was granted to another robot, if neither the write
+//! nor the grant has seen the other. No timestamp shows which was first, since the owner with the later timestamp may have
+//! decided earlier. A database that accepts writes while it is cut off cannot prevent conflicts and races; this one lists them.
+//! They are resolved when a client that has seen both sides writes the key.
 
 mod count;
 
@@ -34,32 +34,32 @@ pub struct Conflict {
 /// One of several writes to a key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sibling {
-    /// The transaction that wrote it.
+    /// The transaction of the write.
     pub dot: Dot,
     /// The value; `None` for a deletion.
     pub value: Option<Datum>,
-    /// The robot that wrote it.
+    /// The robot of the writer.
     pub by: String,
     /// When the transaction was committed.
     pub when: When,
-    /// Why; nothing if the log does not reach back so far.
+    /// The reason; none if the log does not reach back so far.
     pub reason: Option<String>,
 }
 
-/// A key with transactions that relied on what others had changed.
+/// A key with transactions that relied on it while others had changed it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Race {
     /// The key.
     pub key: Key,
-    /// How many transactions relied on it so.
+    /// The number of these transactions.
     pub count: u64,
-    /// The name of the writes that stand at the key, to settle it by.
+    /// The name of the present writes at the key, for a client that resolves the race.
     pub seen: String,
     /// The last of these transactions.
     pub relied: Party,
-    /// The condition; none for a write that only assumed that no other robot was granted a prefix of the key.
+    /// The condition. None for a write that only assumed that no prefix of the key was granted to another robot.
     pub condition: Option<Condition>,
-    /// The transactions that had changed or granted it.
+    /// The transactions that had changed the key or granted its prefix.
     pub changed: Party,
 }
 
@@ -68,11 +68,11 @@ pub struct Race {
 pub struct Party {
     /// The name of the transaction.
     pub dot: Dot,
-    /// The robot that committed it.
+    /// The robot that committed the transaction.
     pub by: String,
     /// When the transaction was committed.
     pub when: When,
-    /// The reason that its writer gave.
+    /// The writer's reason.
     pub reason: String,
 }
 
@@ -85,7 +85,8 @@ struct Touch {
     deletes: Option<bool>,
 }
 
-/// The transactions that relied on a key, each with those that had changed it: of each origin the first and the last.
+/// The transactions that relied on a key. Each comes with the transactions that had changed the key: the first and the last of
+/// each origin.
 type Unsettled = BTreeMap<Dot, (Option<Condition>, BTreeMap<ReplicaId, [Dot; 2]>)>;
 
 /// Notes that a transaction relied on a key that another transaction had changed.
@@ -95,24 +96,25 @@ fn note(unsettled: &mut Unsettled, relied: Dot, condition: Option<Condition>, ch
     (*first, *last) = ((*first).min(changed), (*last).max(changed));
 }
 
-/// A transaction that granted a prefix to a robot, or to everybody.
+/// A transaction that granted a prefix to a robot, or released it.
 struct Granted {
     dot: Dot,
-    /// The dots of the write, those of its other lives included.
+    /// The dots of the write, including those of its other lives.
     names: BTreeSet<Dot>,
     stamp: Timestamp,
     robot: Option<String>,
-    /// Nothing if only its rebased part from another life is left.
+    /// The transactions that it had seen; none if only its rebased part from another life is left.
     seen: Option<VersionVector>,
 }
 
 /// The grants of each prefix, in the order of their timestamps.
 type Grants = BTreeMap<String, BTreeMap<Timestamp, Granted>>;
 
-/// How many hexadecimal digits name the set of transactions seen: enough that different sets never have the same.
+/// How many hexadecimal digits the name of a set of writes has: enough that different sets practically never have the same name.
 const SEEN_DIGITS: usize = 12;
 
-/// Returns a name for these writes at a key, in any order. A client that settles a conflict gives it to show which writes it saw.
+/// Returns a name for these writes at a key, in any order. A client that resolves a conflict passes it, to show which writes it
+/// has seen.
 pub fn seen(writes: impl IntoIterator<Item = Dot>) -> String {
     let mut digest = blake3::Hasher::new();
     for dot in writes.into_iter().collect::<BTreeSet<Dot>>() {
@@ -122,7 +124,7 @@ pub fn seen(writes: impl IntoIterator<Item = Dot>) -> String {
 }
 
 impl Conflict {
-    /// Returns the name of its writes.
+    /// Returns the name of the writes of this conflict.
     pub fn seen(&self) -> String {
         seen(self.versions.iter().map(|sibling| sibling.dot))
     }
@@ -172,7 +174,7 @@ impl Past<'_> {
                 let mut found = Vec::new();
                 if relied_on.contains(key) {
                     let earlier = touches.entry(key.clone()).or_default();
-                    // Of each origin, what was not seen is the end of its chain.
+                    // Of each origin, the unseen transactions are the end of its chain.
                     let concurrent = earlier
                         .values()
                         .flat_map(|chain| chain.iter().rev().take_while(|other| !has_seen(txn, seen, other.dot)));
@@ -216,8 +218,8 @@ impl Past<'_> {
         })
     }
 
-    /// Returns the first grant of a prefix of `key` to another robot such that neither that nor a write has seen the other.
-    /// `fence` is by which prefix and grant the writer went.
+    /// Returns the first grant of a prefix of `key` to another robot, such that neither the grant nor the write has seen the
+    /// other. `fence` is the prefix and the grant on which the writer relied.
     fn unknown_grant<'a>(
         &self,
         txn: &Txn,
@@ -239,7 +241,7 @@ impl Past<'_> {
             let other = || granted.robot.as_ref().is_some_and(|robot| *robot != self.robot(txn.written().origin));
             !knows(granted) && !granted.saw(&names, txn.written()) && other()
         };
-        // The longest prefix counts: a writer that relied on a record is not affected by shorter ones.
+        // The longest prefix counts: shorter ones do not affect a writer that relied on a record.
         let counts = |prefix: &&str| fence.is_none_or(|(fenced, _)| prefix.len() >= fenced.len());
         prefixes(key).filter(counts).flat_map(of).find(unknown)
     }
@@ -252,29 +254,29 @@ impl Past<'_> {
 }
 
 impl Granted {
-    /// Returns whether it has seen a transaction of these names, as far as is known.
+    /// Returns whether the transaction has seen one with these names, as far as is known.
     fn saw(&self, names: &BTreeSet<Dot>, stamp: Timestamp) -> bool {
         self.seen.as_ref().map_or(stamp < self.stamp, |seen| names.iter().any(|dot| seen.contains(*dot)))
     }
 }
 
-/// Returns the name of a transaction, and that from before, if it has one.
+/// Returns the name of a transaction, and its former name, if it has one.
 fn names_of(txn: &Txn) -> impl Iterator<Item = Dot> {
     [txn.dot()].into_iter().chain(txn.rebase.as_ref().and_then(|rebase| rebase.from))
 }
 
-/// Returns the prefix and the grant that a transaction relied on, if a condition contains them.
+/// Returns the prefix and the grant on which a transaction relied, if a condition contains them.
 fn fence(require: &Require) -> Option<(&str, Dot)> {
     let Condition::Is(dot) = require.condition else { return None };
     Some((owner::prefix(&require.key)?, dot))
 }
 
-/// Returns the prefixes that a transaction granted, and to whom.
+/// Returns the prefixes that a transaction granted, each with its new owner.
 fn granted(txn: &Txn) -> impl Iterator<Item = (&str, Option<String>)> {
     txn.writes.iter().filter_map(|Write { key, value }| Some((owner::prefix(key)?, owner::read(value.as_ref()?)?.1)))
 }
 
-/// Returns how a transaction touches each key.
+/// Returns how a transaction uses each key.
 fn touched(txn: &Txn) -> BTreeMap<&Key, Touch> {
     let (dot, from, stamp) = (txn.dot(), txn.rebase.as_ref().and_then(|rebase| rebase.from), txn.written());
     let mut touched: BTreeMap<&Key, Touch> = BTreeMap::new();
@@ -300,8 +302,7 @@ fn settle(races: &mut BTreeMap<Key, Unsettled>, key: &Key, over: &dyn Fn(Dot) ->
     }
 }
 
-/// Returns the transaction that relied on a key, its condition, and the transaction that had changed the key, if this
-/// is a race.
+/// If this is a race, returns the transaction that relied on a key, its condition, and the transaction that had changed the key.
 fn race(relied: &Touch, changed: &Touch) -> Option<(Dot, Condition, Dot)> {
     let (condition, deletes) = (relied.condition?, changed.deletes?);
     let broken = match condition {

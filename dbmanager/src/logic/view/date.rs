@@ -1,4 +1,4 @@
-//! Dates as text: `2026-11-21 10:00:02` in UTC or in local time, and the words that people use for moments.
+//! Dates as text: `2026-11-21 10:00:02` in UTC or in local time, and the expressions that people use for moments.
 
 use std::time::Duration;
 use toml::value::{Date, Datetime, Offset};
@@ -6,7 +6,7 @@ use toml::value::{Date, Datetime, Offset};
 const DAY_MS: u64 = 86_400_000;
 const MINUTE_MS: i64 = 60_000;
 
-/// Returns by how many minutes local time is ahead of UTC, at a moment in milliseconds since 1970.
+/// Returns how many minutes local time is ahead of UTC, at a moment in milliseconds since 1970.
 pub type Ahead = fn(u64) -> i64;
 
 /// The [`Ahead`] of UTC.
@@ -22,7 +22,7 @@ pub fn text(millis: u64) -> String {
     let (era, day_of_era) = (days / 146_097, days % 146_097);
     let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    // A year begins in March here, so that the day that comes and goes is its last.
+    // A year begins in March here, so that a leap day is its last day.
     let month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * month + 2) / 5 + 1;
     let (month, next) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
@@ -36,20 +36,20 @@ pub fn local(millis: u64, ahead: Ahead) -> String {
     text(millis.saturating_add_signed(MINUTE_MS * ahead(millis)))
 }
 
-/// Returns how far local time is ahead of UTC, as it follows a date: `Z`, `+01:00`.
+/// Returns the offset of local time from UTC in the form that follows a date: `Z`, `+01:00`.
 pub fn offset(minutes: i64) -> String {
     let (sign, size) = (if minutes < 0 { '-' } else { '+' }, minutes.unsigned_abs());
     if minutes == 0 { "Z".to_owned() } else { format!("{sign}{:02}:{:02}", size / 60, size % 60) }
 }
 
-/// Returns the same as the name of a zone: `UTC`, `UTC+01:00`.
+/// Returns the offset of local time from UTC as the name of a zone: `UTC`, `UTC+01:00`.
 pub fn zone(minutes: i64) -> String {
     if minutes == 0 { "UTC".to_owned() } else { format!("UTC{}", offset(minutes)) }
 }
 
-/// Reads a moment, as milliseconds since 1970, in local time unless it has an offset: `5 min ago`, `14:03` (the last one),
-/// `yesterday`, `yesterday 14:03`, or a date as TOML has it, such as `2026-11-21`, `2026-11-21 10:00:02` or
-/// `2026-11-21T12:00:02+02:00`. A day without a time is its midnight.
+/// Reads a moment, as milliseconds since 1970; in local time unless the text has an offset. Accepted are `5 min ago`,
+/// `14:03` (the last one), `yesterday`, `yesterday 14:03`, or a TOML date, such as `2026-11-21`, `2026-11-21 10:00:02` or
+/// `2026-11-21T12:00:02+02:00`. A day without a time means its midnight.
 pub fn parse(text: &str, now: u64, ahead: Ahead) -> Option<u64> {
     let text = text.trim();
     if let Some(span) = text.strip_suffix("ago") {
@@ -84,7 +84,8 @@ pub fn parse(text: &str, now: u64, ahead: Ahead) -> Option<u64> {
     }
 }
 
-/// Returns the moment at which clocks here show a time. The clock of the hour that is repeated in autumn shows it twice.
+/// Returns the moment at which local clocks show a time. In the hour that is repeated in autumn, clocks show each time
+/// twice.
 fn to_utc(here: u64, ahead: Ahead) -> Option<u64> {
     let near = here.checked_add_signed(-MINUTE_MS * ahead(here))?;
     here.checked_add_signed(-MINUTE_MS * ahead(near))
@@ -105,7 +106,7 @@ fn millis(text: &str) -> Option<u64> {
     u64::try_from(Duration::try_from_secs_f64(number * unit / 1e3).ok()?.as_millis()).ok()
 }
 
-/// Returns the days since 1970. The inverse of the formula in [`text`], `days_from_civil`.
+/// Returns the number of days since 1970: the inverse of the formula in [`text`], `days_from_civil`.
 fn days(date: Date) -> Option<u64> {
     let month = u64::from(date.month);
     let year = u64::from(date.year).checked_sub(u64::from(month <= 2))?;
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// An hour ahead of UTC, and two in summer: from the end of March to the end of October 2026.
+    /// One hour ahead of UTC, and two hours in summer: from the end of March to the end of October 2026.
     fn berlin(millis: u64) -> i64 {
         if (1_774_746_000_000..1_792_890_000_000).contains(&millis) { 120 } else { 60 }
     }

@@ -1,4 +1,4 @@
-//! A draft: the changes and conditions of a caller, before they have a place in history.
+//! A draft: the changes and conditions of a caller, before they have a position in history.
 
 use crate::logic::key::{Key, Namespace};
 use crate::logic::txn::{CHANGES_MAX, CodecError, Condition, REASON_SIZE_MAX, Require, VALUE_SIZE_MAX, Value, Write};
@@ -18,47 +18,47 @@ pub struct Draft {
 /// The new owner of a prefix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
-    /// The owner of the prefix, or any robot if it has no owner, gives it to a robot, or releases it.
+    /// The owner of the prefix gives it to a robot, or releases it. If it has no owner, any robot may do so.
     Give(Option<String>),
-    /// An operator takes it from its owner, and gives it to a robot.
+    /// An operator takes the prefix from its owner, and gives it to a robot.
     TakeOver(String),
 }
 
-/// Why nothing was committed. The state is as if the transaction had not been tried.
+/// Why nothing was committed. The state is unchanged.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TxnError {
     /// A condition does not hold here.
     #[error("`{key}` is required to {condition}, but {}", crate::logic::view::past::written_by(actual))]
     Precondition {
-        /// Of which key.
+        /// The key of the condition.
         key: Key,
         /// The condition.
         condition: Condition,
-        /// The writers of the present versions, siblings included, deletions left out.
+        /// The writers of the present versions, including concurrent ones, but without deletions.
         actual: Vec<Dot>,
     },
-    /// A value that is too long.
+    /// A value is too long.
     #[error("the value of `{key}` has {size} bytes, more than {VALUE_SIZE_MAX}")]
     Value {
-        /// Of which key.
+        /// The key of the value.
         key: Key,
-        /// Its size.
+        /// The size of the value in bytes.
         size: usize,
     },
-    /// Too many writes or conditions, or a long reason.
+    /// Too many writes or conditions, or a reason that is too long.
     #[error("a transaction has {count} {what}, more than {limit}{}", way_out(what))]
     Limit {
-        /// The kind of thing of which there is too much.
+        /// The part that exceeds its limit.
         what: &'static str,
         /// How much.
         count: usize,
-        /// How much is allowed.
+        /// The limit.
         limit: usize,
     },
     /// Too long as a whole.
     #[error("the transaction does not fit")]
     Codec(#[from] CodecError),
-    /// The prefix belongs to another robot, on which the transaction can be tried.
+    /// The prefix belongs to another robot; the transaction can be tried there.
     #[error("`{key}` may only be written on the robot `{owner}`")]
     NotOwner {
         /// The key.
@@ -68,7 +68,7 @@ pub enum TxnError {
         /// The term of the owner's grant.
         term: u64,
     },
-    /// The namespace is not written by transactions.
+    /// Transactions must not write this namespace.
     #[error("`{key}` is in a namespace that transactions do not write")]
     Reserved {
         /// The key.
@@ -77,13 +77,13 @@ pub enum TxnError {
     /// The clock has no timestamp left.
     #[error("the clock has come to its end: a peer has sent a timestamp that no correct clock can have issued")]
     Clock,
-    /// No member of the team would take it over.
+    /// No member of the team would accept the transaction.
     #[error("nothing was written: {why}")]
     Unproven {
         /// Why, for a person.
         why: String,
     },
-    /// The key never leaves the robot, so no other robot can have it.
+    /// The key never leaves the robot, so no other robot can have the transaction.
     #[error("`{key}` stays on this robot, so no other robot can have it")]
     Stays {
         /// The key.
@@ -91,7 +91,7 @@ pub enum TxnError {
     },
 }
 
-/// Returns the advice for too much of something.
+/// Returns the advice for a part that exceeds its limit.
 fn way_out(what: &str) -> &'static str {
     match what {
         "writes" => "; write them in several transactions, as `dca db import` does with a long file",
@@ -101,7 +101,7 @@ fn way_out(what: &str) -> &'static str {
 }
 
 impl Draft {
-    /// Returns a transaction without changes, done for `reason`.
+    /// Returns a draft without changes; `reason` is the reason of the transaction.
     pub fn new(reason: impl Into<String>) -> Self {
         Self { reason: reason.into(), requires: Vec::new(), writes: BTreeMap::new(), grants: BTreeMap::new() }
     }
@@ -113,7 +113,7 @@ impl Draft {
         self
     }
 
-    /// Adds a value; of several at one key the last counts.
+    /// Adds a value. If several are added at one key, the last one applies.
     #[must_use]
     pub fn put(mut self, key: Key, value: impl Into<Value>) -> Self {
         self.writes.insert(key, Some(value.into()));
@@ -134,31 +134,31 @@ impl Draft {
         self
     }
 
-    /// Returns the prefixes that it gives away.
+    /// Returns the grants in the draft, with their prefixes.
     pub fn grants(&self) -> impl Iterator<Item = (&Key, &Grant)> {
         self.grants.iter()
     }
 
-    /// Returns whether it only writes local keys, which never leave the robot.
+    /// Returns whether the draft writes only local keys, which never leave the robot.
     pub fn is_local(&self) -> bool {
         let local = |key: &Key| key.namespace() == Namespace::Local;
         self.grants.is_empty() && !self.writes.is_empty() && self.writes.keys().all(local)
     }
 
-    /// Returns what it changes.
+    /// Returns the writes of the draft.
     pub fn writes(&self) -> impl Iterator<Item = (&Key, Option<&Value>)> {
         self.writes.iter().map(|(key, value)| (key, value.as_ref()))
     }
 
-    /// Returns what it requires.
+    /// Returns the conditions of the draft.
     pub fn requires(&self) -> &[Require] {
         &self.requires
     }
 
-    /// Checks its limits.
+    /// Checks the limits of the draft.
     ///
     /// # Errors
-    /// If it exceeds one.
+    /// If the draft exceeds a limit.
     pub fn check(&self) -> Result<(), TxnError> {
         let limits = [
             ("writes", self.writes.len() + self.grants.len(), CHANGES_MAX),
@@ -175,7 +175,7 @@ impl Draft {
         }
     }
 
-    /// Takes it apart: reason, conditions, writes by key.
+    /// Splits the draft into reason, conditions, and writes by key.
     pub fn into_parts(self) -> (String, Vec<Require>, Vec<Write>) {
         let writes = self.writes.into_iter().map(|(key, value)| Write { key, value }).collect();
         (self.reason, self.requires, writes)

@@ -1,13 +1,13 @@
 //! The history of a key, and the audit of all keys.
 //!
-//! Both are read from the log, so they reach back to its beginning. Of two kept transactions, the later one in the
-//! order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
-//! context. The transactions carry contexts as differences, and the parts of transactions that were cut off are missing
-//! from the sum. Such a part is never a kept transaction: transactions are dropped in the order of application, and the
+//! Both are read from the log, so they reach back to its beginning. For two kept transactions, the earlier one in the order
+//! of application cannot have seen the later one. The later one's context shows whether it has seen the earlier one.
+//! Transactions carry their contexts as differences, so the sum lacks the parts of transactions that were dropped. Such a
+//! part never contains a kept transaction. The reason: transactions are dropped in the order of application, and the
 //! transactions that a dropped one had seen were applied before it.
 //!
-//! A transaction that was rebased from another life of its replica has lost its context. For such a transaction,
-//! only the versions that it took away or required are known. Others that it had seen may be shown as concurrent.
+//! A transaction that was rebased from another life of its replica has lost its context. For such a transaction, only the
+//! versions that it took away or required are known. Other transactions that it had seen may be shown as concurrent.
 
 use super::value::Datum;
 use crate::logic::clock::{Quality, Timestamp, Wall};
@@ -22,47 +22,47 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::ops::Range;
 
-/// The most transactions that are named as concurrent with one.
+/// The most transactions that are listed as concurrent with one transaction.
 const CONCURRENT_MAX: usize = 16;
 
-/// The believable dates of a clock that is not synchronised, in milliseconds since 1970: from 2024, before which this
-/// program's data cannot have been written, to 2100.
+/// The plausible dates of a clock that is not synchronised, in milliseconds since 1970: from 2024, because this program's
+/// data cannot be older, to 2100.
 const PLAUSIBLE: Range<u64> = 1_704_067_200_000..4_102_444_800_000;
 
-/// When something was done, as far as clocks are to be believed.
+/// The time of a transaction, with a note whether its clock can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct When {
     /// Milliseconds since 1970; in JSON `at`, in seconds.
     #[serde(rename = "at", with = "comms::logic::human::millis")]
     pub millis: u64,
-    /// Whether the clock was synchronised. If not, this is the clock's reading if it is plausible, or else the latest
-    /// date that had been seen there.
+    /// Whether the clock was synchronised. If not, the time is the clock's reading if that is plausible, or else the latest
+    /// date that the robot had seen.
     pub trusted: bool,
 }
 
-/// One transaction, as people see it.
+/// One transaction, in the form for people.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HistoryEntry {
     /// The name of the transaction.
     pub dot: Dot,
-    /// The robot, or the origin if its robot is not known.
+    /// The robot, or the origin if the robot is not known.
     pub by: String,
-    /// When it was committed, by the clock of its robot.
+    /// The time of the commit, by the clock of its robot.
     pub when: When,
-    /// The reason that its writer gave.
+    /// The writer's reason.
     pub reason: String,
-    /// Its changes of the keys that were asked for; a deletion has no value.
+    /// The changes of the requested keys; a deletion has no value.
     pub changes: Vec<(Key, Option<Datum>)>,
-    /// How many other keys it changed.
+    /// How many other keys the transaction changed.
     pub others: usize,
-    /// Transactions that changed one of these keys without either having seen the other; only the first few.
+    /// Transactions that changed one of these keys, while neither had seen the other; only the first few.
     pub concurrent: Vec<Dot>,
-    /// Its name before its robot had to begin under a new origin.
+    /// The name of the transaction before its robot had to begin under a new origin.
     pub before: Option<Dot>,
 }
 
 impl fmt::Display for Condition {
-    /// Says what a key is required to do.
+    /// Writes the condition as text.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Absent => f.write_str("have no value"),
@@ -72,13 +72,13 @@ impl fmt::Display for Condition {
     }
 }
 
-/// Says by whom a key is written, for the sentence in which that is wrong.
+/// Returns the writers of a key as text, for an error message about them.
 pub(in crate::logic) fn written_by(dots: &[Dot]) -> String {
     let dots: Vec<String> = dots.iter().map(Dot::to_string).collect();
     if dots.is_empty() { "it has no value".to_owned() } else { format!("it is written by {}", dots.join(" and ")) }
 }
 
-/// The keys that are asked for.
+/// The requested keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Keys {
     /// One key.
@@ -87,33 +87,33 @@ pub enum Keys {
     Below(String),
 }
 
-/// The keys, writers and times that are asked for.
+/// The requested keys, writers and times.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
     /// The keys.
     pub keys: Keys,
     /// Only the transactions of this robot.
     pub by: Option<String>,
-    /// Only changes at or after this time, in milliseconds since 1970. A change without a date counts if it may have
+    /// Only changes at or after this time, in milliseconds since 1970. A change without a date is included if it may have
     /// been made then.
     pub from: Option<u64>,
-    /// Only changes before this time, likewise.
+    /// Only changes before this time, with the same rule.
     pub until: Option<u64>,
-    /// Only the last so many.
+    /// Only the last changes, up to this number.
     pub limit: usize,
 }
 
-/// The log and the state that it has led to.
+/// The log, and the state that results from it.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     /// The transactions.
     pub log: &'a Log,
-    /// The state after them.
+    /// The state after the transactions of the log.
     pub state: &'a State,
 }
 
 impl Keys {
-    /// Returns whether a key is asked for.
+    /// Returns whether a key is requested.
     pub fn contains(&self, key: &Key) -> bool {
         match self {
             Self::Only(only) => key == only,
@@ -123,7 +123,7 @@ impl Keys {
 }
 
 impl Filter {
-    /// Returns the question for the last `limit` transactions that changed these keys.
+    /// Returns a filter for the last `limit` transactions that changed these keys.
     pub const fn new(keys: Keys, limit: usize) -> Self {
         Self { keys, by: None, from: None, until: None, limit }
     }
@@ -140,15 +140,16 @@ impl Filter {
 }
 
 impl When {
-    /// Returns when a transaction was committed.
+    /// Returns the time of a commit.
     pub fn of(wall: Wall, stamp: Timestamp) -> Self {
         let trusted = wall.quality >= Quality::Network;
-        // A timestamp is above every date that its writer had seen: where no clock was kept, it may be the better guess.
+        // A timestamp is above every date that its writer had seen. If no clock was synchronised, it may be the better
+        // estimate.
         Self { millis: Self::dated(wall, stamp).unwrap_or(stamp.millis()), trusted }
     }
 
-    /// Returns when a transaction was committed for the first time. For a rebased one, the wall clock is that of the
-    /// rebase; from its first life it keeps the timestamp, which orders its writes.
+    /// Returns the time of the first commit of a transaction. If it was rebased, the wall clock shows the time of the rebase.
+    /// Its timestamp is the one of its first life, and still orders its writes.
     pub fn of_txn(txn: &Txn) -> Self {
         match &txn.rebase {
             Some(rebase) => Self { millis: rebase.stamp.millis(), trusted: false },
@@ -156,8 +157,8 @@ impl When {
         }
     }
 
-    /// Returns the date of a transaction, in milliseconds since 1970; `None` if its clock showed none that may be right. Then
-    /// nothing is known but that it was not before [`Timestamp::millis`].
+    /// Returns the date of a transaction, in milliseconds since 1970; `None` if its clock showed no plausible date. Then only
+    /// a lower bound is known: [`Timestamp::millis`].
     pub(super) fn dated(wall: Wall, stamp: Timestamp) -> Option<u64> {
         match wall.quality {
             Quality::Network | Quality::Satellite => Some(wall.millis),
@@ -168,7 +169,7 @@ impl When {
         }
     }
 
-    /// Returns whether there is a date at all: neither the clock showed one, nor had one been seen.
+    /// Returns whether there is any date. There is none if the clock showed none and the robot had seen none.
     pub fn is_known(self) -> bool {
         self.trusted || PLAUSIBLE.contains(&self.millis)
     }
@@ -184,7 +185,7 @@ impl Past<'_> {
             let Some(entry) = self.entry(txn, &filter.keys) else { return };
             for (key, _) in &entry.changes {
                 let earlier = writers.entry(key.clone()).or_default();
-                // Of each origin, what was not seen is the end of its chain.
+                // Of each origin, the unseen transactions are the end of its chain.
                 let unseen = earlier.values().flat_map(|chain| {
                     chain.iter().rev().take_while(|other| !has_seen(txn, seen, **other)).take(CONCURRENT_MAX)
                 });
@@ -210,7 +211,7 @@ impl Past<'_> {
         history.into_iter().map(mark).collect()
     }
 
-    /// Returns a transaction as people see it, if it changed one of the keys.
+    /// Returns a transaction in the form for people; none if it changed none of the keys.
     pub(super) fn entry(&self, txn: &Txn, keys: &Keys) -> Option<HistoryEntry> {
         let (changes, others): (Vec<_>, Vec<_>) = txn.writes.iter().partition(|write| keys.contains(&write.key));
         if changes.is_empty() {
@@ -229,8 +230,8 @@ impl Past<'_> {
         })
     }
 
-    /// Returns the robot of an origin, retired ones included. If that is unknown, as for transactions written before
-    /// joining, it is the robot that has rebased the transaction; else the origin itself.
+    /// Returns the robot of an origin, including retired ones. If it is unknown, as for transactions written before joining,
+    /// returns the robot that has rebased the transactions, or else the origin itself.
     pub fn robot(&self, origin: ReplicaId) -> String {
         let named = |origin| {
             let key = Key::new(format!("sys/members/{origin}")).ok()?;
@@ -241,13 +242,13 @@ impl Past<'_> {
         named(origin).or_else(rebased).unwrap_or_else(|| origin.to_string())
     }
 
-    /// Visits each kept transaction in the order of application, with the version vector it had seen; `heads` are the
-    /// earlier ones.
+    /// Visits each kept transaction in the order of application, with the version vector that it had seen. `heads` are the
+    /// last transactions before the kept ones.
     pub(super) fn walk(&self, heads: &BTreeMap<ReplicaId, Head>, mut visit: impl FnMut(&Txn, &VersionVector)) {
         let mut contexts: BTreeMap<ReplicaId, VersionVector> =
             heads.iter().map(|(origin, head)| (*origin, head.context.clone())).collect();
         for (_, encoded) in self.log.in_order() {
-            // An unreadable transaction was not applied either.
+            // An unreadable transaction was not applied.
             let Ok(txn) = encoded.open() else { continue };
             let context = contexts.entry(txn.stamp.origin).or_default();
             context.go_on(txn.dot(), &txn.context);
@@ -256,7 +257,7 @@ impl Past<'_> {
     }
 }
 
-/// Returns whether a transaction, which has seen these, has seen another.
+/// Returns whether a transaction, which has seen the vector `seen`, has seen another one.
 pub(super) fn has_seen(txn: &Txn, seen: &VersionVector, other: Dot) -> bool {
     match &txn.rebase {
         Some(rebase) => {

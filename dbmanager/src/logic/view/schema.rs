@@ -1,8 +1,8 @@
 //! Schemas: the values that keys below a prefix may hold.
 //!
-//! A schema is an ordinary value, a table at `team/schema/<pattern>`: it is written, replicated, watched and in
-//! conflict like any other. A segment `+` of the pattern stands for any one segment, so that `robot/+/params/force` is
-//! about every robot.
+//! A schema is an ordinary value, a table at `team/schema/<pattern>`. It is written, replicated and watched, and has
+//! conflicts, like any other value. A segment `+` of the pattern stands for any one segment, so `robot/+/params/force`
+//! applies to every robot.
 //!
 //! ```toml
 //! type = "float"           # bool, integer, float, text, bytes, list, table
@@ -15,12 +15,12 @@
 //! doc = "largest force of the gripper"
 //! ```
 //!
-//! If several schemas match a key, the one with the longest pattern counts. If several have the longest, the one whose first
-//! `+` comes last counts.
+//! If several schemas match a key, the one with the longest pattern applies. If several have the longest, the one whose
+//! first `+` comes last applies.
 //!
 //! *A schema is advice to writers.* It is checked before a commit, when the writer can still correct the value. Stored
-//! values are never refused or rewritten: they may come from a robot that had not heard of the schema, and a replica
-//! that refused others' data would differ from them for ever. Fields that this program does not know are left alone.
+//! values are never refused or rewritten: they may come from a robot that did not know the schema, and a replica that
+//! refused others' data would differ from them for ever. Fields that this program does not know are ignored.
 
 mod check;
 
@@ -34,56 +34,56 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// Below this prefix are the schemas.
+/// The prefix of all schemas.
 pub const SCHEMA: &str = "team/schema/";
-/// The segment of a pattern that stands for any one.
+/// The segment of a pattern that stands for any segment.
 const ANY: &str = "+";
-/// The words for types, as [`Datum::kind`] has them.
+/// The names of types, as in [`Datum::kind`].
 const KINDS: [&str; 7] = ["bool", "integer", "float", "text", "bytes", "list", "table"];
 
 /// The schema of the keys below a prefix.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schema {
-    /// Of which type, in the word of [`Datum::kind`].
+    /// The type, by its name in [`Datum::kind`].
     pub kind: Option<String>,
-    /// The least number, or the shortest length.
+    /// The smallest number, or the shortest length.
     pub min: Option<Datum>,
     /// The largest number, or the greatest length.
     pub max: Option<Datum>,
     /// The unit of a number.
     pub unit: Option<String>,
-    /// Only one of these.
+    /// The permitted values; all if empty.
     pub one_of: Vec<Datum>,
     /// The default.
     pub default: Option<Datum>,
-    /// Whether there has to be something.
+    /// Whether the key must have a value.
     pub required: bool,
     /// The description, for people.
     pub doc: String,
 }
 
-/// The reason why a value is not a schema.
+/// Why a value is not a schema.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SchemaError {
     /// The schema is not a table.
     #[error("a schema is a table, such as {{type = \"float\", min = 0.0, max = 200.0, unit = \"N\"}}; this is {found}")]
     NoTable {
-        /// The type of the value that was found.
+        /// The type of the value.
         found: String,
     },
-    /// A field is of another type.
+    /// A field has another type.
     #[error("the field `{field}` of a schema must be {expected}, got {found}")]
     Field {
         /// The name of the field.
         field: String,
         /// The rule.
         expected: String,
-        /// The type of the value that was found.
+        /// The type of the field.
         found: String,
     },
 }
 
-/// All schemas of a team, at one version vector.
+/// All schemas of a team at one version vector.
 #[derive(Clone, Debug, Default)]
 pub struct Schemas {
     by_pattern: BTreeMap<String, Schema>,
@@ -94,7 +94,7 @@ impl Schema {
     /// Reads a schema.
     ///
     /// # Errors
-    /// If it is none.
+    /// If the value is not a schema.
     pub fn of(datum: &Datum) -> Result<Self, SchemaError> {
         let Datum::Table(fields) = datum else {
             return Err(SchemaError::NoTable { found: datum.to_string() });
@@ -148,7 +148,7 @@ impl Schema {
         Ok(())
     }
 
-    /// Checks that the fields of the schema agree with each other.
+    /// Checks that the fields of the schema do not contradict each other.
     fn check_own(&self) -> Result<(), SchemaError> {
         if let (Some(min), Some(max)) = (&self.min, &self.max)
             && check::compare(min, max) == Some(Ordering::Greater)
@@ -167,7 +167,7 @@ impl Schema {
 }
 
 impl Schemas {
-    /// Reads the schemas of a state. Invalid ones are kept separately, and do not affect the others.
+    /// Reads the schemas of a state. Invalid ones are kept separately, and do not affect the valid ones.
     pub fn of(state: &State) -> Self {
         let mut schemas = Self::default();
         for (key, versions) in state.scan(SCHEMA) {
@@ -181,7 +181,7 @@ impl Schemas {
         schemas
     }
 
-    /// Returns the values that stand in the place of a schema and are not schemas.
+    /// Returns the values at the keys of schemas that are not schemas.
     pub fn malformed(&self) -> &[(Key, SchemaError)] {
         &self.malformed
     }
@@ -191,9 +191,9 @@ impl Schemas {
         self.by_pattern.iter().map(|(pattern, schema)| (pattern.as_str(), schema))
     }
 
-    /// Returns the schema that counts for a key.
+    /// Returns the schema that applies to a key.
     pub fn find(&self, key: &Key) -> Option<&Schema> {
-        // There are only as many patterns as people have written by hand, so all of them can be checked.
+        // People write patterns by hand, so there are few, and all of them can be checked.
         let matching = self.by_pattern.iter().filter(|(pattern, _)| matches(pattern, key.as_str()));
         let rank = |pattern: &str| {
             let literal = pattern.split('/').map(|segment| segment != ANY).collect::<Vec<_>>();
@@ -202,7 +202,7 @@ impl Schemas {
         matching.max_by_key(|(pattern, _)| rank(pattern)).map(|(_, schema)| schema)
     }
 
-    /// Returns the value that a reader of a key takes: the present value, or the default.
+    /// Returns the value that a reader of a key gets: the present value, or the default.
     pub fn read(&self, state: &State, key: &Key) -> Option<Datum> {
         let stored = state.get(key).and_then(|version| version.value.as_ref()).map(Datum::of);
         stored.or_else(|| self.find(key)?.default.clone())

@@ -1,7 +1,7 @@
 //! The lag of other replicas, in transactions, bytes and time.
 //!
-//! A member that lacks transactions keeps old data from being removed (see [`collect`](crate::logic::gc)): these
-//! transactions have to be there when it returns. The oldest of them shows since when that is so.
+//! A member that lacks transactions keeps old data from being removed (see [`gc`](crate::logic::gc)): these
+//! transactions must still be there when it returns. The oldest of them shows since when this is the case.
 
 use super::past::{Past, When};
 use crate::logic::version_vector::{Dot, VersionVector};
@@ -12,16 +12,16 @@ use serde::{Deserialize, Serialize};
 pub struct Lag {
     /// How many transactions.
     pub transactions: u64,
-    /// About how many bytes that is on the wire; of those that are still kept.
+    /// Their approximate size on the wire in bytes, for those that are still kept.
     pub bytes: u64,
-    /// How many of them are not kept any more, so that the whole state has to be sent.
+    /// How many of them were dropped. If there are any, the whole state has to be sent.
     pub dropped: u64,
-    /// When the oldest of those that are kept was committed.
+    /// The time of the oldest transaction that is still kept.
     pub since: Option<When>,
 }
 
 impl Past<'_> {
-    /// Returns the transactions here that are not within a version vector.
+    /// Returns the transactions here that a version vector does not include.
     pub fn lag(&self, vector: &VersionVector) -> Lag {
         let here = self.log.vector();
         let transactions = here.beyond(vector).iter().map(|(origin, seq)| seq - vector.get(origin)).sum();

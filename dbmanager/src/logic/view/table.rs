@@ -10,10 +10,11 @@ use crate::logic::txn::Condition;
 use crate::logic::version_vector::Dot;
 use unicode_width::UnicodeWidthStr as _;
 
-/// How much of a value or a reason is shown in a table, in characters.
+/// How many characters of a value or a reason a table shows.
 const CELL_MAX: usize = 48;
 
-/// Returns rows in aligned columns, without trailing blanks. A wide character, as of Chinese, takes two columns of a terminal.
+/// Returns rows in aligned columns, without trailing blanks. A wide character, such as a Chinese one, takes two columns of a
+/// terminal.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.width()).max();
@@ -25,20 +26,20 @@ pub fn table(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// How a value is shown, such as [`Datum::to_toml`].
+/// A function that shows a value, such as [`Datum::to_toml`].
 pub type Show<'a> = &'a dyn Fn(&Datum) -> String;
 
-/// The keys that a list of transactions is about.
+/// The keys of a list of transactions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Span {
-    /// One, which need not be named.
+    /// One key, which is not repeated in each line.
     Key,
-    /// History of several keys: each line names its key.
+    /// Several keys: each line names its key.
     All,
 }
 
-/// Returns transactions, the oldest first: one line for each key that was changed. The heading names the zone of the dates; a
-/// date of another season has its own.
+/// Returns transactions, the oldest first, with one line for each changed key. The heading names the zone of the dates. A date
+/// with another offset, for example in summer, shows its own.
 pub fn history(history: &[HistoryEntry], span: Span, show: Show<'_>, ahead: Ahead) -> String {
     let last = history.iter().rev().find(|entry| entry.when.is_known());
     let minutes = last.map_or(0, |entry| ahead(entry.when.millis));
@@ -69,7 +70,7 @@ pub fn history(history: &[HistoryEntry], span: Span, show: Show<'_>, ahead: Ahea
     table(&rows)
 }
 
-/// Returns what has changed: `+` appeared, `-` is gone, `~` is another.
+/// Returns the differences: `+` appeared, `-` vanished, `~` changed.
 pub fn differences(differences: &[Difference], show: Show<'_>) -> String {
     let row = |difference: &Difference| {
         let Difference { key, before, after, siblings } = difference;
@@ -88,7 +89,7 @@ pub fn differences(differences: &[Difference], show: Show<'_>) -> String {
     table(&differences.iter().map(row).collect::<Vec<_>>())
 }
 
-/// Returns the unsettled conflicts and races, a block for each.
+/// Returns the unresolved conflicts and races, with one block for each.
 pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>, ahead: Ahead) -> String {
     let when = |at: When| when(at, ahead, None);
     let mut blocks = Vec::new();
@@ -128,7 +129,8 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>, ahead: 
     blocks.join("\n\n")
 }
 
-/// Returns a date with its offset, unless that is told elsewhere; `~` before it says that no clock was kept.
+/// Returns a date with its offset, unless that equals `told`, the one in the heading. A leading `~` means that no clock was
+/// synchronised.
 fn when(when: When, ahead: Ahead, told: Option<i64>) -> String {
     if !when.is_known() {
         return "no date".to_owned();
@@ -142,7 +144,7 @@ fn shown(value: Option<&Datum>, show: Show<'_>) -> String {
     value.map_or("(deleted)".to_owned(), |datum| shortened(&show(datum)))
 }
 
-/// Returns a text on one line, with its end left out if it is long.
+/// Returns a text on one line. If it is long, its end is left out.
 fn shortened(text: &str) -> String {
     let line: String = text.chars().map(|character| if character.is_control() { ' ' } else { character }).collect();
     match line.char_indices().nth(CELL_MAX) {

@@ -1,4 +1,5 @@
-//! A few robots that write and take over from each other by the replica's own rules, without its protocol.
+//! A few robots that write and take over transactions from each other by the replica's own rules, but without its
+//! protocol.
 
 use crate::logic::clock::{Quality, Timestamp, Wall};
 use crate::logic::key::Key;
@@ -32,7 +33,7 @@ pub(super) struct Robot {
 }
 
 impl Robot {
-    /// Returns robots `r1`, `r2`, … that know each other as members, and nothing else.
+    /// Returns robots `r1`, `r2`, … that know each other as members, and have no other data.
     pub(super) fn team(count: u64) -> Vec<Self> {
         let robot = |number| Self {
             origin: ReplicaId::new(number),
@@ -89,7 +90,7 @@ impl Robot {
         txn.dot()
     }
 
-    /// Takes over everything that another has.
+    /// Takes over all transactions of another robot.
     pub(super) fn pull(&mut self, from: &Self) {
         let (txns, _) = from.log.beyond(self.log.vector(), usize::MAX).unwrap();
         txns.iter().for_each(|encoded| self.take(encoded));
@@ -104,12 +105,12 @@ impl Robot {
         self.log.append(&txn, encoded.clone());
     }
 
-    /// Forgets the oldest transactions that everybody has, as if only so many bytes were to be kept.
+    /// Drops the oldest transactions that every robot has, as if only `size_max` bytes were to be kept.
     pub(super) fn forget(&mut self, size_max: usize) {
         self.forget_within(&self.vector(), size_max);
     }
 
-    /// Forgets the oldest transactions within a version vector.
+    /// Drops the oldest transactions within a version vector.
     pub(super) fn forget_within(&mut self, stable: &VersionVector, size_max: usize) {
         self.log.truncate(stable, size_max);
     }
@@ -120,7 +121,7 @@ impl Robot {
 pub(super) enum Step {
     /// A robot writes these values, or deletions, at these keys.
     Write(usize, Vec<(u8, Option<i64>)>),
-    /// One takes over from another.
+    /// A robot takes over all transactions of another one.
     Pull(usize, usize),
 }
 
@@ -133,7 +134,7 @@ pub(super) fn steps() -> impl Strategy<Value = Vec<Step>> {
     proptest::collection::vec(step, 0..40)
 }
 
-/// Plays the steps; tells of each robot after each of its steps.
+/// Runs the steps; calls `after` with the acting robot after each step.
 pub(super) fn play(team: &mut [Robot], steps: &[Step], mut after: impl FnMut(&Robot)) {
     for step in steps {
         let robot = match step {
@@ -155,7 +156,7 @@ pub(super) fn play(team: &mut [Robot], steps: &[Step], mut after: impl FnMut(&Ro
     }
 }
 
-/// Lets everybody have everything.
+/// Gives all transactions to all robots.
 pub(super) fn heal(team: &mut [Robot]) {
     for _ in 0..2 {
         for to in 0..team.len() {

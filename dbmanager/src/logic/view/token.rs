@@ -1,8 +1,8 @@
-//! Version vectors and names of transactions as text: what a person copies from one command to the next, and where a watcher goes
-//! on.
+//! Version vectors and names of transactions as text. People copy them from one command to the next, and a watcher resumes from
+//! one.
 //!
-//! A version vector is `origin:number` for each origin, with commas between: `4f2a…:12,9b01…:7`. The empty version
-//! vector, before everything, is `0`.
+//! A version vector is `origin:number` for each origin, separated by commas: `4f2a…:12,9b01…:7`. The empty version vector, before
+//! everything, is `0`.
 
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
@@ -11,7 +11,7 @@ pub fn token(vector: &VersionVector) -> String {
     if vector.is_empty() { "0".to_owned() } else { vector.to_string().replace(' ', ",") }
 }
 
-/// Reads what [`token`] wrote.
+/// Reads the text that [`token`] returns.
 pub fn vector(text: &str) -> Option<VersionVector> {
     if text == "0" {
         return Some(VersionVector::default());

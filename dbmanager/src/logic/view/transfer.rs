@@ -12,12 +12,12 @@
 //! # end
 //! ```
 //!
-//! The file is TOML, sorted by key, a line for each, so that two files differ where the databases do. It contains the
-//! value that a read of the key shows; a concurrent one is a comment. The database's own records (`sys/`) and local
-//! ones (`local/`) are left out, unless requested.
+//! The file is TOML, sorted by key, with one line for each key, so that two files differ where the databases differ. It
+//! contains the value that a read of the key shows; a concurrent value is a comment. The database's own records (`sys/`)
+//! and local ones (`local/`) are left out, unless requested.
 //!
-//! An import writes the values that differ. An unchanged file changes nothing; above all it settles no conflict. A file
-//! that was cut off lacks the last line of a whole file, so no key is deleted because the file lacks it.
+//! An import writes the values that differ. An unchanged file changes nothing; in particular, it does not resolve a
+//! conflict. An incomplete file lacks the last line, `# end`, so no key is deleted because such a file does not contain it.
 
 use super::as_of::Difference;
 use super::past::Keys;
@@ -32,9 +32,9 @@ use toml::de::{DeTable, DeValue};
 
 /// The format of the file.
 const FORMAT: i64 = 1;
-/// About how many bytes of writes go into one transaction, with room for its other parts.
+/// The approximate size of the writes in one transaction, in bytes. It leaves room for the other parts.
 const WRITES_SIZE_MAX: usize = TXN_SIZE_MAX - (32 << 10);
-/// The last line of a file that is whole.
+/// The last line of a complete file.
 const END: &str = "# end";
 /// The longest file, in bytes.
 pub const FILE_SIZE_MAX: usize = 256 << 20;
@@ -42,21 +42,21 @@ pub const FILE_SIZE_MAX: usize = 256 << 20;
 /// The policy for keys that are not in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Absent {
-    /// Leave them.
+    /// Keep these keys.
     Keep,
-    /// Delete them, if they are below the prefix that the file is about.
+    /// Delete these keys, if they are below the prefix of the file.
     Delete,
 }
 
 /// The changes that a file would make.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Import {
-    /// The transactions, in order. More than one if they do not fit into one: then others may see some without the
-    /// rest.
+    /// The transactions, in order. There is more than one if the changes do not fit into one. Other robots may then see
+    /// some of the changes without the rest.
     pub drafts: Vec<Draft>,
     /// The changes.
     pub differences: Vec<Difference>,
-    /// The keys whose conflicts they would settle.
+    /// The keys whose conflicts these transactions would resolve.
     pub settles: Vec<Key>,
 }
 
@@ -88,11 +88,11 @@ fn line(key: &Key, datum: &Datum) -> String {
     format!("{} = {}\n", quote(key.as_str()), datum.to_toml())
 }
 
-/// Returns what a file would change.
+/// Returns the changes that a file would make.
 ///
 /// # Errors
-/// If it is no such file, with the place; or if keys are to be deleted because they are not in it, and it may have been cut
-/// off.
+/// If the text is not such a file, with the position. Also if keys are to be deleted because the file does not contain
+/// them, and the file may be incomplete.
 pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result<Import, TextError> {
     let File { below, values } = read(file)?;
     if absent == Absent::Delete && file.trim_end().lines().next_back() != Some(END) {
@@ -137,18 +137,18 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
     Ok(import)
 }
 
-/// Returns the prefix of the keys that a file is about.
+/// Returns the prefix of the keys in a file.
 ///
 /// # Errors
-/// If it is no such file, with the place.
+/// If the text is not such a file, with the position.
 pub fn below(file: &str) -> Result<String, TextError> {
     read(file).map(|file| file.below)
 }
 
-/// Returns the same file about the keys below another prefix.
+/// Returns the same file for the keys below another prefix.
 ///
 /// # Errors
-/// If it is no such file, with the place; or if one of its keys would not be a key below `prefix`.
+/// If the text is not such a file, with the position. Also if one of its keys would not be a valid key below `prefix`.
 pub fn moved(file: &str, prefix: &str) -> Result<String, TextError> {
     let refuse = |what: String| text::at(file, 0, Fault::new(what, "a prefix ends in `/`, such as `robot/r3/`"));
     let File { below, values } = read(file)?;
@@ -168,7 +168,7 @@ pub fn moved(file: &str, prefix: &str) -> Result<String, TextError> {
     Ok(moved + if is_whole { END } else { "" } + "\n")
 }
 
-/// Returns whether a key belongs into the file about `prefix`.
+/// Returns whether a key belongs into the file of `prefix`.
 fn is_about(prefix: &str, key: &Key) -> bool {
     let below = Keys::Below(prefix.to_owned()).contains(key);
     below

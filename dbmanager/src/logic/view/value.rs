@@ -1,26 +1,26 @@
 //! Typed values: the meaning of the bytes at a key.
 //!
-//! A stored [`Value`] is a number that gives its type, its *tag*, and bytes. A [`Datum`] is the same in readable form.
+//! A stored [`Value`] consists of a *tag*, the number of its type, and bytes. A [`Datum`] is the same in readable form.
 //! No bytes are refused and none are lost: values of a newer program under an unknown tag, and malformed ones, are
-//! shown as [`Datum::Opaque`] and written back unchanged, even inside lists and tables. So reading and writing back is
-//! the identity on stored values, and equal data have equal bytes.
+//! shown as [`Datum::Opaque`] and written back unchanged, even inside lists and tables. So reading a stored value and
+//! writing it back does not change it, and equal data have equal bytes.
 //!
 //! | tag | meaning | bytes |
 //! |---|---|---|
-//! | 0 | bytes | themselves |
+//! | 0 | bytes | the bytes themselves |
 //! | 1 | text | UTF-8 |
 //! | 2 | bool | `0` or `1` |
 //! | 3 | integer | 64 bits, little-endian, two's complement |
-//! | 4 | sealed for some readers | an envelope, which nobody else looks into |
-//! | 5 | float | IEEE 754 binary64, little-endian; of all NaNs only one |
+//! | 4 | sealed for some readers | an envelope, which only these readers can open |
+//! | 5 | float | IEEE 754 binary64, little-endian; only one of the NaNs |
 //! | 6 | list | count, then each value with its tag and length (postcard) |
 //! | 7 | table | count, then each name and value, by name (postcard) |
 //!
-//! **A table, or a key for each field?** The database merges keys, not their insides: two robots that change two fields
-//! of one table at the same time are in conflict, and one of the tables is shown. Give each field a separate key
-//! (`team/camera/gain`, `team/camera/exposure`) and write them in one transaction: then only changes of the same field
-//! conflict. A table is right for values that only make sense as a whole, like a pose or the coefficients of a
-//! calibration.
+//! **A table, or a key for each field?** The database merges keys, not the fields of their values. If two robots change
+//! two fields of one table at the same time, this is a conflict, and one of the tables is shown. Give each field a
+//! separate key (`team/camera/gain`, `team/camera/exposure`) and write them in one transaction: then only changes of
+//! the same field conflict. A table is right for values that only make sense as a whole, like a pose or the
+//! coefficients of a calibration.
 
 mod json;
 pub(in crate::logic::view) mod text;
@@ -34,7 +34,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use thiserror::Error;
 
-/// The tag of an envelope. All other tags are in `comms::logic::database::value`, which writes and reads them.
+/// The tag of an envelope. `comms::logic::database::value` has all other tags, and writes and reads them.
 const SEALED: u8 = 4;
 
 /// A typed value.
@@ -42,7 +42,7 @@ const SEALED: u8 = 4;
 pub enum Datum {
     /// Yes or no.
     Bool(bool),
-    /// A whole number; never the same as a float.
+    /// A whole number. It is never equal to a float.
     Integer(i64),
     /// A number.
     Float(Float),
@@ -56,16 +56,16 @@ pub enum Datum {
     Table(BTreeMap<String, Self>),
     /// An envelope that only some readers can open.
     Sealed(Vec<u8>),
-    /// Something that this program cannot read.
+    /// A value that this program cannot read.
     Opaque {
-        /// How it is meant.
+        /// The type of the bytes.
         tag: u8,
         /// The stored bytes.
         bytes: Vec<u8>,
     },
 }
 
-/// A 64-bit float that is equal to itself, NaN included; `-0` and `0` are two.
+/// A 64-bit float that equals itself, NaN included; `-0` and `0` are different.
 #[derive(Clone, Copy)]
 pub struct Float(f64);
 
@@ -75,7 +75,7 @@ pub enum DatumError {
     /// More bytes than a key holds.
     #[error("the value takes {size} bytes, more than {VALUE_SIZE_MAX}; give its parts keys of their own")]
     Long {
-        /// Its size as stored.
+        /// The size of the value as stored.
         size: usize,
     },
     /// Nested too deeply.
@@ -84,7 +84,7 @@ pub enum DatumError {
 }
 
 impl Float {
-    /// Returns the float; of all NaNs there is only one.
+    /// Returns the float. All NaNs become the same one.
     pub const fn new(number: f64) -> Self {
         Self(if number.is_nan() { f64::NAN } else { number })
     }
@@ -119,18 +119,18 @@ impl Datum {
     pub fn of(value: &Value) -> Self {
         let (tag, bytes) = (value.encoding.0, value.bytes.to_vec());
         let datum = Self::from(Stored { tag, bytes: bytes.into() }.value());
-        // There is more than one way to write a length; what was not written by `encode` must not be changed by
-        // reading.
+        // There is more than one way to encode a length. Reading must not change bytes that `encode` would write
+        // differently.
         if datum.to_value() == *value {
             return datum;
         }
         Self::Opaque { tag: value.encoding.0, bytes: value.bytes.to_vec() }
     }
 
-    /// Returns the value to store.
+    /// Returns the value in its stored form.
     ///
     /// # Errors
-    /// If it is longer or deeper than allowed.
+    /// If the value is too long, or nested too deeply.
     pub fn encode(&self) -> Result<Value, DatumError> {
         if self.depth(DEPTH_MAX + 1) > DEPTH_MAX {
             return Err(DatumError::Deep);
@@ -140,7 +140,7 @@ impl Datum {
         if size > VALUE_SIZE_MAX { Err(DatumError::Long { size }) } else { Ok(value) }
     }
 
-    /// Returns the word for its type.
+    /// Returns the name of the value's type.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::Bool(_) => "bool",
@@ -155,7 +155,7 @@ impl Datum {
         }
     }
 
-    /// Returns how deep lists and tables lie in each other, counted up to `limit`.
+    /// Returns how deep lists and tables are nested, up to `limit`.
     fn depth(&self, limit: usize) -> usize {
         let Some(below) = limit.checked_sub(1) else { return 0 };
         match self {
@@ -172,7 +172,7 @@ impl Datum {
     }
 }
 
-/// The same in the form for a program, where sealed values cannot be read, and floats are those of Rust.
+/// The same value in the form for programs: sealed values are opaque, and floats are plain Rust floats.
 impl From<&Datum> for Typed {
     fn from(datum: &Datum) -> Self {
         match datum {

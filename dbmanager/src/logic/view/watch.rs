@@ -1,15 +1,16 @@
-//! Watching: every transaction that changes a key below a prefix, once, whole, after all that it had seen.
+//! Watching: every transaction that changes a key below a prefix is reported once, as a whole, and after everything that it had
+//! seen.
 //!
-//! *State.* A version vector: the transactions reported so far. *The log is the queue.* A watcher takes as many events
-//! as it has room for, and the others stay in the log, so a slow watcher costs no memory and delays no other. The
-//! version vector is also a token: with it, a watcher continues after a restart, or at another robot.
+//! *State.* A version vector: the transactions reported so far. *The log is the queue.* A watcher takes as many events as it
+//! can store, and the others stay in the log. So a slow watcher costs no memory and delays no other. The version vector is also a
+//! token: with it, a watcher continues after a restart, or at another robot.
 //!
-//! *Why it is right.* The log returns the transactions beyond a version vector in the order of application, which is
-//! causal, and each transaction has one name. So each is reported once, and after all transactions it had seen. There
-//! are two ways to miss some, and both are reported: the log has dropped transactions that were not taken yet
-//! ([`Notification::Lagged`]), and the replica has started again with the state of another
-//! ([`Notification::Replaced`]). Then the watcher reads the state, and continues from there. A name may change, if a
-//! robot was retired while it was away: a transaction reported under the old name is not reported again.
+//! *Why it is right.* The log returns the transactions beyond a version vector in the order of application, which is causal, and
+//! each transaction has one name. So each is reported once, and after all transactions that it had seen. There are two ways to
+//! miss some, and both are reported. The log may have dropped transactions that were not taken yet ([`Notification::Lagged`]). Or
+//! the replica may have started again with the state of another ([`Notification::Replaced`]). In both cases the watcher reads the
+//! state, and continues from there. A name changes if a robot was retired while it was away. A transaction that was reported under
+//! the old name is not reported again.
 
 use super::as_of::AsOfError;
 use super::past::{HistoryEntry, Keys, Past};
@@ -18,10 +19,10 @@ use crate::logic::log::Log;
 use crate::logic::version_vector::VersionVector;
 use serde::{Deserialize, Serialize};
 
-/// About how many bytes of transactions are looked through at a time.
+/// The approximate number of bytes of transactions that are searched at a time.
 const SCAN_SIZE: usize = 256 << 10;
 
-/// The place of one watcher.
+/// The position of one watcher.
 #[derive(Clone, Debug)]
 pub struct Watch {
     keys: Keys,
@@ -32,27 +33,27 @@ pub struct Watch {
 /// A notification for a watcher.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notification {
-    /// A transaction has become visible. With its name, the version vector up to which was told grows: [`VersionVector::include`].
+    /// A transaction has become visible. The watcher adds its name to the version vector of reported transactions:
+    /// [`VersionVector::include`].
     Event(Box<Event>),
-    /// The next transactions are not kept any more, since the watcher was too slow. It reads the state, and goes on
-    /// from `resume`.
+    /// The next transactions were dropped, since the watcher was too slow. It reads the state, and continues from `resume`.
     Lagged {
         /// The state at the moment.
         resume: VersionVector,
     },
-    /// The robot's own writes have new names. The watcher reads the state, and goes on from `resume`.
+    /// The robot's own writes have new names. The watcher reads the state, and continues from `resume`.
     Replaced {
         /// The state at the moment.
         resume: VersionVector,
     },
 }
 
-/// A transaction that changes a key that is watched.
+/// A transaction that changes a watched key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
     /// The transaction: its author, time, reason and writes.
     pub entry: HistoryEntry,
-    /// The keys that have concurrent writes by now.
+    /// The keys that now have concurrent writes.
     pub conflicts: Vec<Key>,
 }
 
@@ -66,10 +67,10 @@ pub struct Notifications {
 }
 
 impl Watch {
-    /// Begins to watch what comes after `from`.
+    /// Begins to watch the transactions after `from`.
     ///
     /// # Errors
-    /// If some of that is not kept any more.
+    /// If some of these transactions were dropped.
     pub fn new(keys: Keys, from: VersionVector, log: &Log) -> Result<Self, AsOfError> {
         if from.dominates(&log.low()) {
             Ok(Self { keys, position: from, replaced: false })
@@ -78,17 +79,17 @@ impl Watch {
         }
     }
 
-    /// Returns up to where everything was told: the token to go on with.
+    /// Returns the version vector of everything that was reported: the token from which to resume.
     pub const fn position(&self) -> &VersionVector {
         &self.position
     }
 
-    /// The replica has started again with the state of another.
+    /// Notes that the replica has started again with the state of another.
     pub const fn replaced(&mut self) {
         self.replaced = true;
     }
 
-    /// Returns what comes next, up to `room` events.
+    /// Returns the next notifications, with up to `room` events.
     pub fn next(&mut self, past: &Past<'_>, room: usize) -> Notifications {
         let mut list = Vec::new();
         if self.replaced && room > 0 {
@@ -109,7 +110,7 @@ impl Watch {
             }
             let Ok(txn) = encoded.open() else { continue };
             self.position.include(txn.dot());
-            // If the old name is here too, it names another transaction: its origin has used a number twice.
+            // If the old name is here too, it belongs to another transaction: its origin has used a number twice.
             let before = txn.rebase.as_ref().and_then(|rebase| rebase.from);
             if before.is_some_and(|from| self.position.contains(from) && !past.log.vector().contains(from)) {
                 continue;

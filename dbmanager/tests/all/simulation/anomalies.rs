@@ -1,4 +1,4 @@
-//! Histories that are wrong in one way each: the checker has to find just that.
+//! Histories with one error each: the checker has to find exactly that one.
 
 use super::world::history::Op::{Delete, Put, Read};
 use super::world::history::{Anomaly, History, Op, Txn, check, lost_updates};

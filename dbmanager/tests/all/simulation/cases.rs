@@ -1,16 +1,18 @@
-//! Named cases: one thing goes wrong at a time, and it is known how that has to end.
+//! Named cases: one thing goes wrong at a time, and the required result is known.
 //!
-//! These are the cases that need a team of replicas. The other cases of the study are beside the code they test:
+//! These are the cases that need a team of replicas. The other cases of the study are next to the code that they test:
 //!
 //! | where | cases |
 //! |---|---|
 //! | `logic/clock.rs` | `clock_1970_boot`, `clock_2099_boot_then_heal`, `clock_steps_back_during_commit`, `hlc_counter_overflow` |
-//! | `logic/collect.rs` | `delete_vs_concurrent_put_gc_race`, `last_member_standing` |
-//! | `logic/state/tests.rs` | `100_way_conflict_one_key`, `utf8_prefix_edge`, `key_written_1M_times` |
+//! | `logic/gc.rs` | `delete_vs_concurrent_put_gc_race`, `last_member_standing` |
+//! | `logic/state/tests.rs` | `100_way_conflict_one_key`, `utf8_prefix_edge` |
 //! | `logic/txn.rs` | `max_key_value_sizes` |
 //! | `logic/replica/tests.rs`, `logic/view` | owners and takeovers, watches that resume, slow watchers, snapshots held for long |
-//! | `tests/store*.rs` | what disks do: `crash_during_checkpoint_rename`, `conf_file_empty`, `open_twice_same_dir`, `witness_missing_db_present` |
-//! | not built | `cas_decided_minority` (no decided keys), `wrong_team_key`, `revoked_robot_replays_old_tx`, `secret_nonce_after_rollback` (teams have no keys yet) |
+//! | `tests/all/store/` | disks: `crash_during_checkpoint_rename`, `conf_file_empty`, `open_twice_same_dir`, `witness_missing_db_present`,
+//! `key_written_1M_times` |
+//! | not built | `cas_decided_minority` (no decided keys), `wrong_team_key`, `revoked_robot_replays_old_tx`, `secret_nonce_after_rollback`
+//! |
 
 #[path = "cases/clocks.rs"]
 mod clocks;

@@ -1,4 +1,4 @@
-//! Clients of a simulated team: sessions that read and write at several robots, with their memory.
+//! Clients of a simulated team: sessions that read and write at several robots, and remember what they have seen.
 
 use super::history::{self, Anomaly, History, Op, Txn};
 use super::reference::Id;
@@ -12,11 +12,11 @@ use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How many clients there are.
+/// The number of clients.
 const CLIENTS: usize = 4;
-/// How many keys they share.
+/// The number of keys that all clients use.
 const KEYS: u64 = 5;
-/// The anomalies that clients may see if a robot rebases writes that others have deleted since.
+/// The anomalies that clients may see if a robot rebases writes that others have since deleted.
 const REPEATED: [Anomaly; 6] = [
     Anomaly::FracturedRead,
     Anomaly::ReadYourWrites,
@@ -25,10 +25,10 @@ const REPEATED: [Anomaly; 6] = [
     Anomaly::WritesFollowReads,
     Anomaly::WriteCoRead,
 ];
-/// The anomalies that they may see if a robot has returned, and its rebased transactions arrive before those of a
+/// The anomalies that clients may see if a robot has returned, and its rebased transactions arrive before those of a
 /// member that it had seen.
 const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
-/// How long they wait for others to have a transaction.
+/// How long clients wait for other robots to have a transaction.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// One client.
@@ -37,18 +37,18 @@ struct Client {
     node: usize,
     era: u64,
     session: Option<usize>,
-    /// The transactions that it has seen, to be shown when it moves to another robot.
+    /// The transactions that the client has seen, to be presented when it moves to another robot.
     token: VersionVector,
-    /// The transactions that the last numbers of the token meant where the client saw them.
+    /// The transactions that the last numbers of the token stood for, at the robot where the client saw them.
     meant: BTreeMap<ReplicaId, Id>,
 }
 
-/// All of them.
+/// All clients.
 #[derive(Debug, Default)]
 pub(crate) struct Clients {
     all: [Client; CLIENTS],
     pub(crate) history: History,
-    /// The name of each transaction of the history.
+    /// The name of each transaction in the history.
     names: BTreeMap<usize, Id>,
     sessions: usize,
     value: u64,
@@ -71,7 +71,7 @@ impl Clients {
         self.winners.retain(|(at, _), _| *at != node);
     }
 
-    /// A watcher looks at the writes of a transaction.
+    /// Makes the watcher of a robot read the writes of a transaction.
     pub(crate) fn watch(&mut self, node: usize, replica: &Replica, frame: &EncodedTxn) {
         let Ok(txn) = frame.open() else { return };
         for write in &txn.writes {
@@ -81,7 +81,7 @@ impl Clients {
                 self.winners.remove(&(node, register));
                 continue;
             };
-            // Behind a deletion may be something older that the deletion had not seen.
+            // After a deletion, an older value that the deletion had not seen may show again.
             let before = self.winners.insert((node, register), (value, stamp)).filter(|(_, before)| *before < stamp);
             self.history.replaced.extend(before.map(|(before, _)| (register, before, value)));
         }
@@ -162,8 +162,8 @@ impl World {
         }
     }
 
-    /// Returns the robot of a client. If that robot has lost what the client saw there, the client's session starts
-    /// again. A client moves only to a robot that has everything it has seen.
+    /// Returns the robot of a client. If that robot has lost transactions that the client saw there, the client's
+    /// session starts again. A client moves only to a robot that has everything that it has seen.
     fn place(&mut self, client: usize) -> usize {
         let (moves, other) = (self.happens(30), self.below(self.nodes.len()));
         let Client { node, era, .. } = self.clients.all[client];
@@ -183,8 +183,9 @@ impl World {
         self.clients.all[client] = Client { node, era: self.nodes[node].era, ..Client::default() };
     }
 
-    /// Returns whether a robot has another transaction under a number of a token: it accepts the token, and lacks the
-    /// transactions it stands for. A number used twice shows only when robots meet.
+    /// Returns whether a robot has different transactions under the numbers of a token. Such a robot accepts the
+    /// token, but lacks the transactions of the client. A number that was used twice is noticed only when robots
+    /// meet.
     fn means_others(&self, node: usize, meant: &BTreeMap<ReplicaId, Id>) -> bool {
         let Some(replica) = self.nodes[node].replica.as_ref().filter(|_| self.faults.can_roll_back()) else {
             return false;
@@ -206,7 +207,7 @@ impl World {
         }
     }
 
-    /// Commits, waits for a level, and returns the dot of the transaction that is then on the disk.
+    /// Commits, waits for a level, and returns the dot of the transaction, which is then on the disk.
     pub(crate) fn commit(&mut self, node: usize, draft: Draft) -> Option<Dot> {
         let named = self.below(self.nodes.len());
         let names = [self.nodes[named].name.clone()].into_iter().collect();
@@ -226,8 +227,8 @@ impl World {
         self.committed.take()
     }
 
-    /// Checks that clients have seen no anomaly, that every lost update is a conflict (I10), and that none is lost at
-    /// one robot.
+    /// Checks that clients have seen no anomaly, that every lost update is shown as a conflict (I10), and that no
+    /// update is lost at one robot.
     pub(crate) fn check_history(&self) -> Result<(), String> {
         let Clients { history, names, .. } = &self.clients;
         let chain = self.reference.chain(self.replica(0))?;

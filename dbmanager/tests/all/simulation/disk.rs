@@ -1,4 +1,5 @@
-//! The disk of a simulated robot: the records on the platter, and those that a lying flush has left in its cache.
+//! The disk of a simulated robot: its durable records (the platter), and the records that a lying flush has left in its
+//! cache.
 
 use comms::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
@@ -8,9 +9,9 @@ use dbmanager::logic::record::{Batch, Records};
 pub(crate) enum Fate {
     /// The batch is written, and the driver continues.
     Done,
-    /// The robot stops before it is written.
+    /// The robot crashes before the batch is written.
     CrashBefore,
-    /// The robot stops after the write, without an answer.
+    /// The robot crashes after the write, without an answer.
     CrashAfter,
     /// The sync reports an error (EIO), and it is unknown whether the data is written.
     Error,
@@ -22,7 +23,7 @@ pub(crate) enum Fate {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Disk {
     platter: Records,
-    /// The batches that were acknowledged to the driver, and that a power cut takes away.
+    /// The batches that were acknowledged to the driver, but that a power cut would lose.
     cache: Vec<Batch>,
     /// Whether flushes are acknowledged without being done.
     pub(crate) lies: bool,
@@ -30,7 +31,7 @@ pub(crate) struct Disk {
     pub(crate) full: bool,
     /// Whether the next write reports an error.
     pub(crate) broken: bool,
-    /// Whether something was lost, so that the store may be found damaged.
+    /// Whether some writes were lost, so that the store may be damaged.
     pub(crate) doubtful: bool,
 }
 
@@ -40,7 +41,7 @@ impl Disk {
         Self { platter, ..Self::default() }
     }
 
-    /// Writes, and flushes in its own way.
+    /// Writes a batch and flushes. If the disk lies, the batch stays in the cache.
     pub(crate) fn write(&mut self, batch: Batch) {
         if self.lies {
             self.cache.push(batch);
@@ -49,7 +50,7 @@ impl Disk {
         }
     }
 
-    /// Returns the records that a program reads if it starts now.
+    /// Returns the records that a program reads when it starts now.
     pub(crate) fn records(&mut self) -> &Records {
         for batch in std::mem::take(&mut self.cache) {
             batch.apply(&mut self.platter);
@@ -64,8 +65,8 @@ impl Disk {
         records
     }
 
-    /// Returns the records that a power cut would leave now, and whether they are a store that stopped earlier. If not,
-    /// one batch in the middle is missing.
+    /// Returns the records after a power cut at this moment, and whether they are a valid earlier state. If not, one
+    /// batch in the middle is missing.
     pub(crate) fn after_power_cut(&self, random: &mut Random) -> (Records, bool) {
         let count = self.cache.len() as u64;
         let kept = usize::try_from(random.below(count + 1)).expect("it is a length");
@@ -85,7 +86,7 @@ impl Disk {
         self.cache.clear();
     }
 
-    /// Puts the store aside, as the operator of a damaged one does.
+    /// Removes the store, like an operator of a damaged one.
     pub(crate) fn clear(&mut self) {
         self.platter.clear();
         self.cache.clear();

@@ -1,83 +1,83 @@
 //! A checker of histories: it sees only the clients' reads and writes.
 //!
-//! Values are unique, so each read shows the transaction whose value it saw. Three relations between transactions
-//! follow: `wr` (saw); `ww` (overwrote: a client read a value and wrote another in its place, or a watcher saw the
-//! replacement); and `co`, causality: `wr` and the order of sessions, closed. Each [`Anomaly`] is a pattern that these
-//! must not contain. Sources: Adya (1999) and Kingsbury and Alvaro, *Elle* (VLDB 2020) for G0 to G1c; Bailis et al.,
-//! RAMP (2014) for fractured reads; Terry et al. (1994) for sessions; Bouajjani et al. (POPL 2017) for the bad patterns
-//! of causality.
+//! Values are unique, so each read shows the transaction that wrote its value. This gives three relations between
+//! transactions: `wr` (saw); `ww` (overwrote: a client read a value and wrote another in its place, or a watcher saw
+//! the replacement); and `co`, causality: the closure of `wr` and the order of sessions. Each [`Anomaly`] is a pattern
+//! that these must not contain. Sources: Adya (1999) and Kingsbury and Alvaro, *Elle* (VLDB 2020) for G0 to G1c; Bailis
+//! et al., RAMP (2014) for fractured reads; Terry et al. (1994) for sessions; Bouajjani et al. (POPL 2017) for the bad
+//! patterns of causality.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A register; clients call it a key.
 pub(crate) type Register = u64;
-/// A value; no two writes have the same.
+/// A value. No two writes have the same value.
 pub(crate) type Value = u64;
 
 /// An operation of a transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Op {
-    /// Saw this, or nothing.
+    /// Read this value; none if the register had no value.
     Read(Register, Option<Value>),
-    /// Wrote this.
+    /// Wrote this value.
     Put(Register, Value),
     /// Deleted the value of the register.
     Delete(Register),
 }
 
-/// A transaction as its client knows it.
+/// A transaction, as its client knows it.
 #[derive(Clone, Debug)]
 pub(crate) struct Txn {
     pub(crate) session: usize,
-    /// Whether it was refused.
+    /// Whether the transaction was refused.
     pub(crate) aborted: bool,
     pub(crate) ops: Vec<Op>,
 }
 
-/// All that clients and watchers know. Transactions of a session are in its order.
+/// Everything that clients and watchers know. The transactions of a session are in their order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
     pub(crate) txns: Vec<Txn>,
     /// A watcher saw the second value in place of the first.
     pub(crate) replaced: BTreeSet<(Register, Value, Value)>,
-    /// Where a robot that came back has brought something in: deletions give way to that.
+    /// The registers that a returning robot has written by rebasing: deletions do not hide such values.
     pub(crate) brought: BTreeSet<Register>,
 }
 
 /// An anomaly that must not happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Anomaly {
-    /// A value that no transaction wrote.
+    /// Read a value that no transaction wrote.
     ThinAirRead,
-    /// A value of a transaction that was refused (G1a).
+    /// Read a value of a transaction that was refused (G1a).
     AbortedRead,
-    /// A value that its own transaction overwrote (G1b).
+    /// Read a value that its own transaction overwrote (G1b).
     IntermediateRead,
-    /// A transaction that does not see its own write.
+    /// A transaction did not see its own write.
     Internal,
     /// A circle of overwriting (G0).
     DirtyWrite,
-    /// A circle of overwriting and seeing (G1c).
+    /// A cycle of overwriting and seeing (G1c).
     CircularInformation,
-    /// One write of a transaction, and something older than another.
+    /// Saw one write of a transaction, but an older value in place of another.
     FracturedRead,
-    /// A session does not see its own write.
+    /// A session did not see its own write.
     ReadYourWrites,
-    /// A session sees something older than before.
+    /// A session saw an older value than before.
     MonotonicReads,
-    /// The writes of a session in another order.
+    /// The writes of a session were seen in another order.
     MonotonicWrites,
-    /// A write ordered before one that its session had seen.
+    /// A write was ordered before one that its session had seen.
     WritesFollowReads,
     /// A circle of causality.
     CyclicCo,
-    /// A value that was overwritten in the reader's own past.
+    /// Read a value that was overwritten in the reader's own past.
     WriteCoRead,
-    /// Nothing, where the reader's own past has a value.
+    /// Read no value, although the reader's own past has one.
     WriteCoInitRead,
 }
 
-/// Transactions as sets of bits: which come after each.
+/// A relation between transactions, as sets of bits: the successors of each.
 struct Relation {
     words: usize,
     after: Vec<Vec<u64>>,
@@ -107,7 +107,7 @@ impl Relation {
         self.after[of].iter().enumerate().flat_map(bits)
     }
 
-    /// Closes it; returns whether it has no circle.
+    /// Computes the closure; returns false if there is a cycle.
     fn close(&mut self) -> bool {
         let count = self.after.len();
         let mut missing = vec![0_usize; count];
@@ -137,9 +137,9 @@ impl Relation {
 /// The relations that follow from a history.
 struct Facts<'a> {
     history: &'a History,
-    /// The writer of each value, and whether it was the last write there.
+    /// The writer of each value, and whether this was the writer's last write to the register.
     writers: BTreeMap<(Register, Value), (usize, bool)>,
-    /// The values that overwrote each value, closed.
+    /// The values that have overwritten each value, directly or indirectly.
     newer: BTreeMap<Register, BTreeMap<Value, BTreeSet<Value>>>,
     causality: Relation,
 }
@@ -152,7 +152,7 @@ impl Txn {
         })
     }
 
-    /// Returns the value that it leaves at each register, or `None` for a deletion.
+    /// Returns the final value of the transaction at each register, or `None` for a deletion.
     fn leaves(&self) -> BTreeMap<Register, Option<Value>> {
         let write = |op: &Op| match op {
             Op::Put(register, value) => Some((*register, Some(*value))),
@@ -181,7 +181,7 @@ pub(crate) fn check(history: &History) -> BTreeSet<Anomaly> {
     found
 }
 
-/// Returns the pairs of transactions that have both read a value and written over it, with the register.
+/// Returns the pairs of transactions that have both read the same value and overwritten it, with the register.
 pub(crate) fn lost_updates(history: &History) -> Vec<(usize, usize, Register)> {
     let mut updates: BTreeMap<(Register, Value), Vec<usize>> = BTreeMap::new();
     for (index, txn) in history.txns.iter().enumerate().filter(|(_, txn)| !txn.aborted) {
@@ -201,7 +201,7 @@ pub(crate) fn lost_updates(history: &History) -> Vec<(usize, usize, Register)> {
     lost
 }
 
-/// The knowledge of a session about each register: values that it must not see anything older than.
+/// The knowledge of a session: for each register, the values than which it must not see older ones.
 #[derive(Default)]
 struct Session {
     wrote: BTreeMap<Register, Value>,
@@ -259,13 +259,13 @@ impl<'a> Facts<'a> {
         self.newer.get(&register).and_then(|of| of.get(&than)).is_some_and(|newer| newer.contains(&value))
     }
 
-    /// Returns whether a transaction must no longer see a value, given that its past has another one.
+    /// Returns whether a transaction must not see a value any more, given that its past has the value `than`.
     fn is_stale(&self, reader: usize, (register, value): (Register, Value), than: Value) -> bool {
         self.is_newer(register, than, value) && !self.may_be_uncovered(reader, (register, value), than)
     }
 
-    /// Returns whether an older value may show again: the newer one was deleted by a client that had not seen the older
-    /// one, and that deletion has given way to a robot's rebased writes.
+    /// Returns whether an older value may show again. This is so if a client that had not seen the older value deleted
+    /// the newer one, and a robot's rebased writes take precedence over that deletion.
     fn may_be_uncovered(&self, reader: usize, (register, older): (Register, Value), newer: Value) -> bool {
         let writer = |value| self.writers.get(&(register, value)).map(|(writer, _)| *writer);
         let (Some(older), Some(newer)) = (writer(older), writer(newer)) else { return false };
@@ -276,8 +276,8 @@ impl<'a> Facts<'a> {
             && self.history.txns.iter().enumerate().any(|(by, txn)| deletes(txn) && fits(by))
     }
 
-    /// Returns whether a deletion may be the reason that a transaction sees nothing: a deletion that its own past has
-    /// not overwritten.
+    /// Returns whether a deletion may be the reason that a transaction reads no value: a deletion that the
+    /// transaction's own past has not overwritten.
     fn may_be_deleted(&self, reader: usize, register: Register) -> bool {
         let writes = |txn: &Txn| txn.leaves().get(&register).copied();
         let txns = || self.history.txns.iter().enumerate().filter(|(_, txn)| !txn.aborted);
@@ -364,7 +364,7 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// Returns for each value all that came over it, directly or not.
+/// Returns for each value all values that have overwritten it, directly or indirectly.
 fn close_values(edges: &BTreeSet<(Register, Value, Value)>) -> BTreeMap<Register, BTreeMap<Value, BTreeSet<Value>>> {
     let mut closed: BTreeMap<Register, BTreeMap<Value, BTreeSet<Value>>> = BTreeMap::new();
     for (register, older, newer) in edges {

@@ -5,7 +5,7 @@ use dbmanager::logic::notary::{Holder, Notary};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The revoked keys of the team, known to all at once.
+/// The revoked keys of the team. All robots know them at once.
 pub(crate) type Revoked = Arc<Mutex<BTreeSet<[u8; 64]>>>;
 
 /// The keys of one robot.
@@ -16,8 +16,8 @@ pub(crate) struct Keys {
     revoked: Revoked,
 }
 
-/// In this simulation robots publish the key they sign with, so any robot that can check a signature could forge it; no
-/// robot does.
+/// In this simulation, robots publish the key that they sign with. So any robot that can check a signature could forge
+/// it, but no robot does.
 fn mac(keys: &[u8; 64], digest: &[u8; 32]) -> Vec<u8> {
     let mut secret = [0; 32];
     secret.copy_from_slice(&keys[..32]);
@@ -37,7 +37,7 @@ impl Keys {
         keys
     }
 
-    /// Has the team revoke them.
+    /// Makes the team revoke these keys.
     pub(crate) fn revoke(&self) {
         self.revoked.lock().unwrap_or_else(PoisonError::into_inner).insert(self.public());
     }

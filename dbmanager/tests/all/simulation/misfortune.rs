@@ -14,7 +14,7 @@ const HOUR_MS: i64 = 3_600_000;
 const DAY_MS: u64 = 86_400_000;
 
 impl World {
-    /// Chooses the robot that stays and the one with a bad disk. Robot 0 has no privilege.
+    /// Chooses the anchor, which is never lost, and the robot with a bad disk. Robot 0 has no privilege.
     pub(crate) fn curse(&mut self, size: usize) {
         self.faults.anchor = self.below(size);
         self.faults.cursed = (self.faults.anchor + 1) % size;
@@ -25,7 +25,7 @@ impl World {
         }
     }
 
-    /// Lets something go wrong, or a little less.
+    /// Injects faults in this step, according to the rates of the seed.
     pub(crate) fn misfortune(&mut self) {
         let (node, other) = (self.below(self.nodes.len()), self.below(self.nodes.len()));
         let Faults { anchor, .. } = self.faults;
@@ -105,7 +105,7 @@ impl World {
         }
     }
 
-    /// Switches everything off for up to 90 days. About half of the robots come back at once, the others some time.
+    /// Switches all robots off for up to 90 days. About half of them return at once, the others at some later time.
     fn be_away(&mut self) {
         (0..self.nodes.len()).for_each(|node| self.crash(node));
         let days = [1, 7, 90][self.below(3)];
@@ -117,8 +117,8 @@ impl World {
         }
     }
 
-    /// Has one robot retire another. Half of the time it has just deleted something: then it matters whether the other
-    /// counts.
+    /// Makes one robot retire another. Half of the time it has just deleted a value: then it matters whether the other
+    /// robot still counts for garbage collection.
     fn delete_and_retire(&mut self, by: usize, node: usize) {
         if self.happens(50) {
             let register = self.random.below(5);
@@ -129,8 +129,8 @@ impl World {
         self.retire(by, node);
     }
 
-    /// Two robots get each other's disk. Neither opens it. Half of the time the operator exchanges the disks back,
-    /// otherwise both robots start with new ones.
+    /// Exchanges the disks of two robots. Neither may open the other's store. Half of the time the operator exchanges
+    /// the disks back, otherwise both robots start with new ones.
     fn swap_disks(&mut self, node: usize, other: usize) {
         let seed = self.random.next();
         for (robot, found) in [(node, other), (other, node)] {
@@ -149,7 +149,7 @@ impl World {
         }
     }
 
-    /// The bad disk: a power cut takes the data that its flushes had only promised, or a backup is put back.
+    /// Sets the bad disk back: a power cut loses data that its flushes had only promised, or a backup is restored.
     fn roll_back(&mut self) {
         let node = self.faults.cursed;
         let mut random = self.random.clone();
@@ -161,7 +161,7 @@ impl World {
         }
     }
 
-    /// Returns the copy of a disk that was taken before, and forgets it; if there was none, takes one.
+    /// Returns the earlier copy of a disk, and removes it. If there is none, makes one.
     fn exchange_backup(&mut self, node: usize) -> Option<Records> {
         let backup = self.backups.remove(&node);
         if backup.is_none() {
@@ -170,7 +170,7 @@ impl World {
         backup
     }
 
-    /// A robot is restored from a backup, and its witness notices.
+    /// Restores a robot from a backup; its witness notices this.
     fn restore_backup(&mut self, node: usize) {
         if let Some(records) = self.exchange_backup(node) {
             self.restore(node, records);
@@ -178,8 +178,8 @@ impl World {
         }
     }
 
-    /// A robot of the same name gets a copy of the disk, and its witness notices. The store of the first one it knows;
-    /// the two are told apart when both are there.
+    /// Gives a copy of the disk to a robot of the same name; its witness notices this. The new robot knows the store
+    /// of the first one. When both are running, the two are told apart.
     fn copy_disk(&mut self, node: usize) {
         let (name, records) = (self.nodes[node].name.clone(), self.nodes[node].disk.copy());
         if !records.is_empty() {
@@ -191,7 +191,7 @@ impl World {
         }
     }
 
-    /// Returns the replica that these records are; `None` if they are none.
+    /// Returns the replica with these records; `None` if they are not a valid store.
     fn look_at(&self, node: usize, records: &Records) -> Option<Replica> {
         if records.is_empty() {
             return None;
@@ -216,8 +216,7 @@ impl World {
         }
     }
 
-    /// From now on messages may be lost, but nothing else goes wrong; broken links and disks are repaired, and all
-    /// robots run.
+    /// From now on only messages may be lost. Broken links and disks are repaired, and all robots run.
     pub(crate) fn be_kind(&mut self) {
         let Faults { drop, links, slow, restore, clone, rollback, anchor, cursed, .. } = self.faults;
         if links + slow > 0 {
@@ -230,7 +229,7 @@ impl World {
         }
     }
 
-    /// Changes a disk; data that was only on this disk is forgiven.
+    /// Changes a disk. Data that was only on this disk may be lost.
     fn change_disk(&mut self, node: usize, change: impl FnOnce(&mut super::Disk)) {
         self.crash(node);
         let copies: Vec<Records> = self.nodes.iter().map(|node| node.disk.copy()).collect();
@@ -253,12 +252,12 @@ impl World {
 
     /// Destroys the disk of a robot.
     pub(crate) fn lose_disk(&mut self, node: usize) {
-        // Its keys were on it.
+        // The robot's keys were on that disk.
         self.nodes[node].invited = 1 + self.nodes.iter().map(|node| node.invited).max().unwrap_or_default();
         self.change_disk(node, super::Disk::clear);
     }
 
-    /// Lets forks happen without blame: a robot has no witness beside the store.
+    /// Allows forks: a robot has no witness beside its store.
     pub(crate) fn expect_forks(&mut self) {
         self.faults.rollback = 1;
     }
@@ -268,12 +267,12 @@ impl World {
         self.nodes[node].disk.copy()
     }
 
-    /// Stops a robot and puts back a copy of its disk.
+    /// Stops a robot, restores a copy of its disk, and starts it.
     pub(crate) fn restore(&mut self, node: usize, records: Records) {
         self.change_disk(node, |disk| disk.replace(records));
     }
 
-    /// Adds a robot with a copy of the disk of another.
+    /// Adds a robot with a copy of another robot's disk.
     pub(crate) fn add_clone(&mut self, of: usize, records: Records) {
         let name = self.nodes[of].name.clone();
         self.add(name, records);
@@ -300,7 +299,7 @@ impl World {
         self.network.heal_all_of(node);
     }
 
-    /// Adds a robot that hears no other, begins a new team and writes, and then hears the others. Returns its number.
+    /// Adds a robot that is cut off, begins a new team and writes. Then reconnects it. Returns its number.
     pub(crate) fn found_apart(&mut self, key: &str, value: u64) -> usize {
         let node = self.nodes.len();
         self.isolate(node);
@@ -311,14 +310,14 @@ impl World {
         node
     }
 
-    /// Has one robot retire another.
+    /// Makes one robot retire another.
     pub(crate) fn retire(&mut self, by: usize, node: usize) {
         let Some(target) = self.nodes[node].replica.as_ref().map(Replica::origin) else { return };
         self.revoke(node);
         self.input(by, |_, wall| Input::Retire(target, wall));
     }
 
-    /// Has one robot retire an origin.
+    /// Makes one robot retire an origin.
     pub(crate) fn retire_origin(&mut self, by: usize, origin: ReplicaId) {
         self.input(by, |_, wall| Input::Retire(origin, wall));
     }
@@ -328,12 +327,12 @@ impl World {
         self.nodes[node].asleep.0
     }
 
-    /// Fills a disk, or makes space on it.
+    /// Makes a disk full, or frees space on it.
     pub(crate) fn fill_disk(&mut self, node: usize, full: bool) {
         self.nodes[node].disk.full = full;
     }
 
-    /// Has the next write to a disk report an error.
+    /// Makes the next write to a disk report an error.
     pub(crate) fn break_next_write(&mut self, node: usize) {
         self.nodes[node].disk.broken = true;
     }
@@ -350,7 +349,7 @@ impl World {
         self.commit(node, Draft::new("put").put(key, &value.to_le_bytes()));
     }
 
-    /// Commits a value where none is.
+    /// Commits a value at a key without one.
     pub(crate) fn create(&mut self, node: usize, key: &str, value: u64) {
         let key = Key::new(key).expect("it is a key");
         self.commit(node, Draft::new("create").require(key.clone(), Condition::Absent).put(key, &value.to_le_bytes()));
@@ -367,7 +366,7 @@ impl World {
         Some(u64::from_le_bytes(value.bytes[..].try_into().expect("all values here are numbers")))
     }
 
-    /// Returns how many versions of a key there are, deletions included.
+    /// Returns the number of versions of a key, including deletions.
     pub(crate) fn siblings(&self, node: usize, key: &str) -> usize {
         self.replica(node).state().versions(&Key::new(key).expect("it is a key")).len()
     }

@@ -1,4 +1,5 @@
-//! The network of a simulated team: it delays, loses, repeats, swaps and chokes, in each direction for itself.
+//! The network of a simulated team: it delays, loses, repeats, reorders and slows messages, separately in each
+//! direction.
 
 use comms::logic::random::Random;
 use comms::logic::time::Time;
@@ -8,12 +9,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
-/// The most bytes that wait for a slow radio. Later messages are dropped, as zenoh does under congestion.
+/// The most bytes that wait for a slow radio. Further messages are dropped, as zenoh does under congestion.
 const QUEUE_SIZE_MAX: u64 = 256 << 10;
-/// The shortest and the longest way, in microseconds: so different that messages overtake each other.
+/// The shortest and the longest delay in microseconds. They differ so much that messages overtake each other.
 const LATENCY_US: [u64; 2] = [200, 80_000];
 
-/// A message on its way.
+/// A message in transit.
 #[derive(Debug)]
 pub(crate) struct Envelope {
     pub(crate) to: usize,
@@ -30,20 +31,20 @@ pub(crate) struct Network {
     pub(crate) drop: u64,
     /// Messages delivered twice, in percent.
     pub(crate) duplicate: u64,
-    /// Messages with more bytes are lost each time.
+    /// Messages with more bytes are always lost.
     pub(crate) size_max: usize,
-    /// Bytes that have been sent, lost ones included.
+    /// The number of bytes that were sent, including lost ones.
     pub(crate) sent: u64,
-    /// The shortest and the longest way, in microseconds.
+    /// The shortest and the longest delay, in microseconds.
     pub(crate) latency_us: [u64; 2],
-    /// How long the bytes of a message have occupied a slow radio at most, including the messages before it: all others
-    /// wait for that long.
+    /// The longest time for which a message has occupied a slow radio, including the messages before it. All other
+    /// messages wait for that long.
     pub(crate) occupied_max: Duration,
-    /// Directions in which nothing gets through.
+    /// The directions in which all messages are lost.
     cut: BTreeSet<(usize, usize)>,
     /// Bytes per second of slow radios.
     radios: BTreeMap<usize, u64>,
-    /// Until when the queue between two is full.
+    /// Until when the line between two robots is busy.
     queues: BTreeMap<(usize, usize), Time>,
     /// How long a slow robot takes for each message, and until when it is busy.
     slow: BTreeMap<usize, (Duration, Time)>,
@@ -52,7 +53,7 @@ pub(crate) struct Network {
 }
 
 impl Network {
-    /// Returns a network in which everybody hears everybody.
+    /// Returns a network in which all robots receive each other's messages.
     pub(crate) fn new(seed: u64) -> Self {
         Self {
             random: Random::new(seed),
@@ -71,7 +72,7 @@ impl Network {
         }
     }
 
-    /// Lets nothing through from `from` to `to`.
+    /// Loses all messages from `from` to `to`.
     pub(crate) fn cut_one_way(&mut self, from: usize, to: usize) {
         self.cut.insert((from, to));
     }
@@ -87,19 +88,19 @@ impl Network {
         self.cut.retain(|(from, to)| *from != node && *to != node);
     }
 
-    /// Mends everything: links, radios, slow robots.
+    /// Repairs everything: links, radios, slow robots.
     pub(crate) fn mend(&mut self) {
         self.cut.clear();
         self.radios.clear();
         self.slow.clear();
     }
 
-    /// Gives a robot a radio of this rate.
+    /// Limits the radio of a robot to this rate.
     pub(crate) fn choke(&mut self, node: usize, bytes_per_second: u64) {
         self.radios.insert(node, bytes_per_second.max(1));
     }
 
-    /// Makes a robot take this long for each message that it gets.
+    /// Makes a robot take this long for each received message.
     pub(crate) fn slow_down(&mut self, node: usize, each: Duration) {
         self.slow.insert(node, (each, Time::ZERO));
     }
@@ -138,7 +139,7 @@ impl Network {
         }
     }
 
-    /// Returns when the last byte has left; `None` if it is not taken.
+    /// Returns when the last byte is sent; `None` if the message is dropped.
     fn transmit(&mut self, now: Time, link: (usize, usize), message: &Message) -> Option<Time> {
         let radios = [link.0, link.1].map(|node| self.radios.get(&node).copied());
         let rate = radios.into_iter().flatten().min();
@@ -163,7 +164,7 @@ impl Network {
     }
 }
 
-/// Returns how many bytes a message has on the wire, without its envelope.
+/// Returns the size of a message on the wire in bytes, without its envelope.
 pub(crate) fn size(message: &Message) -> usize {
     postcard::experimental::serialized_size(message).expect("messages have a size")
 }

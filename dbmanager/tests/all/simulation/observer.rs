@@ -1,4 +1,4 @@
-//! The checks at each effect of a replica.
+//! The checks that are run at each effect of a replica.
 
 use super::{Node, World};
 use dbmanager::logic::record::Batch;
@@ -7,8 +7,8 @@ use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
 impl World {
-    /// A replica has taken over the state of another: watchers start again at the other's version vector. If a
-    /// transaction that was here is gone, clients start again as well.
+    /// Handles that a replica has taken over the state of another. Watchers start again at the other's version
+    /// vector. If a transaction that was here is lost, clients start again as well.
     pub(super) fn taken_over(&mut self, node: usize, before: &VersionVector, still: &[Effect]) {
         let Some(replica) = self.nodes[node].replica.as_ref() else { return };
         let cut = replica.log().vector().clone();
@@ -44,7 +44,7 @@ impl World {
         self.owed.remove(&ticket);
     }
 
-    /// I6: a caller who is told that others have it can rely on their disks.
+    /// I6: a caller that was told that other robots have a transaction can rely on their disks.
     pub(super) fn reached(&mut self, node: usize, ticket: u64, dot: Dot) {
         let Some((_, level, losses)) = self.owed.get(&ticket) else {
             return self.reference.blame(format!("I12: ticket {ticket} at {node} is answered twice"));
@@ -68,14 +68,14 @@ impl World {
                 others().filter(|other| members.is_active(origin(other))).all(|other| has(&other))
             }
         };
-        // A robot that had it may have lost its disk since.
+        // A robot that had the transaction may have lost its disk since.
         if !enough && self.losses == *losses {
             let level = level.clone();
             self.reference.blame(format!("I6: {dot} of {node} has not reached {level:?}, but {holders} others"));
         }
     }
 
-    /// I7: alarms that nothing in this world gives a reason for are wrong.
+    /// I7: an alarm is wrong if nothing in this simulation gives a reason for it.
     pub(super) fn alarm(&mut self, node: usize, alarm: Alarm) {
         match &alarm {
             Alarm::Diverged(peer) if !self.faults.can_roll_back() => {

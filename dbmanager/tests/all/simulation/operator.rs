@@ -1,12 +1,12 @@
-//! The operator of a simulated team: makes one team of two, founds it again, and gives and revokes the keys of its
-//! robots.
+//! The operator of a simulated team: merges two teams into one, founds the team again, and gives and revokes the keys
+//! of its robots.
 
 use super::World;
 use super::keys::{Keys, Revoked};
 use dbmanager::logic::replica::{Alarm, Input, Replica};
 
 impl World {
-    /// Gives keys to the robots that are added from now on.
+    /// Gives keys to all robots that are added later.
     pub(crate) fn with_keys(mut self) -> Self {
         self.revoked = Some(Revoked::default());
         self
@@ -32,7 +32,7 @@ impl World {
         }
     }
 
-    /// Acts like an operator who is told that there are two teams with several robots each: the team of robot 0 stays.
+    /// Acts like an operator who learns that there are two teams with several robots each: the team of robot 0 stays.
     pub(super) fn make_one_team(&mut self, told: usize) {
         let Some(first) = self.nodes[0].replica.as_ref().filter(|first| first.is_member()) else { return };
         let (origin, members) = (first.origin(), first.members().clone());

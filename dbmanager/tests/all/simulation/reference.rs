@@ -1,26 +1,28 @@
-//! The invariants, worked out from the set of all transactions and nothing else.
+//! The invariants, computed only from the set of all transactions.
 //!
-//! A transaction is known by its dot and its link: after a rollback one dot may name two of them. The transactions of a
-//! replica are the chains of each origin, walked back from its head. Where each invariant of the study is checked:
+//! A transaction is identified by its dot and its hash, because after a rollback two transactions may have the same dot. The
+//! transactions of a replica are the chains of each origin, followed back from its head. The following table names the place
+//! where each invariant of the study is checked:
 //!
 //! | | what | where |
 //! |---|---|---|
-//! | I1 | equal version vectors are equal states | [`Reference::same_state`], after each step and at the end |
-//! | I2 | what is shown is the fold of all transactions | [`Reference::check_versions`], now and then and at the end |
-//! | I3 | what is applied is closed under causality | [`Reference::visible`] |
-//! | I4 | nobody sees part of a transaction | I2 between two inputs; fractured reads in `history` |
-//! | I5 | what was acknowledged survives crashes | [`Reference::check_acknowledged`] |
-//! | I6 | what was replicated to `k` survives `k` disks | `World::reached`: `k` other disks have it when the caller hears so |
-//! | I7 | chains are dense; forks show | [`Reference::chain`], `World::alarm` |
-//! | I8 | logs are cut below what all members have | `World::truncated` |
-//! | I9 | what was deleted stays deleted | [`Reference::check_versions`] |
-//! | I10 | conflicts are the concurrent writes, all of them | [`Reference::check_versions`], [`Reference::is_listed`] |
+//! | I1 | equal version vectors mean equal states | [`Reference::same_state`], after each step and at the end |
+//! | I2 | the shown state is the fold of all transactions | [`Reference::check_versions`], now and then and at the end |
+//! | I3 | the applied transactions are closed under causality | [`Reference::visible`] |
+//! | I4 | no client sees a part of a transaction | I2 between two inputs; fractured reads in `history` |
+//! | I5 | acknowledged transactions survive crashes | [`Reference::check_acknowledged`] |
+//! | I6 | transactions replicated to `k` disks survive there | `World::reached`: `k` other disks have it when the caller is
+//! told so |
+//! | I7 | chains have no gaps; forks are reported | [`Reference::chain`], `World::alarm` |
+//! | I8 | logs are cut only below the transactions that all members have | `World::truncated` |
+//! | I9 | deleted values stay deleted | [`Reference::check_versions`] |
+//! | I10 | conflicts are exactly the concurrent writes | [`Reference::check_versions`], [`Reference::is_listed`] |
 //! | I11 | timestamps extend causality | [`Reference::check_stamps`] |
 //! | I12 | watchers get each transaction once | [`Reference::visible`], [`Reference::check`] |
 //! | I13 | convergence takes bounded time | `World::converge`; the named cases of the network |
 //! | I14 | not much more is sent than is needed | the named cases of the network |
 //! | I15 | memory and log are bounded | `World::check_limits` |
-//! | I16 | no secret in plain text | comes with sealed values, with the teams |
+//! | I16 | no secret in plain text | not checked here: it concerns sealed values |
 
 use dbmanager::logic::clock::Timestamp;
 use dbmanager::logic::key::Key;
@@ -32,17 +34,17 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The hash that chains transactions.
 type ChainHash = [u8; 8];
-/// One transaction, also where numbers are used twice.
+/// One transaction, identified also when numbers are used twice.
 pub(crate) type Id = (Dot, ChainHash);
 
-/// A transaction, with all that it had seen: numbers, and which transactions those meant where it was written.
+/// A transaction, with everything that it had seen: numbers, and the transactions that these stood for where it was written.
 struct Event {
     txn: Txn,
     context: VersionVector,
     seen: BTreeMap<ReplicaId, Id>,
 }
 
-/// The events up to now, as reported to callers and watchers.
+/// The events so far, as reported to callers and watchers.
 #[derive(Default)]
 pub(crate) struct Reference {
     events: BTreeMap<Id, Event>,
@@ -50,18 +52,18 @@ pub(crate) struct Reference {
     acknowledged: BTreeMap<Id, usize>,
     /// The transactions that their own robot has lost.
     orphaned: BTreeSet<Id>,
-    /// Whether a robot has returned and left behind the transactions it held of others, which those others bring
+    /// Whether a robot has returned without the transactions of other robots that it held, since those robots bring them
     /// themselves.
     pub(crate) left_behind: bool,
-    /// Whether a store may have been set back without a witness. Its later writes may then be concurrent with a
-    /// deletion that it had acknowledged, and only robots that still know the deletion show it.
+    /// Whether a store may have been set back without a witness. Its later writes may then be concurrent with a deletion that
+    /// it had acknowledged, and only robots that still know the deletion show this.
     pub(crate) can_roll_back: bool,
-    /// Under which dots each was committed once more.
+    /// The dots under which each transaction was committed again.
     names: BTreeMap<Id, Vec<Id>>,
     /// The transactions that watchers at each robot have seen.
     shown: BTreeMap<usize, VersionVector>,
     links: BTreeMap<(usize, Dot), ChainHash>,
-    /// Their links before the state of another was taken over: rebased transactions have the names of that time.
+    /// The hashes of their dots before another state was taken over: rebased transactions have names of that time.
     meant: BTreeMap<(usize, Dot), ChainHash>,
     /// Pairs of writes that were shown as conflicts.
     listed: BTreeSet<(Key, Timestamp, Timestamp)>,
@@ -81,13 +83,13 @@ impl Reference {
         self.broken.clone().map_or(Ok(()), Err)
     }
 
-    /// Watchers start again at the present state.
+    /// Restarts the watchers of a robot at the present state.
     pub(crate) fn replaced(&mut self, node: usize, cut: VersionVector) {
         self.shown.insert(node, cut);
     }
 
-    /// Notes the transactions that a robot means by its numbers: those that its heads lead back to. The state of
-    /// another robot, or an older disk of its own, may have different ones.
+    /// Notes the transactions that a robot's numbers stand for: those to which its heads lead back. The state of another
+    /// robot, or an older disk of its own, may have different ones.
     pub(crate) fn means(&mut self, node: usize, replica: &Replica) {
         self.meant.retain(|(at, _), _| *at != node);
         for (origin, head) in replica.log().heads() {
@@ -111,7 +113,7 @@ impl Reference {
         }
     }
 
-    /// Returns which transaction was shown at a robot by this name.
+    /// Returns the transaction that was shown at a robot under this name.
     pub(crate) fn id(&self, node: usize, dot: Dot) -> Option<Id> {
         Some((dot, *self.links.get(&(node, dot))?))
     }
@@ -130,7 +132,7 @@ impl Reference {
         }
     }
 
-    /// A transaction is on some disk. Returns the transactions that it had seen.
+    /// Notes a transaction that is on some disk. Returns the transactions that it had seen.
     pub(crate) fn happened(&mut self, node: usize, dot: Dot, frame: &EncodedTxn) -> VersionVector {
         let id = (dot, frame.hash().0);
         self.links.insert((node, dot), id.1);
@@ -146,7 +148,7 @@ impl Reference {
         let (mut context, mut seen) = earlier.unwrap_or_default();
         context.join(&txn.context);
         context.include(before);
-        // It shows first at the robot that wrote it.
+        // A transaction is first shown at the robot that wrote it.
         let more = txn.context.iter().map(|(origin, seq)| Dot { origin, seq });
         seen.extend(more.filter_map(|of| Some((of.origin, (of, *self.links.get(&(node, of))?)))));
         seen.insert(dot.origin, (before, txn.prev.0));
@@ -154,7 +156,7 @@ impl Reference {
         context
     }
 
-    /// A watcher is shown a transaction: once, and after all that it saw (I3, I12).
+    /// Checks a transaction that is shown to a watcher: it is shown once, and after everything that it had seen (I3, I12).
     pub(crate) fn visible(&mut self, node: usize, dot: Dot, frame: &EncodedTxn) {
         let context = self.happened(node, dot, frame);
         let shown = self.shown.entry(node).or_default();
@@ -185,7 +187,7 @@ impl Reference {
         replica.state().conflicts("").for_each(|(key, versions)| note(&mut self.listed, key, versions));
     }
 
-    /// Returns the transactions of a replica (I7): each origin's chain, walked back from its head.
+    /// Returns the transactions of a replica (I7): the chain of each origin, followed back from its head.
     pub(crate) fn chain(&self, replica: &Replica) -> Result<BTreeMap<Dot, ChainHash>, String> {
         let mut chain = BTreeMap::new();
         for (origin, head) in replica.log().heads() {
@@ -207,7 +209,7 @@ impl Reference {
         brought.flat_map(|event| event.txn.writes.iter().map(|write| &write.key))
     }
 
-    /// Returns a transaction under all names that it has had.
+    /// Returns all names that a transaction has had.
     fn lives(&self, id: Id) -> Vec<Id> {
         let mut lives = vec![id];
         let mut index = 0;
@@ -219,14 +221,14 @@ impl Reference {
         lives
     }
 
-    /// Returns whether a transaction is there, under one of its names.
+    /// Returns whether a replica has a transaction, under one of its names.
     pub(crate) fn has(&self, (replica, chain): (&Replica, &BTreeMap<Dot, ChainHash>), id: Id) -> bool {
         let lives = self.lives(id);
         let there = |(dot, link): &Id| chain.get(dot) == Some(link);
         lives.iter().any(there)
             || lives.iter().any(|(dot, _)| {
-                // For a number that was used twice, the name may belong to the other transaction: the one that is
-                // there, or that was committed again.
+                // If a number was used twice, the name may belong to the other transaction: one that is here, or one that was
+                // committed again.
                 let is_other = chain.get(dot).is_some_and(|there| lives.iter().all(|(_, link)| there != link))
                     || self.twins(*dot).any(|twin| !lives.contains(&twin) && self.names.contains_key(&twin));
                 let name = replica.name_of(*dot);
@@ -234,10 +236,11 @@ impl Reference {
             })
     }
 
-    /// Forgives the loss of transactions that were on a disk and are on none any more.
+    /// Allows the loss of transactions that were on a disk and are now on no disk.
     ///
-    /// Copies of it on other robots are orphans. If those robots are retired, and return, they may leave it behind,
-    /// because its own robot is a member and would bring it. Such a loss needs a lost disk and a retirement.
+    /// Copies of them on other robots are orphans. If those robots are retired and return, they may leave the copies behind,
+    /// because the robot that wrote them is a member and would bring them itself. Such a loss requires a lost disk and a
+    /// retirement.
     pub(crate) fn forgive(&mut self, before: &Replica, left: &[&Replica]) -> Result<(), String> {
         let had = self.chain(before)?;
         let orphans = self.acknowledged.keys().filter(|id| self.has((before, &had), **id)).copied();
@@ -251,8 +254,8 @@ impl Reference {
         Ok(())
     }
 
-    /// I1: two replicas with the same cut have the same state, unless they mean other transactions by it (which shows
-    /// when they meet).
+    /// I1: two replicas with the same version vector have the same state, unless their numbers stand for different
+    /// transactions, which is noticed when they meet.
     pub(crate) fn same_state(&self, a: &Replica, b: &Replica) -> Result<(), String> {
         let means =
             |replica: &Replica| replica.log().heads().iter().map(|(of, head)| (*of, head.hash.0)).collect::<Vec<_>>();
@@ -276,7 +279,7 @@ impl Reference {
         Err(format!("I1: equal cuts, different states{differing}"))
     }
 
-    /// Checks the final state, when every robot has everything.
+    /// Checks the final state, in which every robot has all transactions.
     pub(crate) fn check(&self, replicas: &[(usize, &Replica)]) -> Result<(), String> {
         let Some((_, first)) = replicas.first() else { return Ok(()) };
         for (node, replica) in replicas {
@@ -291,8 +294,8 @@ impl Reference {
         self.check_versions(first)
     }
 
-    /// I5: each acknowledged transaction is there, and each of its writes is shown, or was overwritten by a transaction
-    /// that had seen it.
+    /// I5: each acknowledged transaction is here. Each of its writes is shown, or was overwritten by a transaction that had
+    /// seen it.
     fn check_acknowledged(&self, (replica, chain): (&Replica, &BTreeMap<Dot, ChainHash>)) -> Result<(), String> {
         for (id, node) in &self.acknowledged {
             if self.left_behind && self.orphaned.contains(id) {
@@ -302,7 +305,7 @@ impl Reference {
                 return Err(format!("I5: {}, acknowledged at {node}, is lost (lives {:?})", id.0, self.lives(*id)));
             }
             let Some(event) = self.events.get(id) else { continue };
-            // A deletion gives way to writes that return and had not seen it.
+            // Deletions are left out: returning writes that had not seen a deletion take precedence over it.
             for write in event.txn.writes.iter().filter(|write| write.value.is_some()) {
                 let shown = replica.state().versions(&write.key).iter().any(|v| v.stamp == event.txn.written());
                 if !shown && !self.is_overwritten(*id, &write.key, (replica, chain)) {
@@ -313,7 +316,7 @@ impl Reference {
         Ok(())
     }
 
-    /// Returns whether a transaction had seen another one, and not a different one of the same name.
+    /// Returns whether a transaction had seen exactly this transaction, not a different one of the same name.
     fn sees(&self, event: &Event, id: Id) -> bool {
         if !event.context.contains(id.0) || !self.is_twice(id) {
             return event.context.contains(id.0);
@@ -326,12 +329,12 @@ impl Reference {
         of == Some(id)
     }
 
-    /// Returns all transactions of one name.
+    /// Returns all transactions with this name.
     fn twins(&self, dot: Dot) -> impl Iterator<Item = Id> {
         self.events.range((dot, [0; 8])..=(dot, [u8::MAX; 8])).map(|(id, _)| *id)
     }
 
-    /// Returns whether another transaction had the same name.
+    /// Returns whether another transaction has the same name.
     fn is_twice(&self, id: Id) -> bool {
         self.twins(id.0).count() > 1
     }
@@ -366,7 +369,7 @@ impl Reference {
         Ok(())
     }
 
-    /// I2, I9 and I10: each key has exactly the writes that no other write took away, the latest last.
+    /// I2, I9 and I10: each key has exactly the writes that no other write took away, with the latest one last.
     pub(crate) fn check_versions(&self, replica: &Replica) -> Result<(), String> {
         let chain = self.chain(replica)?;
         let mut writes: BTreeMap<&Key, Vec<(&Event, bool)>> = BTreeMap::new();
@@ -408,13 +411,13 @@ impl Reference {
         strange.map_or(Ok(()), |key| Err(format!("I9: {key} was never written")))
     }
 
-    /// Returns whether two writes to a key, or their causal successors, were shown as a conflict (I10), or one of them
-    /// was deleted by a client that had seen it, in which case the deletion may be forgotten.
+    /// Returns whether two writes to a key, or their causal successors, were shown as a conflict (I10). Also true if a client
+    /// that had seen one of them deleted it, since that deletion may have been dropped.
     pub(crate) fn is_listed(&self, key: &Key, a: Id, b: Id) -> bool {
         let writers = || self.events.iter().filter(|(_, event)| event.txn.writes.iter().any(|write| write.key == *key));
         let deletes = |event: &Event| event.txn.writes.iter().any(|write| write.key == *key && write.value.is_none());
         let heirs = |id: Id| {
-            // A transaction that has seen a successor under another name may not have seen what the successor had
+            // A transaction that has seen a successor under another name may not have seen the writes that the successor had
             // overwritten.
             let mut lives: BTreeSet<Id> = self.lives(id).into_iter().collect();
             loop {

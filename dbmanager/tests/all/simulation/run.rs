@@ -1,4 +1,4 @@
-//! One seed: a team with faults, which is repaired, and whose history is checked.
+//! One seed: a team with faults, which is then repaired, and whose history is checked.
 
 use super::{Faults, World};
 use comms::logic::random::Random;
@@ -6,20 +6,20 @@ use comms::logic::random::Random;
 /// Steps of a seed.
 const STEPS: usize = 80;
 
-/// Runs one seed; returns how many transactions there were.
+/// Runs one seed; returns the number of transactions.
 pub(crate) fn run(seed: u64) -> Result<usize, String> {
     let faults = faults(seed);
     run_with(World::new(seed, faults), seed).map_err(|broken| format!("{broken}\nwith {faults:?}"))
 }
 
-/// Runs one seed of a team whose robots have keys; returns how many transactions there were.
+/// Runs one seed of a team whose robots have keys; returns the number of transactions.
 pub(crate) fn run_with_keys(seed: u64) -> Result<usize, String> {
     let faults = faults(seed);
     run_with(World::new(seed, faults).with_keys(), seed).map_err(|broken| format!("{broken}\nwith {faults:?}"))
 }
 
 fn faults(seed: u64) -> Faults {
-    // From separate random numbers, so that adding this fault did not change the other seeds.
+    // From separate random numbers, so that this fault did not change the other seeds when it was added.
     let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
     Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) }
 }

@@ -1,4 +1,5 @@
-//! Scenes: named cases, also run with planted bugs, since seeds hardly ever reach the conditions of these bugs.
+//! Scenes: named cases that are also run with injected bugs, since seeds hardly ever reach the conditions of these
+//! bugs.
 
 use super::world::{Faults, World};
 use dbmanager::logic::replica::Alarm;
@@ -8,7 +9,7 @@ type Ending = Result<(), String>;
 /// A scene and its name.
 type Scene = (&'static str, fn() -> Ending);
 
-/// All of them, by name.
+/// All scenes, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
 pub(crate) const ALL: [Scene; 9] = [
     ("two_with_each_others_transactions_as_state_only", states_only),
@@ -32,8 +33,8 @@ fn must(holds: bool, what: &str) -> Ending {
     if holds { Ok(()) } else { Err(what.to_owned()) }
 }
 
-/// Two members have each received a state with transactions that the other lacks, and the robots that have the
-/// transactions are gone.
+/// Two members have each received a state with transactions that the other lacks, and the robots that wrote these
+/// transactions are lost.
 pub(crate) fn states_only() -> Ending {
     let mut world = team(4);
     world.isolate(0);
@@ -41,7 +42,7 @@ pub(crate) fn states_only() -> Ending {
     world.cut(2, 3);
     world.put(2, "team/a", 1);
     world.put(3, "team/b", 2);
-    // Two new members, each with one of the two, as a state.
+    // Two new members, each of which gets the transactions of one of the two as a state.
     world.cut(3, 4);
     world.gather(5);
     world.cut(2, 5);
@@ -55,13 +56,13 @@ pub(crate) fn states_only() -> Ending {
     world.heal(0, 1);
     world.run_for(60_000);
     must(world.replica(0).log().vector() == world.replica(1).log().vector(), "T7: they never meet")?;
-    // One robot has started again, and has left the others' transactions to the others.
+    // One robot has started again, and has left the other robots' transactions to these robots.
     (0..6).for_each(|node| world.join_network(node));
     world.settle()?;
     must(world.value(0, "team/b") == Some(2) && world.value(1, "team/a") == Some(1), "all is there in the end")
 }
 
-/// A retired robot has written concurrently with a deletion, and the robot that it meets has the deletion, but not the
+/// A retired robot has written concurrently with a deletion. The robot that it meets has the deletion, but not the
 /// retirement.
 pub(crate) fn last_words() -> Ending {
     let mut world = team(3);
@@ -84,7 +85,7 @@ pub(crate) fn last_words() -> Ending {
     world.settle()
 }
 
-/// A store is set back. It loses none of its own transactions, but a deletion that it had acknowledged.
+/// A store is set back. It loses none of its own transactions, but it loses a deletion that it had acknowledged.
 pub(crate) fn set_back() -> Ending {
     let mut world = team(3);
     world.expect_forks();
@@ -106,7 +107,7 @@ pub(crate) fn set_back() -> Ending {
     must(world.value(0, "team/a") == Some(2), "what it wrote had not seen the deletion, which nobody knows any more")
 }
 
-/// A store is set back, and its robot uses a number twice before it hears any other.
+/// A store is set back, and its robot uses a number twice before it receives any message.
 pub(crate) fn fork() -> Ending {
     let mut world = team(2);
     world.expect_forks();
@@ -125,8 +126,8 @@ pub(crate) fn fork() -> Ending {
     must(world.value(0, "team/a") == Some(3) && world.value(0, "team/b") == Some(2), "I5: both are kept")
 }
 
-/// A store is set back, and its robot writes as much as before, and more, before it hears any other. A robot that had
-/// seen the first writes has written over them: this overwrites none of the second ones.
+/// A store is set back, and its robot writes more than before, before it receives any message. A robot that had seen
+/// the first writes has overwritten them. This must not overwrite any of the second writes.
 pub(crate) fn two_writes() -> Ending {
     let mut world = team(3);
     world.expect_forks();
@@ -151,8 +152,8 @@ pub(crate) fn two_writes() -> Ending {
     must(world.value(0, "team/x") == Some(1) && world.value(0, "team/y") == Some(7), "I5: all is kept")
 }
 
-/// Two robots of a retired side have the same writes. The first comes back with them, others overwrite and delete them,
-/// and then the second comes back: nothing returns with it.
+/// Two robots of a retired side have the same writes. The first one comes back with them, and others overwrite and
+/// delete them. Then the second one comes back: nothing returns with it.
 pub(crate) fn two_returns() -> Ending {
     let mut world = team(3);
     world.cut(0, 1);
@@ -176,8 +177,8 @@ pub(crate) fn two_returns() -> Ending {
     must(world.siblings(0, "team/b") == 1, "I2: the value had seen what the second brings back")
 }
 
-/// A store is set back and its robot uses a number again, for another write, which only one robot gets. It then meets a
-/// robot that has written on the first transaction of that number: the other write is not overwritten by that.
+/// A store is set back, and its robot uses a number again, for another write that only one robot gets. That robot meets
+/// one that has written after seeing the first transaction of the number. This must not overwrite the other write.
 pub(crate) fn seen_by_number() -> Ending {
     let mut world = team(4);
     world.expect_forks();
@@ -212,7 +213,7 @@ pub(crate) fn seen_by_number() -> Ending {
     Ok(())
 }
 
-/// A robot that heard no other has founded a second team; two such robots meet, and then meet a team with several
+/// A robot that received no messages has founded a second team. Two such robots meet, and then meet a team with several
 /// members.
 pub(crate) fn second_team() -> Ending {
     let mut world = team(1);
@@ -229,8 +230,8 @@ pub(crate) fn second_team() -> Ending {
     Ok(())
 }
 
-/// A store is set back, and its robot uses a number again and goes on. Another robot has the first transaction of that
-/// number, and has heard of the second. It is then given the state of a robot that has the second branch, whose log is
+/// A store is set back, and its robot uses a number again and continues. Another robot has the first transaction of
+/// that number, and knows of the second one. It is then given the state of a robot on the second branch, whose log is
 /// too short to show this.
 pub(crate) fn other_branch() -> Ending {
     let mut world = team(3);
@@ -253,7 +254,7 @@ pub(crate) fn other_branch() -> Ending {
         world.value(2, "team/b") == Some(2) && world.value(2, "team/c") == Some(3),
         "one robot has the second branch",
     )?;
-    // Its owner starts again from that state, with a log that begins after the branch.
+    // The owner of the store starts again from that state, with a log that begins after the branch.
     world.crash(1);
     world.restart_copied(1);
     world.run_for(30_000);

@@ -1,7 +1,7 @@
 //! A team in one thread: robots with disks and clocks, a network between them, clients, and injected misfortunes.
 //!
-//! Everything follows from a seed: the same seed is the same run. `misfortune` breaks, `clients` read and write,
-//! `reference` knows what must be so at any time, and `history` what clients must never see.
+//! Everything follows from the seed: the same seed gives the same run. `misfortune` injects faults, and `clients` read
+//! and write. `reference` checks the invariants at any time, and `history` checks what clients have seen.
 
 #[path = "clients.rs"]
 mod clients;
@@ -46,20 +46,20 @@ pub(crate) use swarm::Faults;
 
 /// 2026 in milliseconds.
 pub(crate) const EPOCH_MS: u64 = 1_790_000_000_000;
-/// Inputs at one time after which a world counts as running in circles.
+/// With more inputs than this at one time, the simulation is stuck in a loop.
 const INPUTS_MAX: usize = 20_000;
-/// The same in each millisecond that passes, on average.
+/// The same limit per millisecond, on average.
 const INPUTS_PER_MS_MAX: u64 = 10;
-/// How long a mended world may take to have the same everywhere, per percent of messages lost (I13).
+/// How long a repaired team may take until all robots have the same transactions, per percent of messages lost (I13).
 const CONVERGENCE_MS: u64 = 120_000;
 
 /// The error of a wall clock.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WallClock {
     pub(crate) offset_ms: i64,
-    /// Parts per million that it runs fast.
+    /// How much too fast the clock runs, in parts per million.
     pub(crate) drift_ppm: i64,
-    /// The reading at which the clock stands still, in milliseconds; none if it runs.
+    /// The reading at which the clock has stopped, in milliseconds; none if it runs.
     pub(crate) frozen: Option<u64>,
     pub(crate) quality: Quality,
 }
@@ -69,15 +69,15 @@ struct Node {
     replica: Option<Replica>,
     disk: Disk,
     clock: WallClock,
-    /// How often it was invited to the team: each time it has made other keys.
+    /// How often the robot was invited to the team. It makes new keys each time.
     invited: u32,
-    /// How much of the log is kept.
+    /// How many bytes of the log are kept.
     log_size: usize,
-    /// Its witness recognises the disk as a copy, and nothing was written to it since.
+    /// The witness recognises the disk as a copy, and nothing was written to the disk since.
     copied: bool,
-    /// Goes up whenever clients cannot rely on their earlier reads.
+    /// Increased whenever clients cannot rely on their earlier reads any more.
     era: u64,
-    /// Origin and cut while it does not run.
+    /// The origin and version vector of a robot that is not running.
     asleep: (ReplicaId, VersionVector),
 }
 
@@ -94,15 +94,16 @@ pub(crate) struct World {
     reference: Reference,
     /// The revoked keys of the team; none if robots have no keys.
     revoked: Option<Revoked>,
-    /// Tickets of callers that are owed an answer: where, at which level, and how often a disk was lost before.
+    /// Tickets of callers that still wait for an answer: the robot, the level, and the number of lost disks at that
+    /// time.
     owed: BTreeMap<u64, (usize, AckLevel, u32)>,
-    /// How often a robot has forgotten something.
+    /// How often a robot has lost data.
     losses: u32,
     /// The last member of the team has lost its disk, so no member can admit the waiting robots.
     memberless: bool,
     /// Copies of disks.
     backups: BTreeMap<usize, Records>,
-    /// The dot of the commit that is being handled.
+    /// The dot of the commit that is being processed.
     committed: Option<Dot>,
     pub(crate) alarms: Vec<(usize, Alarm)>,
 }
@@ -132,7 +133,7 @@ impl World {
         }
     }
 
-    /// Adds robots until there are `count`, and waits until they are members. No fault happens in this time.
+    /// Adds robots until there are `count`, and waits until they are members. No faults happen in this time.
     pub(crate) fn gather(&mut self, count: usize) {
         let before = std::mem::take(&mut self.faults);
         self.network.drop = 0;
@@ -147,7 +148,7 @@ impl World {
         (self.faults, self.network.drop) = (before, before.drop);
     }
 
-    /// Adds a robot with such a disk, and starts it.
+    /// Adds a robot with these records on its disk, and starts it.
     pub(crate) fn add(&mut self, name: String, records: Records) {
         self.seat(name, records);
         self.restart(self.nodes.len() - 1);
@@ -182,7 +183,7 @@ impl World {
         &mut self.nodes[node].clock
     }
 
-    /// Returns a replica that runs.
+    /// Returns the replica of a running robot.
     pub(crate) fn replica(&self, node: usize) -> &Replica {
         self.nodes[node].replica.as_ref().expect("it runs")
     }
@@ -194,7 +195,7 @@ impl World {
         Wall { millis: frozen.unwrap_or(shown), quality }
     }
 
-    /// Starts a robot from its disk. A store that is damaged, as after a lying flush, is put aside.
+    /// Starts a robot from its disk. A store that is damaged, for example after a lying flush, is put aside.
     pub(crate) fn restart(&mut self, node: usize) {
         if self.nodes[node].replica.is_some() {
             return;
@@ -222,7 +223,7 @@ impl World {
         self.input(node, |_, wall| Input::Tick(wall));
     }
 
-    /// Clients at a robot can no longer rely on their reads there.
+    /// Notes that clients at a robot can no longer rely on their reads there.
     fn forgets(&mut self, node: usize) {
         self.nodes[node].era += 1;
         self.losses += 1;
@@ -253,7 +254,7 @@ impl World {
         self.reference.check(&replicas.collect::<Vec<_>>())
     }
 
-    /// Waits until all robots run, are members, and have the same (T7, I13).
+    /// Waits until all robots run, are members, and have the same transactions (T7, I13).
     pub(crate) fn converge(&mut self) -> Result<(), String> {
         self.be_kind();
         let until = self.now + Duration::from_millis(CONVERGENCE_MS * (1 + self.faults.drop / 4));
@@ -263,7 +264,8 @@ impl World {
             self.reference.verdict()?;
             self.make_one_team(told);
             self.found_anew();
-            // By links as well: a robot that has another transaction under the same number has not met the others yet.
+            // Also compares the hashes: a robot that has another transaction under the same number has not met the
+            // others yet.
             let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().vector().clone(), of.log().chains()));
             let first = has(&self.nodes[0]);
             let same = |node: &Node| node.replica.as_ref().is_some_and(Replica::is_member) && has(node) == first;
@@ -293,7 +295,7 @@ impl World {
         }
     }
 
-    /// Retires the origins that no robot has any more, and checks that everything unneeded is removed then (I15).
+    /// Retires the origins that no robot has any more, and checks that all unneeded data is removed then (I15).
     fn clean_up(&mut self) -> Result<(), String> {
         self.network.drop = 0;
         loop {
@@ -308,7 +310,8 @@ impl World {
             }
             self.run_for(45_000);
             self.settle()?;
-            // A slow robot may have returned in between, or been admitted and lost its disk since its request.
+            // In the meantime a slow robot may have returned, or may have been admitted and lost its disk after its
+            // request.
             if *self.replica(0).log().vector() == before {
                 break;
             }
@@ -320,7 +323,7 @@ impl World {
         }
     }
 
-    /// I15: no deletion is kept that everybody has, and no more of the log than was asked for.
+    /// I15: no deletion is kept that every member has, and the log is not longer than requested.
     pub(crate) fn check_limits(&self) -> Result<(), String> {
         for Node { name, replica, log_size, .. } in &self.nodes {
             let Some(replica) = replica else { continue };
@@ -368,7 +371,7 @@ impl World {
         self.now = self.now.max(end);
     }
 
-    /// Hands a replica an input, and carries out its effects.
+    /// Gives an input to a replica, and executes the effects.
     pub(crate) fn input(&mut self, node: usize, make: impl FnOnce(u64, Wall) -> Input) {
         self.posted += 1;
         let input = make(self.posted, self.wall(node));

@@ -1,8 +1,8 @@
-//! A robot in a separate process, with only a replica and its store, so that it can be killed, watched and given false
-//! answers.
+//! A robot in a separate process, with only a replica and its store. It can be killed, watched, and given false answers
+//! to its system calls.
 //!
-//! It is this test program, started again with orders in a variable. It prints its commits and its failures. A line
-//! counts only once it was printed.
+//! The process is this test program, started again with an order in a variable. It prints its commits and its failures.
+//! A line counts only once it was printed.
 
 use super::{ENGINE, Robot, open, put_text};
 use dbmanager::io::store::{DirStore, Engine, Store};
@@ -16,21 +16,21 @@ use std::process::Command;
 const ORDER: &str = "DCA_STORE_CHILD";
 /// How often a robot opens its store again before it gives up.
 const TRIES_MAX: usize = 200;
-/// How many batches of large records there are, and of how many records each.
+/// The number of batches of large records, and the number of records in each.
 pub(crate) const LARGE: (u64, u64) = (6, 24);
 
 /// The order of a child.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Order {
-    /// Commits small transactions one after another, as a robot does; opens its store again when it has failed.
+    /// Commits small transactions one after another, like a robot. If its store fails, opens it again.
     Commit,
-    /// The same, but closes its store and opens it again after every seventh.
+    /// The same, but closes its store after every seventh transaction, and opens it again.
     CommitAndClose,
-    /// Writes batches of large records to the bare store.
+    /// Writes batches of large records directly to the store.
     Large,
 }
 
-/// Returns the command that starts a child, to be run by `wrapper`, if that is not empty.
+/// Returns the command that starts a child. `wrapper`, if not empty, is the command that runs it.
 pub(crate) fn command(wrapper: &[&str], (order, dir, count): (Order, &Path, u64)) -> Command {
     let myself = std::env::current_exe().unwrap();
     let myself = myself.to_str().unwrap();
@@ -59,14 +59,14 @@ fn obeys() {
 }
 
 fn say(text: &str) {
-    // One write per line, so that each line is printed completely or not at all.
+    // One write per line, so each line is printed completely or not at all.
     let mut out = std::io::stdout().lock();
     out.write_all(format!("{text}\n").as_bytes()).unwrap();
     out.flush().unwrap();
 }
 
-/// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file
-/// `ballast` beside the store is removed when the store can no longer be opened: then there is space again.
+/// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. When
+/// the store cannot be opened any more, the file `ballast` beside it is removed, to free space.
 fn commit(dir: &Path, (count, close_after): (u64, u64)) {
     let mut robot = reopen(dir);
     say(&format!("open {}", robot.committed()));
@@ -106,7 +106,7 @@ fn reopen(dir: &Path) -> Robot<DirStore> {
     panic!("the store does not open any more");
 }
 
-/// Commits transaction number `number`: usually one small value, at times a long one, at times many together.
+/// Commits transaction number `number`: usually one small value, sometimes a long one, sometimes many together.
 fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
     let text = |number: u64, size| format!("{number} {}", "x".repeat(size));
     let size = usize::try_from(number * 7919 % 300).unwrap();
@@ -120,8 +120,8 @@ fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
     }
 }
 
-/// Writes batch after batch; each has records of 60 kB with its own number, and so takes hundreds of pages of the
-/// engine.
+/// Writes one batch after another. The records of a batch have 60 kB each and contain its number. So a batch takes
+/// hundreds of pages of the engine.
 fn large(dir: &Path, count: u64) {
     let mut store = open(dir).unwrap();
     for number in 1..=count {

@@ -1,4 +1,4 @@
-//! Damaged files: the store reports the damage, or the replica does; no read returns a value that was not written.
+//! Damaged files: the store or the replica reports the damage; no read returns a value that was never written.
 
 use super::{ENGINE, Folder, Robot, batch, config, on_each_engine, open, put_text};
 use comms::logic::random::Random;
@@ -9,17 +9,17 @@ use dbmanager::logic::replica::Replica;
 use redb::ReadableDatabase;
 use std::fs;
 
-/// The length of the head of the engine's file, in bytes: its magic number and the two slots for the roots of states.
+/// The length of the header of the engine's file, in bytes: its magic number and the two slots for the roots of states.
 const HEAD_SIZE: usize = 320;
 
-/// Returns the records of a robot that has written a little.
+/// Returns the records of a robot that has made some writes.
 fn little(store: impl Store) -> Records {
     let mut robot = Robot::open(store).unwrap();
     live_a_little(&mut robot);
     robot.store.load().unwrap()
 }
 
-/// Writes a little; returns the states that it went through.
+/// Makes some writes; returns the digests of the states in between.
 fn live_a_little(robot: &mut Robot<impl Store>) -> Vec<u128> {
     let mut states = vec![0, robot.replica.state().digest()];
     for number in 0..60 {
@@ -29,11 +29,11 @@ fn live_a_little(robot: &mut Robot<impl Store>) -> Vec<u128> {
     states
 }
 
-/// The engine would take an empty file for a new one. The robot must not silently start again.
+/// The engine would treat an empty file as a new one. The robot must not silently start again.
 #[test]
 fn an_emptied_file_is_damage() {
     on_each_engine(|| {
-        // The rest of a log of sled is an earlier state, which cannot be told from a torn one.
+        // A shortened log of sled is a valid earlier state, which cannot be distinguished from a torn one.
         let lengths = if ENGINE.get() == Engine::Redb { [0, 5, 4096] } else { [0, 5, 5] };
         for length in lengths {
             let folder = Folder::quick();
@@ -76,10 +76,10 @@ fn a_failed_store_stays_failed() {
     });
 }
 
-/// Flips bits anywhere in the file, and one in each byte of its head, where the engine has no checksums: of a store
-/// that was closed, and of one that was not. A store that opens has an earlier state: the last one, or an older one, if
-/// the engine took the end for torn. An older state is noticed when the robot meets the others, which know more about
-/// it than it does itself.
+/// Flips bits anywhere in the file, and one bit in each byte of its header, where the engine has no checksums. It does
+/// so with a store that was closed, and with one that was not. A store that still opens has an earlier state: the last
+/// one, or an older one if the engine took the end for torn. An older state is noticed when the robot meets the others,
+/// which know more of its transactions.
 #[test]
 fn bit_flip_in_any_file() {
     let folder = Folder::quick();
@@ -91,7 +91,7 @@ fn bit_flip_in_any_file() {
     let mut random = Random::new(1);
     for (bytes, how) in [(closed, "closed"), (unclosed, "unclosed")] {
         let (mut refused, mut earlier) = (0, 0);
-        // The file is empty at its end: flip where something is.
+        // The end of the file is empty, so only the used part is flipped.
         let used = bytes.iter().rposition(|byte| *byte != 0).unwrap() as u64 + 1;
         for round in 0..HEAD_SIZE + 240 {
             let at = if round < HEAD_SIZE { round } else { usize::try_from(random.below(used)).unwrap() };
@@ -117,8 +117,8 @@ fn bit_flip_in_any_file() {
     }
 }
 
-/// The same on sled, in each of its files. A folder is made for each round, since the engine may panic over one and
-/// keep it.
+/// The same on sled, in each of its files. Each round gets a new folder, since the engine may panic and keep a folder
+/// in use.
 #[test]
 fn bit_flip_in_any_file_of_sled() {
     ENGINE.set(Engine::Sled);
@@ -135,7 +135,7 @@ fn bit_flip_in_any_file_of_sled() {
         for (index, (bytes, path)) in files.iter().enumerate() {
             let mut bytes = bytes.clone();
             if index == round % files.len() {
-                // The file is empty at its end: flip where something is.
+                // The end of the file is empty, so only the used part is flipped.
                 let used =
                     bytes.iter().rposition(|byte| *byte != 0 && *byte != bytes[bytes.len() - 1]).unwrap_or(0) + 1;
                 bytes[usize::try_from(random.below(used as u64)).unwrap()] ^= 1 << random.below(8);
@@ -173,8 +173,8 @@ fn open_replica(records: &Records) -> Result<Replica, OpenError> {
     Replica::open(config(), records)
 }
 
-/// Bit flips that the engine does not notice are found: each record knows its name and its sum, and all know each
-/// other.
+/// Bit flips that the engine does not notice are found: each record has its name in its checksum, and the records are
+/// checked against each other.
 #[test]
 fn bit_flip_in_log_tail_middle_kv() {
     let records = little(MemoryStore::default());

@@ -1,5 +1,5 @@
-//! Processes that are killed, disks that are full, disks that fail: acknowledged data is there, failures are reported,
-//! and earlier data can be read all the time.
+//! Processes that are killed, disks that are full, disks that fail: acknowledged data is kept, failures are reported,
+//! and earlier data can be read at any time.
 
 use super::child::{self, Order};
 use super::{ENGINE, Folder, Robot, on_each_engine, open};
@@ -17,8 +17,8 @@ fn said(mut command: Command) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// Checks the output of a child that went through one kind of trouble, named in its errors: it was told, could read,
-/// opened its store again with all acknowledged transactions, and went on.
+/// Checks the output of a child that met one kind of trouble, which its errors name. The child got the error, could
+/// still read, opened its store again with all acknowledged transactions, and continued.
 fn check_trouble(lines: &[String], dir: &Path, (trouble, count): (&str, u64)) {
     let number = |line: &str, word: &str| line.strip_prefix(word).map(|number| number.parse::<u64>().unwrap());
     let (mut acked, mut failures) = (0, 0);
@@ -77,7 +77,7 @@ fn kill(times: u64) {
             }
             child.kill().unwrap();
             child.wait().unwrap();
-            // A last line before the kill counts if it is complete.
+            // The last line before the kill counts if it is complete.
             let mut rest = String::new();
             lines.read_to_string(&mut rest).unwrap();
             for line in rest.split_inclusive('\n').filter(|line| line.ends_with('\n')) {
@@ -89,7 +89,8 @@ fn kill(times: u64) {
     });
 }
 
-/// Runs a child whose calls `strace` disturbs. It counts them for each thread.
+/// Runs a child with `strace`, which makes some of its system calls fail. `strace` counts the calls of each thread
+/// separately.
 fn injected(folder: &Folder, inject: &str, count: u64) -> Option<Vec<String>> {
     if Command::new("strace").arg("--version").stdout(Stdio::null()).status().is_err() {
         println!("skipped: needs strace");
@@ -128,7 +129,7 @@ fn disk_full_then_freed() {
     });
 }
 
-/// A store that could not be created completely is not a damaged one: it is created when there is space.
+/// A store that could not be created completely does not count as damaged: it is created once there is space.
 #[test]
 fn disk_full_at_birth() {
     on_each_engine(|| {
@@ -136,7 +137,7 @@ fn disk_full_at_birth() {
             let folder = Folder::quick();
             let Some(lines) = injected(&folder, &format!("pwrite64:error=ENOSPC:when={call}"), 3) else { return };
             let closed: Vec<&String> = lines.iter().filter(|line| line.starts_with("closed ")).collect();
-            // Each of the threads of sled has a call with that number.
+            // Each thread of sled has a call with that number.
             let range = if ENGINE.get() == Engine::Redb { 1..=1 } else { 0..=50 };
             let full = closed.iter().all(|line| line.contains("No space left on device"));
             assert!(range.contains(&closed.len()) && full, "{closed:?}");
@@ -145,7 +146,7 @@ fn disk_full_at_birth() {
     });
 }
 
-/// The same with a disk that is really full, until the child removes the ballast.
+/// The same with a disk that is really full, until the child removes the ballast file.
 #[test]
 fn a_small_disk_runs_full() {
     on_each_engine(|| {

@@ -6,7 +6,7 @@ use dbmanager::logic::replica::{Config, Replica};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Opens a store, writes to it, and returns how far it is trusted.
+/// Opens a store, writes to it, and returns its trust.
 fn live(path: &Path) -> Trust {
     let mut store = open(path).unwrap();
     store.commit(&batch(&[(b"a", Some(vec![1]))])).unwrap();
@@ -58,7 +58,7 @@ fn witness_missing_db_present() {
     });
 }
 
-/// A file that is not a witness cannot confirm the store; the next witness takes its place.
+/// A file that is not a witness cannot confirm the store. The next witness replaces it.
 #[test]
 fn a_witness_that_is_none() {
     on_each_engine(|| {
@@ -89,7 +89,7 @@ fn a_backup_that_was_restored() {
         fs::remove_dir_all(folder.store()).unwrap();
         copy(&backup, &folder.store());
         assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Copied));
-        // Bytes put back into the same files, and no others.
+        // The bytes are put back into the same files, so the files are not new ones.
         copy(&folder.store(), &folder.0.join("backup2"));
         live(&folder.store());
         live(&folder.store());
@@ -163,8 +163,8 @@ fn a_copy_begins_a_new_life_with_what_it_has() {
     });
 }
 
-/// A file of a store that is not a regular file is refused at once, by its own name: an engine would wait for a pipe,
-/// or blame the store.
+/// If an entry of a store is not a regular file, it is refused at once, by its own name. An engine would wait for a
+/// pipe, or report the store as damaged.
 #[test]
 fn what_is_no_file_is_refused_by_its_name() {
     on_each_engine(|| {

@@ -10,7 +10,7 @@ use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
 use std::fs;
 
-/// Carries out batches and reopens the store after each; its content has to match the batches.
+/// Writes batches, and reopens the store after each; its content has to match the batches.
 fn check_batches(batches: &[Batch]) {
     let folder = Folder::quick();
     let mut expected = Records::new();
@@ -49,7 +49,7 @@ proptest! {
     }
 }
 
-/// Opens a robot again and again; its state has to stay the same.
+/// Opens a robot repeatedly; its state has to stay the same.
 #[test]
 fn a_robot_is_there_again() {
     on_each_engine(|| {
@@ -111,7 +111,7 @@ fn what_is_too_long_is_refused() {
     });
 }
 
-/// A tenth of a million, in groups: space has to be used again.
+/// A hundred thousand writes, in groups: space has to be used again.
 #[test]
 fn key_written_1m_times() {
     on_each_engine(|| {
@@ -130,7 +130,7 @@ fn key_written_1m_times() {
     });
 }
 
-/// The engine is chosen when the folder is made, and stays.
+/// The engine is chosen when the folder is made, and does not change.
 #[test]
 fn an_engine_is_kept_with_the_folder() {
     for (engine, other) in [(Engine::Redb, Engine::Sled), (Engine::Sled, Engine::Redb)] {

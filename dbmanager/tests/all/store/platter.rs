@@ -1,25 +1,26 @@
-//! A disk whose power can be cut: the effects of a program's calls that certainly survive, and those that may.
+//! A disk whose power can be cut: which effects of a program's calls certainly survive, and which may.
 //!
 //! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of
-//! their file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with
-//! the probability of the cut, each sector separately: so writes are torn and reordered. Of later changes of a file's
-//! length, a prefix survives. `sync_file_range` is not a barrier, as on honest drives that get no flush request. Names
-//! change when the directory was synced; of later changes a prefix survives, as from a journal.
+//! their file has ended. For each sector of 512 bytes that was not synced, the newest content survives with the
+//! probability of the cut, otherwise an older one, independently of other sectors. So writes are torn and reordered. Of
+//! later changes of a file's length, the first ones survive, up to a random one. `sync_file_range` is not a barrier, as
+//! on honest drives that get no flush request. Names change durably when the directory is synced. Of later changes of
+//! names, the first ones survive, as from a journal.
 
 use super::trace::Call;
 use comms::logic::random::Random;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// The bytes that a drive writes as a whole.
+/// The bytes that a drive writes atomically.
 const SECTOR_SIZE: usize = 512;
 
-/// The calls that make writes durable.
+/// The calls that count as making writes durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Barriers {
-    /// All that should.
+    /// All calls that should.
     All,
-    /// All but `fdatasync`: as if the program had never called it.
+    /// All except `fdatasync`: as if the program had never called it.
     NoDataSync,
 }
 
@@ -28,11 +29,11 @@ pub(crate) enum Barriers {
 pub(crate) struct Platter {
     barriers: Barriers,
     files: Vec<Content>,
-    /// Files and directories (without a file) by name, in their durable state.
+    /// The files, and the directories (without a file), by name, in their durable state.
     names: BTreeMap<PathBuf, Option<usize>>,
-    /// As the program sees them.
+    /// The same, in the state that the program sees.
     seen: BTreeMap<PathBuf, Option<usize>>,
-    /// Changes of names that are not durable.
+    /// Changes of names that are not durable yet.
     changes: Vec<Change>,
     /// How many calls there were.
     calls: usize,
@@ -45,7 +46,7 @@ enum Change {
     Remove(PathBuf),
 }
 
-/// A file: its durable bytes, and later changes, with the number of the call.
+/// A file: its durable bytes, and its later changes, each with the number of its call.
 #[derive(Debug, Default)]
 struct Content {
     durable: Vec<u8>,
@@ -104,7 +105,7 @@ impl Platter {
     }
 
     fn later(&mut self, path: &Path, later: Later) {
-        // Files made before the log began do not belong to the test.
+        // Files that were made before the log began do not belong to the test.
         let Some(file) = self.seen.get(path).copied().flatten() else { panic!("{} is not known", path.display()) };
         self.files[file].later.push((self.calls, later));
     }
@@ -117,7 +118,7 @@ impl Platter {
     fn sync(&mut self, path: &Path, since: usize) {
         match self.seen.get(path) {
             Some(Some(file)) => self.files[*file].sync(since),
-            // The folder that everything lies in was there before.
+            // The folder that contains everything existed before.
             Some(None) | None => {
                 let (durable, later) = std::mem::take(&mut self.changes).into_iter().partition(|c| c.is_in(path));
                 let durable: Vec<Change> = durable;
@@ -177,7 +178,7 @@ impl Content {
         if percent == 0 {
             return self.durable.clone();
         }
-        // Each sector that was written to is as it was after some of its writes.
+        // Each sector that was written gets its content after some of its writes.
         let mut bytes = self.durable.clone();
         let mut kept: BTreeMap<usize, usize> = BTreeMap::new();
         let mut written: BTreeMap<usize, usize> = BTreeMap::new();
@@ -255,7 +256,7 @@ fn what_was_synced_survives() {
     {
         let mut platter = Platter::new(barriers);
         calls.iter().for_each(|call| platter.take(call));
-        // Whether the new name survives is a matter of luck.
+        // It is random whether the new name survives.
         platter.cut(&mut Random::new(1), percent, (&root, &to));
         let found = std::fs::read(to.join("a")).or_else(|_| std::fs::read(to.join("b"))).unwrap();
         assert_eq!(found, expected, "{barriers:?} {percent}");

@@ -1,9 +1,9 @@
-//! The power is cut, again and again, at any moment of a robot's life: nothing that was acknowledged may be gone, and
-//! the store has to open.
+//! The power is cut at many moments of a robot's life: no acknowledged transaction may be lost, and the store has to
+//! open.
 //!
-//! A robot runs once, watched by `strace`. Its calls are carried out on a [`Platter`], which is cut at moments spread
-//! over the whole run; the surviving files are opened as a store. A longer run, by hand:
-//! `DCA_POWER_CUTS=1000 DCA_COMMITS=100000 cargo test -p dbmanager --release --test all store::power_cut -- --nocapture`.
+//! A robot runs once under `strace`. Its calls are applied to a [`Platter`], whose power is cut at moments spread over
+//! the whole run. The surviving files are opened as a store. To do a longer run: `DCA_POWER_CUTS=1000 DCA_COMMITS=100000
+//! cargo test -p dbmanager --release --test all store::power_cut -- --nocapture`.
 
 use super::child::{self, LARGE, Order, large_record};
 use super::platter::{Barriers, Platter};
@@ -17,17 +17,17 @@ use std::io::BufReader;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// With which probability, in percent, a page that was not synced survives: half of the drives are merciless.
+/// The probability, in percent, that a sector which was not synced has its newest content. In half of the cuts it is 0.
 const SURVIVAL: [u64; 4] = [0, 0, 50, 90];
 
 /// The state of a store after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Left {
-    /// All that was acknowledged.
+    /// All acknowledged transactions.
     All,
     /// Less.
     Less,
-    /// Nothing that opens.
+    /// A store that does not open.
     Nothing,
 }
 
@@ -43,8 +43,8 @@ fn from_environment(name: &str, usual: u64) -> u64 {
     std::env::var(name).map_or(usual, |number| number.parse().unwrap())
 }
 
-/// Runs a child under `strace`; passes on its calls in its folder during the run, because it writes far more than it
-/// keeps.
+/// Runs a child under `strace`; passes on its calls in its folder during the run, because their log is much larger than
+/// the remaining data.
 fn watch(folder: &Folder, (order, count): (Order, u64), keep: impl FnMut(Call)) {
     let root = folder.0.join("root");
     fs::create_dir_all(&root).unwrap();
@@ -57,28 +57,28 @@ fn watch(folder: &Folder, (order, count): (Order, u64), keep: impl FnMut(Call)) 
     assert!(strace.wait().unwrap().success());
 }
 
-/// Returns the number in a printed line: how much is acknowledged.
+/// Returns the number in a printed line: how many transactions are acknowledged.
 fn acknowledged(call: &Call) -> Option<u64> {
     let Call::Notification(text) = call else { return None };
     text.strip_prefix("ack ")?.trim().parse().ok()
 }
 
-/// Cuts of the power at moments spread over a life that is being watched.
+/// Power cuts at moments spread over the run of a child.
 struct Cuts<'a, F> {
     folder: &'a Folder,
     platter: Platter,
     random: Random,
-    /// After which acknowledgement to cut, and how many calls later; the next one is the last.
+    /// For each cut: after which acknowledgement it happens, and how many calls later. The last element is the next cut.
     moments: Vec<(u64, u64)>,
-    /// How much is acknowledged, and how many calls ago.
+    /// How many transactions are acknowledged, and how many calls have followed.
     now: (u64, u64),
-    /// Looks into a folder after a power cut; gets the acknowledged count.
+    /// Examines a folder after a power cut; gets the number of acknowledged transactions.
     look: F,
     found: BTreeMap<Left, u64>,
 }
 
 impl<'a, F: Fn(&Path, u64) -> Left> Cuts<'a, F> {
-    /// Returns `cuts` of them within `acks` acknowledgements, with about `calls` calls between two.
+    /// Returns `cuts` power cuts within `acks` acknowledgements. Each is up to `calls` calls after an acknowledgement.
     fn new(folder: &'a Folder, barriers: Barriers, (cuts, acks, calls): (u64, u64, u64), look: F) -> Self {
         let mut random = Random::new(cuts);
         let mut moments: Vec<(u64, u64)> = (0..cuts).map(|_| (1 + random.below(acks), random.below(calls))).collect();
@@ -106,7 +106,7 @@ impl<'a, F: Fn(&Path, u64) -> Left> Cuts<'a, F> {
         fs::remove_dir_all(&to).unwrap();
     }
 
-    /// Returns how often each result was found; the last cuts are those after the end.
+    /// Returns the number of each result. Remaining cuts are made after the end of the run.
     fn end(mut self) -> BTreeMap<Left, u64> {
         while self.moments.pop().is_some() {
             self.cut();
@@ -147,7 +147,7 @@ fn cut_power(cuts: u64, commits: u64) {
         let data = ENGINE.get().data(&folder.0.join("root/db"));
         let look = |path: &Path, acked| look_at_robot(open, path, acked);
         let mut with = Cuts::new(&folder, Barriers::All, (cuts, commits, 12), look);
-        // The method finds the loss when the data is not synced.
+        // The method does find the loss if the data is not synced.
         let mut without = Cuts::new(&folder, Barriers::NoDataSync, (12, 500, 12), look);
         let mut written = 0;
         watch(&folder, (Order::Commit, commits), |call| {
@@ -165,8 +165,8 @@ fn cut_power(cuts: u64, commits: u64) {
     });
 }
 
-/// Cuts the power so often within so many acknowledgements of a life, with about so many calls between two: all is
-/// there.
+/// Cuts the power `cuts` times within `acks` acknowledgements of a run, up to `calls` calls after each: all acknowledged
+/// data is kept.
 fn check_cuts(order: Order, (cuts, acks, calls): (u64, u64, u64), look: impl Fn(&Path, u64) -> Left) {
     if !has_strace() {
         return;
@@ -177,7 +177,7 @@ fn check_cuts(order: Order, (cuts, acks, calls): (u64, u64, u64), look: impl Fn(
     assert_eq!(life.end(), BTreeMap::from([(Left::All, cuts)]));
 }
 
-/// The store is opened and closed all the time, which writes too.
+/// The store is opened and closed repeatedly, which also writes.
 #[test]
 fn power_cut_while_it_opens_and_closes() {
     on_each_engine(|| {
@@ -185,7 +185,7 @@ fn power_cut_while_it_opens_and_closes() {
     });
 }
 
-/// The power is cut again, after each call while the store recovers from a power cut, and continues.
+/// While the store recovers from a power cut, the power is cut again after each call, and the store continues.
 #[test]
 fn power_cut_after_a_power_cut() {
     on_each_engine(|| {
@@ -244,7 +244,7 @@ fn crash_between_log_and_kv() {
     });
 }
 
-/// The power is cut while the store is made: nothing was promised, but it has to open.
+/// The power is cut while the store is made: no write was acknowledged, but the store has to open.
 #[test]
 fn power_cut_at_birth() {
     on_each_engine(|| {

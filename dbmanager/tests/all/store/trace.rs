@@ -23,14 +23,14 @@ pub(crate) enum Call {
     Rename(PathBuf, PathBuf),
     /// A name is gone.
     Unlink(PathBuf),
-    /// Everything written to a file before `since` is durable: calls are numbered from 0 in the order of their ends,
-    /// and this many had ended when this one began.
+    /// Everything written to a file before `since` is durable. Calls are numbered from 0 in the order of their ends;
+    /// `since` calls had ended when this call began.
     Sync { path: PathBuf, data_only: bool, since: usize },
     /// The program has printed a line.
     Notification(String),
 }
 
-/// Reads a log of `strace -f -qq -y -xx`; keeps the calls on files below `root`, and the writes to descriptor 1.
+/// Reads a log of `strace -f -qq -y -xx`. Keeps the calls on files below `root`, and the writes to descriptor 1.
 pub(crate) fn read(log: impl BufRead, root: &Path, keep: impl FnMut(Call)) {
     let mut reader = Reader { root: root.to_owned(), keep, count: 0, positions: BTreeMap::new() };
     let mut begun: BTreeMap<String, (String, usize)> = BTreeMap::new();
@@ -60,7 +60,7 @@ struct Reader<F> {
 
 impl<F: FnMut(Call)> Reader<F> {
     fn take(&mut self, text: &str, since: usize) {
-        // Ends of threads and signals have no result; calls that failed have changed nothing.
+        // Ends of threads and signals have no result. Calls that failed have changed nothing.
         let Some((call, result)) = text.rsplit_once(" = ") else { return };
         let Some((name, arguments)) = call.trim_end().strip_suffix(')').and_then(|call| call.split_once('(')) else {
             return;

@@ -1,9 +1,10 @@
-//! Two teams of one name, begun apart.
+//! Two teams with the same name, begun separately.
 
 use super::*;
 
-/// Two people begin teams of the same name, each without hearing the other. Robots that are alone find each other by
-/// themselves. Of two teams with several robots, both report the other one until a person chooses.
+/// Two people begin teams with the same name, each without knowing about the other. Robots that are alone in their
+/// teams find each other without help. If two teams have several robots each, both report the other team until a
+/// person chooses one.
 #[test]
 fn two_teams_of_one_name_become_one() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! Plays a row of a host: three nodes in namespaces, with stand-ins for the door's controllers.
+//! Plays a row about a host on three nodes in namespaces, with stand-ins for the door's controllers.
 
 use super::play::{First, Game, door};
 use super::row::Row;
@@ -8,18 +8,18 @@ use comms::logic::time::Time;
 use dca_tests::cluster::{Fakes, Hosts, NAMES, Program, SOON, spec, wait_until};
 use rustix::process::Signal;
 
-/// How a host is lost.
+/// The ways in which a host is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Loss {
-    /// Everything on it dies.
+    /// All processes on the host die.
     Death,
-    /// Its link is down.
+    /// The link of the host is down.
     Cut,
-    /// These two, by their numbers, do not reach each other.
+    /// The two hosts with these numbers do not reach each other.
     Between(usize, usize),
 }
 
-/// Plays a row on three hosts, ordered about from a fourth; nothing where namespaces are not allowed.
+/// Plays a row on three hosts, with commands from a fourth. Plays nothing if namespaces are not allowed.
 pub(crate) fn play_on_hosts(row: &Row, loss: Loss) {
     let controllers = Fakes::program();
     let Some(hosts) = Hosts::start_with(4, None, &["--controllers", &controllers]) else { return };
@@ -51,20 +51,20 @@ pub(crate) fn play_on_hosts(row: &Row, loss: Loss) {
     println!("{}: {}", row.name, row.verdict);
 }
 
-/// The host dies, with its node and its programs.
+/// Kills a host, with its node and its programs.
 fn kill_all(hosts: &Hosts, number: usize) {
     let folder = hosts.host(number).run_dir().display().to_string();
     let is_its = |text: &String| text.contains(&folder);
     for process in hosts.cluster.left() {
-        // Programs started by a node have its folder in their environment or arguments; commands elsewhere have another
-        // folder.
+        // Programs of a node have the node's folder in their environment or arguments. Commands from elsewhere have
+        // another folder.
         if process.command.iter().any(is_its) || process.environment.iter().any(is_its) {
             process.signal(Signal::KILL);
         }
     }
 }
 
-/// Nothing is active any more, and the last active process has stopped in time.
+/// Checks that nothing is active any more, and that the last active process stopped in time.
 fn expect_safe(game: &Game<'_>, began: Time) {
     let (row, within) = (game.row, game.row.safe_within.expect("a row that is safe has a time"));
     let is_idle = || game.fakes.active().is_empty();

@@ -1,4 +1,4 @@
-//! Plays a row with the door's own programs: the phase comes when the robot gets there.
+//! Plays a row with the door's own programs. The phase begins when the robot reaches it.
 
 use super::play::{Strike, crash};
 use super::row::Row;
@@ -8,15 +8,15 @@ use rustix::process::Signal;
 use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(90);
-/// The beginnings of the phases, on standard error.
+/// The lines at the beginning of the phases, on standard error.
 const PHASES: [&str; 2] = ["▸ (visualserv # distdetect)", "▸ ((opengrip, approach) # hit)"];
 
-/// Plays a row of a crash that makes the mission fail, in this phase, counted from 1.
+/// Plays a row in which a crash in this phase makes the mission fail. The phases are counted from 1.
 pub(crate) fn play_own(row: &Row, strike: Strike, phase: usize) {
     let program = row.program.as_deref().expect("a row of a program");
     let cluster = Cluster::new();
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
-    // The second line of a phase comes 2 s after its first: everything has begun by then, and the hand is open.
+    // The second line of a phase comes 2 s after the first. By then everything has begun, and the hand is open.
     mission.wait_for_times(Stream::Err, PHASES[phase - 1], 2, MISSION_MAX);
     if let Strike::Signal(signal) = strike {
         crash(&cluster, program, signal);

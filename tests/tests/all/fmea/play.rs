@@ -10,38 +10,38 @@ use language::plan::{MemberKind, Plan};
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// The longest limit that a row is played to.
+/// The longest limit up to which a row is played.
 const LIMIT_MAX: Duration = Duration::from_secs(20);
-/// An unconfirmed stop is given up after 22 s.
+/// A supervisor gives up an unconfirmed stop after 22 s.
 const UNCONFIRMED_MAX: Duration = Duration::from_secs(60);
 
-/// How a fault is brought about.
+/// The ways to cause a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Strike {
-    /// The program gets this signal.
+    /// The program receives this signal.
     Signal(Signal),
-    /// The program is suspended, until the watchdog finds it.
+    /// The program is suspended until the watchdog finds it.
     Suspend,
-    /// The program continues, sends nothing and does not end.
+    /// The program continues, but sends nothing and does not end.
     Hang,
-    /// Nothing can end the program, so its stop is not answered.
+    /// Nothing can end the program, so it does not answer its stop.
     Freeze,
 }
 
-/// The step of a race that ends first, if the test continues the mission.
+/// Which step of a race ends first, if the test continues the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum First {
-    /// The step that guards the others.
+    /// The step that watches over the others.
     Detector,
     /// The others.
     Others,
 }
 
-/// The steps of the door in which a process ends, with the guarding ones first.
+/// The steps of the door in which a process ends. The watching steps come first.
 const DETECTORS: [&str; 5] =
     ["distdetect/threshold", "hit/threshold", "closegrip/fingers", "presshandle", "dooropen/model"];
 
-/// The door, and which of its programs end by themselves.
+/// Returns the door, and the programs in it that end on their own.
 pub(crate) fn door() -> (Plan, Vec<String>) {
     let text = std::fs::read_to_string(spec("door_opening")).expect("the spec is there");
     let plan = plan("door_opening", &text).unwrap_or_else(|error| panic!("{error}"));
@@ -61,7 +61,7 @@ pub(crate) struct Game<'c> {
     pub(crate) steps: Vec<String>,
 }
 
-/// Plays a row, once for each end that the mission may have.
+/// Plays a row, once for each possible end of the mission.
 pub(crate) fn play(row: &Row, strike: Strike) {
     let began = now();
     let wanted: &[(First, i32)] = match row.mission.as_str() {
@@ -117,7 +117,8 @@ fn play_once(row: &Row, strike: Strike, first: First, code: i32) {
     }
 }
 
-/// A program gets a signal until it is gone: the first SIGSEGV from outside only takes a Rust program's handler away.
+/// Sends a signal to a program until it is gone. The first SIGSEGV from outside only removes a Rust program's
+/// handler.
 pub(crate) fn crash(cluster: &Cluster, program: &str, signal: Signal) {
     let first = cluster.expect_leaf(program);
     let is_gone = || {
@@ -128,7 +129,7 @@ pub(crate) fn crash(cluster: &Cluster, program: &str, signal: Signal) {
     wait_until(SOON, is_gone).unwrap_or_else(|| panic!("`{program}` outlives {signal:?}"));
 }
 
-/// Nothing ends the program before the test is over: its stop is not answered.
+/// Nothing ends the program before the end of the test, so it does not answer its stop.
 fn unconfirmed(game: &Game<'_>, cluster: &Cluster, mission: Program) {
     let Some(freezer) = Freezer::new() else { return };
     let (row, program) = (game.row, game.row.program.as_deref().expect("a row of a program"));
@@ -150,11 +151,11 @@ fn unconfirmed(game: &Game<'_>, cluster: &Cluster, mission: Program) {
 }
 
 impl Game<'_> {
-    /// Plays the events of the row before its fault.
+    /// Plays the events of the row that happen before its fault.
     pub(crate) fn before(&self, events: &[TraceEvent]) {
         for event in events {
             match event {
-                // Messages between hosts arrive by themselves.
+                // Messages between hosts arrive without help.
                 TraceEvent::Start(_) | TraceEvent::Reached(_) | TraceEvent::Arrived(_) | TraceEvent::Heard(_) => {}
                 TraceEvent::Done(path, _) => self.done(path),
                 TraceEvent::Stopped(path) => {
@@ -176,7 +177,7 @@ impl Game<'_> {
         }
     }
 
-    /// Lets a step be done: the program, or the program of the group that ends by itself.
+    /// Lets a step be done. This is the program itself, or the program of the group that ends on its own.
     fn done(&self, path: &str) {
         let running = || {
             let active = self.fakes.active();
@@ -197,7 +198,7 @@ impl Game<'_> {
         wait_until(SOON, has_ended).unwrap_or_else(|| panic!("{}: `{step}` does not end", self.row.name));
     }
 
-    /// The steps of the phase run, and no others but the program itself.
+    /// Checks that exactly the steps of the phase run, apart from the program itself.
     pub(crate) fn expect_phase(&self) {
         let (row, own) = (self.row, self.row.program.as_deref().unwrap_or_default());
         let is_so = || {
@@ -210,11 +211,11 @@ impl Game<'_> {
         };
         let said = || format!("{}: the phase does not come, runs {:#?}", row.name, self.fakes.active());
         wait_until(SOON, is_so).unwrap_or_else(|| panic!("{}", said()));
-        // Services have begun as well, and their wires carry values.
+        // The services have also begun, and their wires carry values.
         pass(Duration::from_millis(300));
     }
 
-    /// Lets step after step be done until the mission is over.
+    /// Lets one step after the other be done, until the mission is over.
     pub(crate) fn go_on(&self, mission: &Program, first: First) {
         let rank = |path: &String| {
             let detector = DETECTORS.iter().any(|name| path.ends_with(name));

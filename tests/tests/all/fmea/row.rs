@@ -8,13 +8,13 @@ use std::time::Duration;
 /// The content of a row.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
-    /// The first three columns, for messages.
+    /// The first three columns, for use in messages.
     pub(crate) name: String,
     /// The path of the program; none for a host or a link.
     pub(crate) program: Option<String>,
     /// The name of the host; none for a program or a link.
     pub(crate) host: Option<String>,
-    /// The steps that run at the same time: paths of leaves and groups.
+    /// The simultaneous steps, as paths of leaves and groups.
     pub(crate) phase: Vec<String>,
     pub(crate) at_once: String,
     pub(crate) running: Vec<String>,
@@ -25,12 +25,12 @@ pub(crate) struct Row {
     pub(crate) before: Vec<TraceEvent>,
 }
 
-/// The path of a process, from its name in a table.
+/// Returns the path of a process from its name in a table.
 pub(crate) fn path(name: &str) -> String {
     format!("main/{name}")
 }
 
-/// Whether a path is a process or lies below it.
+/// Returns whether a path is a process or is below it.
 pub(crate) fn is_below(path: &str, process: &str) -> bool {
     path.strip_prefix(process).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
@@ -87,7 +87,8 @@ impl Row {
         }
     }
 
-    /// The immediate effects of the row: paths of groups and leaves that are asked to stop, and of those that fail.
+    /// Returns the immediate effects of the row: the paths of groups and leaves that are asked to stop, and the paths
+    /// of those that fail.
     pub(crate) fn follows(&self) -> (Vec<String>, Vec<String>) {
         let (mut stops, mut fails) = (Vec::new(), Vec::new());
         for clause in self.at_once.split("; ") {

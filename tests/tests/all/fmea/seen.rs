@@ -1,4 +1,4 @@
-//! The observed effects of a row: in the record of the run, and in the programs themselves.
+//! The observed effects of a row, in the record of the run and in the programs themselves.
 
 use super::row::{Row, is_below, path};
 use dca_tests::cluster::{Fakes, SOON, Trace, pass, wait_until};
@@ -6,16 +6,16 @@ use language::plan::Plan;
 use node::logic::protocol::{Change, Ending, FailureCause};
 use std::time::Duration;
 
-/// How long the test checks which programs go on, and whether data still arrives.
+/// How long the test checks which programs continue, and whether data still arrives.
 const HOLD: Duration = Duration::from_millis(600);
 
-/// The part of a record about a fault and its effects.
+/// The part of a record that shows a fault and its effects.
 pub(crate) struct Seen<'t> {
     changes: Vec<(Duration, &'t str, &'t Change)>,
 }
 
 impl<'t> Seen<'t> {
-    /// Everything from the first word about the end of a program on.
+    /// Returns everything from the first report of a program's end onwards.
     pub(crate) fn since_the_end_of(trace: &'t Trace, program: &str) -> Self {
         let mut changes = trace.all_changes();
         let is_fault = |cause: &FailureCause| matches!(cause, FailureCause::Signal(_) | FailureCause::Watchdog(_));
@@ -33,8 +33,8 @@ impl<'t> Seen<'t> {
         Self { changes: trace.all_changes() }
     }
 
-    /// The immediate effects are those of the row: all of them are seen, and nothing else is stopped before a process
-    /// has ended.
+    /// Checks that the immediate effects are those of the row. All of them are seen, and nothing else is stopped
+    /// before a process has ended.
     pub(crate) fn expect_at_once(&self, row: &Row) {
         let (stops, fails) = row.follows();
         for process in &stops {
@@ -52,21 +52,21 @@ impl<'t> Seen<'t> {
         }
     }
 
-    /// A process or group has failed.
+    /// Checks that a process or group has failed.
     pub(crate) fn expect_failure(&self, row: &Row, process: &str) {
         let is_failure = |change: &Change| matches!(change, Change::Ended(Ending::Aborted(_)));
         let found = self.changes.iter().any(|(_, path, change)| *path == process && is_failure(change));
         assert!(found, "{}: `{process}` does not fail: {:?}", row.name, self.changes);
     }
 
-    /// How long it takes from the end of the program until everything has ended.
+    /// Returns the time from the end of the program until everything has ended.
     pub(crate) fn safe_after(&self) -> Duration {
         let ends = self.changes.iter().filter(|(.., change)| matches!(change, Change::Ended(_))).map(|(at, ..)| *at);
         ends.max().unwrap_or_default() - self.changes[0].0
     }
 }
 
-/// The programs that still run are those of the row, and stay so.
+/// Checks that the programs still running are those of the row, and remain the same.
 pub(crate) fn expect_running(row: &Row, fakes: &Fakes<'_>, within: Duration) {
     let expected: Vec<String> = row.running.iter().map(|name| path(name)).collect();
     let is_so = || {
@@ -80,7 +80,7 @@ pub(crate) fn expect_running(row: &Row, fakes: &Fakes<'_>, within: Duration) {
     assert!(is_so(), "{}", said());
 }
 
-/// The wires that the row names carry no values any more.
+/// Checks that the wires named by the row no longer carry values.
 pub(crate) fn expect_dead_wires(row: &Row, fakes: &Fakes<'_>) {
     let wires = row.at_once.split_once(" no longer arrives").map_or("", |(wires, _)| wires);
     let inputs: Vec<(String, &str)> = wires
@@ -98,7 +98,7 @@ pub(crate) fn expect_dead_wires(row: &Row, fakes: &Fakes<'_>) {
     wait_until(SOON, is_dead).unwrap_or_else(|| panic!("{}: {inputs:?} still get something", row.name));
 }
 
-/// Inputs get no more values from a program that hangs, if the row says that something goes blind, and only then.
+/// Checks that inputs get no more values from a hanging program exactly if the row says that something becomes blind.
 pub(crate) fn expect_blind(row: &Row, fakes: &Fakes<'_>, plan: &Plan, program: &str) {
     let active = fakes.active();
     let sends = |leaf: u32| plan.leaves[leaf as usize].path == program;

@@ -7,7 +7,7 @@ use std::fs;
 use std::process::Command;
 
 impl Team {
-    /// Copies the operator's folder; returns the options with the copy.
+    /// Copies the operator's folder, and returns the options with the copy.
     fn copy(&self, name: &str) -> Vec<String> {
         let to = self.cluster.folder().join(name).display().to_string();
         let copied = Command::new("cp").args(["-a", &self.keys[1], &to]).status().expect("there is `cp`");
@@ -15,7 +15,7 @@ impl Team {
         ["--keys".to_owned(), to, self.keys[2].clone(), self.keys[3].clone()].to_vec()
     }
 
-    /// Runs a command on a host with a folder of the operator; its node is informed.
+    /// Runs a command on a host with a folder of the operator. The node of the host is informed.
     fn operator(&self, number: usize, arguments: &[&str], keys: &[String]) -> Ended {
         let run_dir = self.host(number).run_dir().display().to_string();
         let ended = self.host(number).ask(&with(&[arguments, &["--run-dir", &run_dir]].concat(), keys));
@@ -23,7 +23,7 @@ impl Team {
         ended
     }
 
-    /// Makes a deployer on host 1; returns the options with the own keys, and the line of the key.
+    /// Makes a deployer on host 1. Returns the options with the deployer's own keys, and the line of the key.
     fn deployer(&self, name: &str) -> (Vec<String>, String) {
         let folder = self.cluster.folder().join(format!("{name}.keys")).display().to_string();
         let own = ["--keys".to_owned(), folder, self.keys[2].clone(), self.keys[3].clone()].to_vec();
@@ -35,13 +35,13 @@ impl Team {
         (own, key)
     }
 
-    /// The revocations on the disk of a node.
+    /// Returns the revocations on the disk of a node.
     fn on_disk(&self, number: usize) -> Vec<u8> {
         let folder = self.host(number).state().join(NAMES[number - 1]);
         fs::read(folder.join("team/revoked")).unwrap_or_default()
     }
 
-    /// Returns whether all nodes come to have the same set on their disks, and every command sees so many keys.
+    /// Returns whether all nodes end up with the same set on their disks, and every command sees this number of keys.
     fn agree(&self, keys: usize) -> bool {
         let wanted = format!(", keys {keys}");
         let agree = || {
@@ -63,7 +63,7 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     let ((vic, key), _dan, _zoe) = (team.deployer("vic"), team.deployer("dan"), team.deployer("zoe"));
     let (second, old) = (team.copy("second"), team.copy("old"));
     let before = team.cluster.file("before.team", &team.operator(1, &["team", "export"], &old).out);
-    // The same number, where neither hears of the other.
+    // Both use the same number, since neither hears of the other.
     team.network.cut(3);
     let first_said = team.operator(1, &["team", "user", "remove", "vic"], &team.keys);
     let second_said = team.operator(3, &["team", "user", "remove", "dan"], &second);
@@ -85,14 +85,14 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     refused(&team);
     restart(&mut team);
     refused(&team);
-    // An operator with a restored old copy learns first, and continues above the highest known number.
+    // An operator with a restored old copy first learns, and then continues above the highest known number.
     let late = team.operator(3, &["team", "user", "remove", "zoe"], &old);
     assert!(late.out.contains("zoe is revoked: number 2"), "{late}");
     assert!(late.err.contains("keys that were revoked elsewhere, and are now known here: 2"), "{late}");
     assert!(team.agree(3), "{}", team.operator(1, &["team"], &team.keys));
     restart(&mut team);
     refused(&team);
-    // An export takes nothing away, however old it is.
+    // An export removes nothing, even if it is old.
     let exported = team.cluster.file("second.team", &team.operator(3, &["team", "export"], &second).out);
     for file in [&before, &exported] {
         team.operator(1, &["team", "import", file], &team.keys);
@@ -108,7 +108,7 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
         assert!(told.err.contains("the node `c1` knows"), "{told}");
     }
     assert_eq!((team.on_disk(1), team.revoke_records(1)), (disk, records), "nothing is new");
-    // Without the network: a folder knows the sets that it has learned.
+    // Without the network, a folder still knows the sets that it has learned.
     for keys in [&team.keys, &second, &old] {
         let alone = team.host(2).ask(&with(&["team"], keys));
         assert!(alone.out.contains("revocations: number 2, keys 3\n"), "{alone}");
@@ -116,8 +116,8 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     assert!(team.agree(3));
 }
 
-/// A disk that takes nothing is reported with exit code 1. A node that would forget the set is not listed as knowing
-/// it.
+/// A disk that accepts nothing is reported with exit code 1. A node that would forget the set is not listed as
+/// knowing it.
 #[test]
 fn what_is_not_on_the_disk_is_not_known() {
     let Some(team) = Team::new(1) else { return };

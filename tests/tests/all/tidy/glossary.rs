@@ -1,10 +1,10 @@
-//! The glossary is true: its names are in the code, and the words that it retires are not.
+//! Checks that the glossary is true: its names are in the code, and the words that it retires are not.
 
 use super::{Strings, check, root, sources, without_comments};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-/// The chapters of the glossary, each with the room whose code has its words.
+/// The chapters of the glossary, each with the room whose code contains its words.
 const GLOSSARY: [(&str, &str); 5] = [
     ("## The language", "language"),
     ("## The database", "dbmanager"),
@@ -26,7 +26,7 @@ fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
-/// Returns each identifier in the code of a room, tests included, with the files that have it.
+/// Returns each identifier in the code of a room, including tests, with the files that contain it.
 fn identifiers(room: &str) -> BTreeMap<String, BTreeSet<String>> {
     let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for source in sources().into_iter().filter(|source| source.path.starts_with(&format!("{room}/"))) {

@@ -1,4 +1,5 @@
-//! The manual is true: its timings are the constants of the code, its steps name functions, and its commands verbs.
+//! Checks that the manual is true: its timings are constants of the code, its steps name functions, and its commands
+//! name verbs.
 
 use super::sources::{files, root, sources};
 use super::{Source, check};
@@ -6,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::time::Duration;
 
-/// The pages that follow one thing through the code, a function a step.
+/// The pages that follow one thing through the code. Each step has a function.
 const WAYS: [&str; 2] = ["crash.md", "value.md"];
 
 fn page(name: &str) -> String {
@@ -22,7 +23,7 @@ fn source<'a>(path: &str, sources: &'a [Source]) -> Option<&'a str> {
     sources.iter().find(|source| source.path == path).map(|source| source.text.as_str())
 }
 
-/// Parses a time as a page writes it: `1.25 s`, `300 ms`, `2 min`.
+/// Parses a time in the form of a page: `1.25 s`, `300 ms`, `2 min`.
 fn time(text: &str) -> Option<Duration> {
     let (number, unit) = text.trim().split_once(' ')?;
     let seconds = match unit {
@@ -35,7 +36,7 @@ fn time(text: &str) -> Option<Duration> {
     Some(Duration::from_secs_f64(number.parse::<f64>().ok()? * seconds))
 }
 
-/// Returns the value of a constant of durations, or of a number of milliseconds whose name says so.
+/// Returns the value of a constant. It is a duration, or a number of milliseconds if its name says so.
 fn constant(name: &str, text: &str) -> Option<Duration> {
     let declared = text.lines().find(|line| line.contains(&format!("const {name}: ")))?;
     let value = declared.split_once(" = ")?.1.trim_end_matches(';');
@@ -46,7 +47,7 @@ fn constant(name: &str, text: &str) -> Option<Duration> {
     within("Duration::from_secs(").map(Duration::from_secs).or_else(|| millis.map(Duration::from_millis))
 }
 
-/// Returns the sum of constants that a row names: `A` + `B` / 4.
+/// Returns the sum of the constants in a row: `A` + `B` / 4.
 fn sum(cell: &str, known: &[(&str, Duration)]) -> Option<Duration> {
     let term = |term: &str| {
         let (name, part) = term.split_once(" / ").unwrap_or((term, "1"));
@@ -113,7 +114,7 @@ fn the_ways_of_the_manual_name_functions() {
     check("each step of a way through the code names a function that is there", &wrong);
 }
 
-/// Returns the verbs of `dca`: the variants of `Verb`, and their other names.
+/// Returns the verbs of `dca`: the variants of `Verb`, and the other names of these.
 fn verbs(sources: &[Source]) -> BTreeSet<String> {
     let declared = |text: &str| {
         let body = text.split("enum Verb {\n").nth(1)?.split("\n}\n").next()?;

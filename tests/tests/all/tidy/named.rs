@@ -1,9 +1,9 @@
-//! Tests and sources that pages name as proof: each of them has to exist.
+//! Checks that tests and sources named as proof in pages exist.
 
 use super::sources::{files, sources};
 use std::fs;
 
-/// Returns the texts between backquotes in a page, with their line numbers.
+/// Returns the texts between backquotes in a page with their line numbers.
 fn quoted(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let of_line = |line| str::split(line, '`').skip(1).step_by(2);
     text.lines().enumerate().flat_map(move |(index, line)| of_line(line).map(move |quote| (index + 1, quote)))
@@ -13,8 +13,8 @@ fn is_name(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
 }
 
-/// Returns the mistake in a quote that names a source, or a test in one: `path.rs`, `path.rs::test`, or in a table of
-/// tests `test` alone.
+/// Returns the error in a quote that names a source, or a test in one: `path.rs`, `path.rs::test`, or only `test` in
+/// a table of tests.
 fn problem(quote: &str, in_table: bool, sources: &[super::Source]) -> Option<String> {
     let has = |test: &str, source: &super::Source| source.text.contains(&format!("fn {test}("));
     let (path, test) = match quote.split_once(".rs::") {

@@ -1,6 +1,7 @@
-//! The shapes that hide a noun: structs with many fields, tuples as parameters, and types whose code is in many files.
+//! Finds code that hides a missing concept: structs with many fields, tuples as parameters, and types whose code is in many
+//! files.
 //!
-//! Each rule has a list of exceptions, which may only become shorter: an entry that is not needed any more is an error as well.
+//! Each rule has a list of exceptions, which may only become shorter. An entry that is no longer needed is also an error.
 
 use super::sources::{Source, room};
 use super::{Strings, check, sources, without_comments};
@@ -8,9 +9,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The most fields of a struct.
 const FIELDS_MAX: usize = 12;
-/// The most files with an `impl` of one type.
+/// The largest number of files with an `impl` of one type.
 const FILES_MAX: usize = 3;
-/// Structs with more fields, and how many they have.
+/// Structs with more fields, and their numbers of fields.
 const WIDE: [(&str, usize); 23] = [
     ("cli/src/follow.rs: Watch", 17),
     ("cli/src/logic/checkup.rs: Machine", 15),
@@ -36,9 +37,9 @@ const WIDE: [(&str, usize); 23] = [
     ("trust/src/policy.rs: File", 15),
     ("verify/src/machine/writer.rs: Writer", 18),
 ];
-/// How many functions of each room have a tuple as a parameter.
+/// The number of functions in each room that have a tuple as a parameter.
 const TUPLES: [(&str, usize); 1] = [("python", 2)];
-/// Types with an `impl` in more files, and in how many.
+/// Types with an `impl` in more files, and the numbers of these files.
 const SPREAD: [(&str, usize); 21] = [
     ("cli: Client", 5),
     ("cli: Server", 4),
@@ -63,7 +64,7 @@ const SPREAD: [(&str, usize); 21] = [
     ("verify: Writer", 4),
 ];
 
-/// Compares what was found with the exceptions.
+/// Compares the findings with the exceptions.
 #[track_caller]
 fn compare(rule: &str, found: &BTreeMap<String, usize>, exceptions: &[(&str, usize)]) {
     let allowed: BTreeMap<&str, usize> = exceptions.iter().copied().collect();
@@ -82,11 +83,11 @@ fn compare(rule: &str, found: &BTreeMap<String, usize>, exceptions: &[(&str, usi
 }
 
 fn shipped() -> Vec<Source> {
-    // A template is text until `dca new` has filled it in.
+    // Until `dca new` has filled it in, a template is only text.
     sources().into_iter().filter(|source| source.is_shipped() && !source.path.contains("/templates/")).collect()
 }
 
-/// Returns the code without the tests in it. Unlike `Source::code` it goes on behind a line that names a file of tests.
+/// Returns the code without the tests in it. Unlike `Source::code`, it continues after a line that names a file of tests.
 fn code(source: &Source) -> String {
     let code = without_comments(&source.text, Strings::Emptied);
     let lines: Vec<&str> = code.lines().collect();
@@ -95,12 +96,12 @@ fn code(source: &Source) -> String {
     lines[..end].join("\n")
 }
 
-/// Returns the name that text begins with.
+/// Returns the name at the beginning of a text.
 fn name(text: &str) -> &str {
     text.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default()
 }
 
-/// Returns what stands behind a word in each line that begins an item with it.
+/// Returns the text after a word in each line where the word begins an item.
 fn items<'a>(code: &'a str, word: &str) -> impl Iterator<Item = (usize, &'a str)> {
     let word = format!("{word} ");
     code.lines().enumerate().filter_map(move |(number, line)| {
@@ -110,7 +111,7 @@ fn items<'a>(code: &'a str, word: &str) -> impl Iterator<Item = (usize, &'a str)
     })
 }
 
-/// Returns each struct with its fields, one line each as the formatter writes them.
+/// Returns each struct with its number of fields. The formatter writes each field on its own line.
 fn structs(code: &str) -> Vec<(&str, usize)> {
     let lines: Vec<&str> = code.lines().collect();
     let count = |number: usize| {
@@ -126,7 +127,7 @@ fn structs(code: &str) -> Vec<(&str, usize)> {
     all.map(|(number, rest)| (name(rest), count(number))).collect()
 }
 
-/// Returns the pieces of `text` between the commas that are in no brackets, up to the bracket that closes it.
+/// Returns the parts of `text` between commas outside of brackets, up to the bracket that closes the text.
 fn parameters(text: &str) -> Vec<String> {
     let (mut depth, mut pieces, mut before) = (0_usize, vec![String::new()], ' ');
     for character in text.chars() {
@@ -160,7 +161,7 @@ fn functions_with_tuples(code: &str) -> Vec<&str> {
         let Some(open) = begin_of_parameters(after) else { continue };
         let is_tuple = |one: &String| {
             let pattern = one.trim_start().trim_start_matches("mut ");
-            // `()` has nothing to name.
+            // `()` contains nothing that could have a name.
             pattern.starts_with('(') && !pattern.starts_with("()")
         };
         if parameters(&after[open + 1..]).iter().any(is_tuple) {
@@ -170,7 +171,7 @@ fn functions_with_tuples(code: &str) -> Vec<&str> {
     found
 }
 
-/// Returns where the parameters begin: behind the generics, if there are any.
+/// Returns where the parameters begin. If there are generics, this is after them.
 fn begin_of_parameters(text: &str) -> Option<usize> {
     let (mut depth, mut before) = (0_usize, ' ');
     for (at, character) in text.char_indices() {
@@ -185,7 +186,7 @@ fn begin_of_parameters(text: &str) -> Option<usize> {
     None
 }
 
-/// Returns the types that have an `impl` of their own in this code.
+/// Returns the types that have their own `impl` in this code.
 fn implemented(code: &str) -> BTreeSet<&str> {
     let of = |line: &&str| line.starts_with("impl") && line.ends_with('{') && !line.contains(" for ");
     let lines = code.lines().filter(of);

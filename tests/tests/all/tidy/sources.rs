@@ -1,4 +1,4 @@
-//! The sources of the workspace as text, without comments or the contents of strings where a rule asks for that.
+//! The sources of the workspace as text. If a rule requires it, this is without comments or the contents of strings.
 
 use super::{FLOORS, IMPURE, PURE, dependencies, names};
 use std::fs;
@@ -8,24 +8,25 @@ use std::path::{Path, PathBuf};
 pub(super) struct Source {
     /// From the root of the workspace.
     pub(super) path: String,
-    /// As it is.
+    /// The unchanged text.
     pub(super) text: String,
 }
 
 impl Source {
-    /// Returns whether the file is a room's own code: not a test, not an example, not a benchmark.
+    /// Returns whether the file belongs to the room's own code, and not to tests, examples or benchmarks.
     pub(super) fn is_shipped(&self) -> bool {
         let Some((room, rest)) = room(&self.path) else { return false };
         rest.starts_with("src/") && room != "tests" && !rest.split('/').any(|part| part.starts_with("tests"))
     }
 
-    /// Returns the code without comments and without the tests at the end, line by line from 1; strings are kept or emptied.
+    /// Returns the code line by line, starting with line 1, without comments and without the tests at the end. Strings are
+    /// kept or emptied.
     pub(super) fn code(&self, strings: Strings) -> Vec<(usize, String)> {
         let code = without_comments(&self.text, strings);
         code.lines().map(str::to_owned).enumerate().map(|(index, line)| (index + 1, line)).take(self.length()).collect()
     }
 
-    /// Returns how many lines there are before the tests.
+    /// Returns the number of lines before the tests.
     pub(super) fn length(&self) -> usize {
         let lines: Vec<&str> = self.text.lines().collect();
         let is_test = |line: &str| line == "#[cfg(test)]" || line.starts_with("#[cfg(all(test, ");
@@ -50,13 +51,13 @@ pub(super) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate is a folder of the workspace").to_owned()
 }
 
-/// Returns the folder of the room that a file belongs to, and the rest of its path.
+/// Returns the folder of a file's room, and the rest of its path.
 pub(super) fn room(path: &str) -> Option<(&'static str, &str)> {
     let within = |room: &'static str| Some((room, path.strip_prefix(room)?.strip_prefix('/')?));
     FLOORS.iter().filter_map(|(room, _)| within(room)).max_by_key(|(room, _)| room.len())
 }
 
-/// Returns every file of the workspace, with its path from the root.
+/// Returns every file of the workspace with its path from the root.
 pub(super) fn files() -> Vec<(String, PathBuf)> {
     let root = root();
     let (mut found, mut folders) = (Vec::new(), vec![root.clone()]);
@@ -86,7 +87,7 @@ pub(super) fn sources() -> Vec<Source> {
     files().into_iter().filter(|(path, _)| is_source(path)).map(read).collect()
 }
 
-/// Returns `text` with comments as spaces, and strings emptied if asked for. Lines stay where they are.
+/// Returns `text` with spaces instead of comments. If requested, strings are emptied. All lines stay in their places.
 pub(super) fn without_comments(text: &str, strings: Strings) -> String {
     let mut code = String::with_capacity(text.len());
     let mut rest = text;
@@ -103,7 +104,7 @@ pub(super) fn without_comments(text: &str, strings: Strings) -> String {
             }
             length
         } else {
-            // A quote in a character literal begins no string.
+            // A quote in a character literal does not begin a string.
             let length = ["'\"'", "'\\''", "'\\\"'"]
                 .iter()
                 .find(|literal| rest.starts_with(**literal))
@@ -120,7 +121,7 @@ pub(super) fn without_comments(text: &str, strings: Strings) -> String {
     code
 }
 
-/// Returns the length of the string literal that `text` begins with.
+/// Returns the length of the string literal at the beginning of `text`.
 pub(super) fn string_length(text: &str) -> Option<usize> {
     if let Some(raw) = text.strip_prefix('r') {
         let hashes = raw.bytes().take_while(|byte| *byte == b'#').count();

@@ -1,4 +1,4 @@
-//! A small client of the protocol: it writes frames as RFC 6455 says, and reads those of a server.
+//! A small client of the protocol. It writes frames as in RFC 6455, and reads those of a server.
 
 use dca_tests::cluster::SOON;
 use serde_json::{Value, json};
@@ -18,16 +18,16 @@ pub(super) enum Message {
     },
     /// The result of a call.
     Response(Value),
-    /// The time of a record that is played.
+    /// The time of a playing record.
     Time,
-    /// The state of a record that is played.
+    /// The state of a playing record.
     Playback(Playback),
 }
 
-/// The state of a record that is played.
+/// The state of a playing record.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Playback {
-    /// 0 while it is played, 1 while it is paused, 3 at its end.
+    /// 0 while the record is playing, 1 while it is paused, 3 at its end.
     pub(super) status: u8,
     pub(super) at: Duration,
     pub(super) has_jumped: bool,
@@ -38,13 +38,13 @@ pub(super) struct Playback {
 pub(super) struct Client {
     stream: TcpStream,
     bytes: Vec<u8>,
-    /// Messages that were read while others were waited for.
+    /// The messages read while the client waited for others.
     waiting: VecDeque<Message>,
     channels: BTreeMap<String, Value>,
     services: BTreeMap<String, u32>,
 }
 
-/// Asks for a WebSocket; returns the begin of the answer.
+/// Asks for a WebSocket, and returns the beginning of the answer.
 pub(super) fn handshake(address: &str, host: &str, fields: &str) -> String {
     let mut stream = asked(address, host, fields);
     let mut answer = vec![0; 1024];
@@ -114,7 +114,7 @@ impl Client {
         self.frame(0x82, &bytes.collect::<Vec<u8>>());
     }
 
-    /// Calls a service; returns its result, or the word about its failure.
+    /// Calls a service. Returns its result, or the text of its failure.
     pub(super) fn call(&mut self, service: u32, number: u32, argument: &Value) -> Message {
         self.order(service, number, argument);
         self.until(|message| match message {
@@ -124,7 +124,7 @@ impl Client {
         })
     }
 
-    /// Asks to play a record, or to pause it, and perhaps to jump.
+    /// Asks to play or pause a record, and possibly to jump.
     pub(super) fn control(&mut self, plays: bool, speed: f32, seek: Option<Duration>, request: &str) {
         let nanos = seek.map_or(0, |seek| u64::try_from(seek.as_nanos()).unwrap_or(u64::MAX));
         let length = u32::try_from(request.len()).unwrap_or_default().to_le_bytes();
@@ -133,20 +133,20 @@ impl Client {
         self.frame(0x82, &[&head.concat()[..], &length, request.as_bytes()].concat());
     }
 
-    /// Returns the next state of a record with this status.
+    /// Returns the next state of the record with this status.
     pub(super) fn playback(&mut self, wanted: u8) -> Playback {
         let is_it = |message: &Message| matches!(message, Message::Playback(state) if state.status == wanted);
         let Message::Playback(state) = self.until(is_it) else { unreachable!("only states are waited for") };
         state
     }
 
-    /// As [`Client::call`], for a result that takes longer.
+    /// Calls a service like [`Client::call`], with more time for the result.
     pub(super) fn call_within(&mut self, service: u32, number: u32, argument: &Value, within: Duration) -> Message {
         self.stream.set_read_timeout(Some(within)).expect("it is a time");
         self.call(service, number, argument)
     }
 
-    /// Returns the next message in text of a kind.
+    /// Returns the next text message of a kind.
     pub(super) fn word(&mut self, op: &str) -> Value {
         let is_it = |message: &Message| matches!(message, Message::Word(word) if word["op"] == op);
         let Message::Word(word) = self.until(is_it) else { unreachable!("only words are waited for") };
@@ -246,7 +246,8 @@ impl Client {
         }
     }
 
-    /// Reads a frame: its kind and its bytes; none at the end of the connection. A server does not split messages here.
+    /// Reads a frame: its kind and its bytes, or none at the end of the connection. The server in these tests does not
+    /// split messages.
     fn read(&mut self) -> Option<(u8, Vec<u8>)> {
         loop {
             if let Some((opcode, payload, size)) = frame(&self.bytes) {
@@ -264,7 +265,7 @@ impl Client {
     }
 }
 
-/// Returns the first frame in these bytes, if it is whole: its kind, its payload and its size.
+/// Returns the first frame in these bytes if it is complete: its kind, its payload and its size.
 fn frame(bytes: &[u8]) -> Option<(u8, Vec<u8>, usize)> {
     let (first, second) = (bytes.first()?, bytes.get(1)?);
     assert!(first & 0xf0 == 0x80 && second & 0x80 == 0, "a server sends whole messages without a mask");

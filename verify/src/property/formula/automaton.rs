@@ -1,24 +1,24 @@
-//! An automaton that accepts the runs on which a formula holds.
+//! An automaton that accepts exactly the runs on which a formula holds.
 //!
-//! Each state says which atoms have to be true and which false at its position, and which formulas are owed from the
-//! next position on. A run is accepted if for each `p U q` it is infinitely often in a state where `p U q` is not owed
-//! or q holds. Source: Gerth, Peled, Vardi, Wolper 1995, "Simple on-the-fly automatic verification of linear temporal
-//! logic".
+//! Each state determines which atoms have to be true and which false at its position, and which formulas are owed from
+//! the next position on. A run is accepted if, for each `p U q`, it is infinitely often in a state where `p U q` is
+//! not owed or `q` holds. Source: Gerth, Peled, Vardi, Wolper 1995, "Simple on-the-fly automatic verification of
+//! linear temporal logic".
 
 use language::sites::{Atom, Formula};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A larger automaton is not built.
+/// The most states of an automaton; a larger one is not built.
 pub(super) const STATES_MAX: usize = 2000;
-/// The limit of ways to fulfil the owed formulas, over all states.
+/// The most ways to fulfil the owed formulas, over all states.
 const WAYS_MAX: usize = 100_000;
-/// Atoms, and as many `p U q`, are bits of a word.
+/// The most atoms, and the most `p U q`; both are bits of a word.
 const BITS_MAX: usize = 32;
 
 /// A set of formulas by their numbers.
 type Set = BTreeSet<usize>;
 
-/// A formula in which only atoms are negated; the parts of it by their numbers.
+/// A formula in which only atoms are negated. It refers to its parts by their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Constant(bool),
@@ -30,7 +30,7 @@ enum Part {
     Release(usize, usize),
 }
 
-/// Formulas that share their parts.
+/// Formulas with shared parts.
 #[derive(Debug, Default)]
 pub(super) struct Parts {
     parts: Vec<Part>,
@@ -40,7 +40,7 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Adds a formula; returns the number of it and of its negation.
+    /// Adds a formula; returns its number and the number of its negation.
     pub(super) fn add(&mut self, formula: &Formula) -> (usize, usize) {
         match formula {
             Formula::Constant(value) => (self.part(Part::Constant(*value)), self.part(Part::Constant(!value))),
@@ -94,12 +94,13 @@ impl Parts {
         number
     }
 
-    /// Whether every violation of a formula happens at some position of the run, whatever comes afterwards.
+    /// Returns whether every violation of a formula happens at some position of the run, regardless of the rest of the
+    /// run.
     pub(super) fn is_safe(&self, number: usize) -> bool {
         self.below(number).iter().all(|&part| !matches!(self.parts[part], Part::Until(..)))
     }
 
-    /// A formula and its parts.
+    /// Returns a formula and all its parts.
     fn below(&self, number: usize) -> Set {
         let (mut all, mut open) = (Set::new(), vec![number]);
         while let Some(number) = open.pop() {
@@ -117,18 +118,18 @@ impl Parts {
 /// A state of an automaton.
 #[derive(Debug)]
 pub(super) struct State {
-    /// The atoms that have to be true at its position, and those that have to be false.
+    /// The atoms that have to be true at the state's position, and those that have to be false.
     is_true: u32,
     is_false: u32,
     /// The numbers of the `p U q` for which visits to this state count.
     pub(super) fulfils: u32,
-    /// Whether nothing is owed from the next position on: every run that gets here is accepted.
+    /// Whether nothing is owed from the next position on: every run that reaches this state is accepted.
     pub(super) is_free: bool,
     pub(super) next: Vec<u16>,
 }
 
 impl State {
-    /// Whether it can be at a position with these atoms.
+    /// Returns whether the state can be at a position with these atoms.
     pub(super) fn fits(&self, letter: u32) -> bool {
         letter & self.is_true == self.is_true && letter & self.is_false == 0
     }
@@ -139,15 +140,15 @@ impl State {
 pub(super) struct Automaton {
     pub(super) states: Vec<State>,
     pub(super) first: Vec<u16>,
-    /// How many `p U q` there are.
+    /// The number of `p U q`.
     pub(super) promises: usize,
 }
 
-/// The formulas that hold at a position, and those owed from the next position on.
+/// The formulas that hold at a position, and the formulas that are owed from the next position on.
 type Way = (Set, Set);
 
 impl Automaton {
-    /// Builds the automaton of a formula; nothing if it gets too large.
+    /// Builds the automaton of a formula; none if it gets too large.
     pub(super) fn of(parts: &Parts, formula: usize) -> Option<Self> {
         let below = parts.below(formula);
         let untils: Vec<(usize, usize)> = below
@@ -187,12 +188,12 @@ struct Build<'b> {
     untils: &'b [(usize, usize)],
     ways: usize,
     numbers: BTreeMap<Way, u16>,
-    /// Each state, with the formulas owed from the next position on.
+    /// The states, each with the formulas that are owed from the next position on.
     states: Vec<(State, Set)>,
 }
 
 impl Build<'_> {
-    /// The states in which all that is owed holds.
+    /// Returns the states in which all owed formulas hold.
     fn states_of(&mut self, owed: &Set) -> Option<Vec<u16>> {
         let mut states = Vec::new();
         let mut open = vec![(owed.iter().copied().collect::<Vec<_>>(), Set::new(), Set::new())];
@@ -244,7 +245,8 @@ impl Build<'_> {
         Some(states)
     }
 
-    /// The state at whose position these formulas hold. Only atoms and promises among them distinguish states.
+    /// Returns the state at whose position these formulas hold. Among them, only atoms and promises distinguish
+    /// states.
     fn state(&mut self, holds: &Set, next: Set) -> Option<u16> {
         let mut state = State { is_true: 0, is_false: 0, fulfils: 0, is_free: next.is_empty(), next: Vec::new() };
         let mut kept = Set::new();

@@ -1,8 +1,8 @@
-//! Looks for a run of a system that an automaton accepts, and that is fair.
+//! Searches for a run of a system that an automaton accepts and that is fair.
 //!
-//! A run is fair if each event that may happen again and again does happen again and again: a program is done with each
-//! of its outcomes, a stop is answered, a timer runs out. Fairness does not include failures or stops of the whole:
-//! they may stay away.
+//! A run is fair if each event that is possible infinitely often also happens infinitely often: a program is done with each of
+//! its outcomes, a stop is answered, a timer elapses. Fairness does not include failures or stops of the whole: these may never
+//! happen.
 
 use super::automaton::Automaton;
 use crate::explore::{Graph, Limits, Reached};
@@ -11,35 +11,35 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How many transitions are taken between two checks of the budget.
 const TURN: usize = 4096;
-/// A longer cycle, on which all possible events happen, is not told; a shorter one is.
+/// The longest cycle with all possible events that a story shows. If such a cycle is longer, the story has a shorter cycle.
 const ROUND_MAX: usize = 16;
 
 /// The observable part of a system.
 pub(super) struct Seen<'s> {
     pub(super) graph: &'s Graph,
-    /// For each state the atoms that are true at a position there.
+    /// For each state, the atoms that are true at a position there.
     pub(super) letters: &'s [u32],
-    /// The atoms about the last event, as a bit set.
+    /// The atoms that describe the last event, as a bit set.
     pub(super) events: u32,
-    /// For each state its configuration. Two states of one configuration may differ in the last event.
+    /// For each state, the number of its configuration. Two states with the same configuration may differ in the last event.
     pub(super) configurations: &'s [u32],
-    /// Whether a transition has to be taken again and again, if it is possible again and again.
+    /// Whether a transition has to be taken infinitely often if it is possible infinitely often.
     pub(super) is_natural: &'s dyn Fn(Label) -> bool,
 }
 
-/// A run: a beginning, and a cycle that repeats for ever. The cycle may be empty if nothing happens any more. Without a
-/// cycle, the rest of the run does not matter.
+/// A run: a beginning, and a cycle that repeats for ever. The cycle is empty if nothing happens any more. Without a cycle, the rest
+/// of the run does not matter.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Run {
     pub(super) first: Vec<Label>,
     pub(super) again: Option<Vec<Label>>,
 }
 
-/// One event; no label means that nothing happens.
+/// One event; without a label nothing happens.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     label: Option<Label>,
-    /// Its number among the edges of its configuration.
+    /// The number of the edge among the edges of its configuration.
     number: u32,
     target: u32,
 }
@@ -47,8 +47,8 @@ struct Edge {
 /// A system combined with an automaton.
 #[derive(Default)]
 struct Product {
-    /// The place in the system, and the state of the automaton. A place is a state, or one in which nothing has just happened:
-    /// its number is larger by the number of states.
+    /// For each node, its place in the system, and the state of the automaton. A place is a state. If nothing has just happened
+    /// there, its number is larger by the number of states.
     nodes: Vec<(u32, u16)>,
     parents: Vec<Option<(u32, Option<Label>)>>,
     /// For each node, where its edges begin.
@@ -88,7 +88,7 @@ impl Seen<'_> {
         self.configurations[self.state(place) as usize]
     }
 
-    /// The edges of a place. If no event has to happen, one edge says that nothing happens.
+    /// Returns the edges of a place. If no event has to happen, one of the edges means that nothing happens.
     fn edges(&self, place: u32) -> Vec<Edge> {
         let state = self.state(place);
         let from = (0..).zip(self.graph.from(state));
@@ -106,7 +106,7 @@ impl Seen<'_> {
 }
 
 impl Product {
-    /// Everything that can be reached, the nearest first; stops at a node from which on every run is accepted.
+    /// Explores everything that can be reached, the nearest first. Stops at a node from which every run is accepted.
     fn explore(seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) -> Result<(Self, Option<u32>), Reached> {
         let mut product = Self::default();
         let mut known: BTreeMap<(u32, u16), u32> = BTreeMap::new();
@@ -130,7 +130,7 @@ impl Product {
                     let target = *known.entry((edge.target, state)).or_insert(count);
                     if target == count {
                         product.nodes.push((edge.target, state));
-                        // The start is told like any other step.
+                        // The start is a step of the story like any other.
                         product.parents.push(Some((open.unwrap_or(u32::MAX), edge.label)));
                     }
                     if automaton.states[usize::from(state)].is_free {
@@ -156,7 +156,7 @@ impl Product {
         if self.nodes.len() > limits.states as usize {
             return Err(Reached::States);
         }
-        // A node takes its share of three lists and of the table.
+        // The share of a node in three lists and in the table.
         if count * size_of::<Edge>() + self.nodes.len() * 64 > limits.memory {
             return Err(Reached::Memory);
         }
@@ -167,7 +167,7 @@ impl Product {
         &self.edges[self.starts[node as usize]..self.starts[node as usize + 1]]
     }
 
-    /// The labels of a shortest way to a node.
+    /// Returns the labels of a shortest way to a node.
     fn way(&self, node: u32) -> Vec<Label> {
         let mut way = Vec::new();
         let mut at = Some(node);
@@ -179,10 +179,10 @@ impl Product {
         way
     }
 
-    /// The nodes of a strongly connected part that is accepted and fair, the nearest first.
+    /// Returns the nodes of a strongly connected component that is accepted and fair, the nearest first.
     ///
-    /// If a part leaves out an event that may happen again and again, the part is searched again without the configurations
-    /// in which this event is possible.
+    /// If a component leaves out an event that is possible infinitely often, it is searched again without the configurations in
+    /// which this event is possible.
     fn fair(&self, seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) -> Result<Option<Vec<u32>>, Reached> {
         let all: Vec<u32> = (0..u32::try_from(self.nodes.len()).unwrap_or(u32::MAX)).collect();
         let (mut open, mut best) = (vec![all], None::<Vec<u32>>);
@@ -216,7 +216,7 @@ impl Product {
         automaton.states[usize::from(self.nodes[node as usize].1)].fulfils & mask
     }
 
-    /// The configurations of a part in which something has to happen that leads out of it.
+    /// Returns the configurations of a component in which an event has to happen that leads out of it.
     fn unfair(&self, seen: &Seen<'_>, part: &[u32]) -> BTreeSet<u32> {
         let mut taken: BTreeSet<(u32, u32)> = BTreeSet::new();
         for &node in part {
@@ -236,8 +236,8 @@ impl Product {
         unfair
     }
 
-    /// The strongly connected components among some nodes that contain a cycle. Source: Tarjan 1972, "Depth-first
-    /// search and linear graph algorithms".
+    /// Returns the strongly connected components of some nodes that contain a cycle. Source: Tarjan 1972, "Depth-first search
+    /// and linear graph algorithms".
     fn connected(&self, nodes: &[u32]) -> Vec<Vec<u32>> {
         let mut search = Search { among: nodes, numbers: BTreeMap::new(), stack: Vec::new(), parts: Vec::new() };
         for &node in nodes {
@@ -250,7 +250,8 @@ impl Product {
         search.parts
     }
 
-    /// A cycle through an accepted and fair part. Every event that has to happen is on it, if that is not too long for a reader.
+    /// Returns a cycle through an accepted and fair component. It has every event that has to happen, if it is not too long for
+    /// a reader.
     fn around(&self, seen: &Seen<'_>, automaton: &Automaton, entry: u32, part: &[u32]) -> Vec<Label> {
         let mut wanted: BTreeSet<(u32, u32)> = BTreeSet::new();
         for &node in part {
@@ -263,7 +264,7 @@ impl Product {
         if long.len() <= ROUND_MAX { long } else { self.round(seen, automaton, entry, part, BTreeSet::new()) }
     }
 
-    /// A way around through some nodes on which every promise is fulfilled and these edges of configurations are taken.
+    /// Returns a cycle through some nodes that fulfils every promise and takes these edges of configurations.
     fn round(
         &self,
         seen: &Seen<'_>,
@@ -297,7 +298,7 @@ impl Product {
         }
     }
 
-    /// The shortest way inside a part whose last edge is a goal.
+    /// Returns the shortest way inside a component whose last edge is a goal.
     fn nearest(&self, part: &[u32], start: u32, is_goal: &dyn Fn(u32, &Edge) -> bool) -> Vec<(u32, Edge)> {
         let mut known: BTreeMap<u32, (u32, Edge)> = BTreeMap::new();
         let mut open = VecDeque::from([start]);
@@ -322,11 +323,12 @@ impl Product {
     }
 }
 
-/// A search for strongly connected parts.
+/// A search for strongly connected components.
 struct Search<'s> {
     /// In ascending order.
     among: &'s [u32],
-    /// For each node that was found, its number in that order and the lowest that it reaches; `u32::MAX` once its part is known.
+    /// For each node that was found, its number in the order of discovery, and the lowest number that it reaches; `u32::MAX`
+    /// once its component is known.
     numbers: BTreeMap<u32, (u32, u32)>,
     stack: Vec<u32>,
     parts: Vec<Vec<u32>>,
@@ -334,7 +336,7 @@ struct Search<'s> {
 
 impl Search<'_> {
     fn from(&mut self, product: &Product, root: u32) {
-        // Each with its next edge: calls would go as deep as the longest way.
+        // The call stack, each entry with its next edge. Recursive calls would become as deep as the longest way.
         let mut calls = vec![(root, 0)];
         self.find(root);
         while let Some((node, next)) = calls.last_mut() {
@@ -377,7 +379,7 @@ impl Search<'_> {
         }
     }
 
-    /// The nodes on the stack down to this one are a part.
+    /// Makes a component of the nodes on the stack down to this one.
     fn close(&mut self, node: u32) {
         let mut part = Vec::new();
         while let Some(other) = self.stack.pop() {

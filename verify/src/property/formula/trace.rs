@@ -1,4 +1,4 @@
-//! Checks a formula in a recorded run, which decides every formula that is violated at some position.
+//! Checks a formula in a recorded run. A run can only decide formulas that are violated at some position.
 
 use super::automaton::{Automaton, Parts};
 use super::{Letters, process};
@@ -7,7 +7,7 @@ use crate::system::{Change, Frame, System};
 use language::sites::{Formula, ProcessRef};
 use std::collections::BTreeSet;
 
-/// The parts of a formula that `&` joins, as far as a run can break them.
+/// The parts of a formula, joined by `&`, that a run can violate.
 #[derive(Debug, Default)]
 pub(in crate::property) struct Breaks {
     parts: Vec<(Parts, Automaton)>,
@@ -18,7 +18,7 @@ pub(in crate::property) struct Breaks {
 /// The state of these parts while a run is followed.
 pub(in crate::property) struct Followed<'b> {
     parts: Vec<(Letters<'b>, &'b Automaton, BTreeSet<u16>)>,
-    /// Whether the next position is the first.
+    /// Whether the next position is the first one.
     is_first: bool,
 }
 
@@ -45,7 +45,7 @@ impl Breaks {
         self.parts.iter().flat_map(|(parts, _)| parts.atoms.iter().map(process)).collect()
     }
 
-    /// Looks for them in a run of a system.
+    /// Prepares to check these parts in a run of a system.
     pub(in crate::property) fn follow(&self, system: &System<'_>) -> Followed<'_> {
         let follow = |(parts, automaton): &'_ (Parts, Automaton)| {
             let seats = Seats::new(system, &parts.atoms.iter().map(process).collect::<Vec<_>>());
@@ -60,7 +60,7 @@ impl Breaks {
 }
 
 impl Followed<'_> {
-    /// The group is started, possibly again: another run begins.
+    /// Notes that the group is started, possibly again: a new run begins.
     pub(in crate::property) fn begins(&mut self) {
         for (_, automaton, states) in &mut self.parts {
             *states = automaton.first.iter().copied().collect();
@@ -68,7 +68,7 @@ impl Followed<'_> {
         self.is_first = true;
     }
 
-    /// Takes the next position. Returns whether nothing is broken there.
+    /// Takes the next position. Returns false if a part is violated there.
     pub(in crate::property) fn sees(&mut self, system: &System<'_>, changes: &[Change], frame: &Frame) -> bool {
         let is_first = std::mem::take(&mut self.is_first);
         self.parts.iter_mut().all(|(letters, automaton, states)| {

@@ -1,4 +1,5 @@
-//! The consequences of losing a host: nodes note it, programs stop or go on, supervisors give up unreachable members.
+//! The consequences of losing a host: nodes notice it, programs stop or continue, and supervisors give up unreachable
+//! members.
 
 use super::super::reaction::{Blow, failed};
 use super::super::{Frame, Label, Occupant, System, small};
@@ -24,7 +25,7 @@ impl System<'_> {
         frame.is_faulty && hosts.any(|host| !self.has_noted(frame, *host))
     }
 
-    /// Notes at the activation of a member whether it begins. Returns whether it does.
+    /// Notes, at the activation of a member, whether it begins; returns the same.
     pub(in crate::system) fn begins(&self, frame: &mut Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
@@ -40,7 +41,7 @@ impl System<'_> {
         flag == 0
     }
 
-    /// Whether the host of a program has noted a loss and lets it begin nothing new.
+    /// Returns whether the host of a program has noticed a loss and begins nothing new.
     fn begins_nothing(&self, frame: &Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         let Some(rift) = &self.rift else { return false };
@@ -51,7 +52,7 @@ impl System<'_> {
             && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
     }
 
-    /// Whether a member begins when the order to start it arrives. Notes the result.
+    /// Notes whether a member begins when the order to start it arrives; returns the same.
     pub(in crate::system) fn is_taken(&self, frame: &mut Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
@@ -59,14 +60,14 @@ impl System<'_> {
             return !self.is_refused(frame, seat);
         };
         if self.is_out(frame, rift.seats[unit][member as usize]) {
-            // The node has left: it answers that there is nothing to start.
+            // The node has left the mission: it answers that there is nothing to start.
             self.send_end(frame, seat, &failed(&Failure::Crash));
             return false;
         }
         let is_given_up = frame.states[unit].activity(member) == Activity::Idle;
         let flag = match () {
             () if self.begins_nothing(frame, seat) => HELD,
-            // Its supervisor has given it up before it began.
+            // The supervisor has given the member up before it began.
             () if is_given_up && self.is_severed(frame, seat) => ORPHAN,
             () => 0,
         };
@@ -74,13 +75,13 @@ impl System<'_> {
         flag != HELD && (flag == ORPHAN || !self.is_refused(frame, seat))
     }
 
-    /// Messages in transit to a dead host never arrive.
+    /// Discards messages in transit to a dead host.
     pub(in crate::system) fn lose_to_the_dead(&self, frame: &mut Frame) {
         let dead = self.mode.lost.filter(|loss| self.rift.is_some() && loss.kind == LossKind::Death);
         self.lose_messages(frame, |(_, to)| dead.is_some_and(|loss| loss.host == to));
     }
 
-    /// Messages in transit over the loss no longer arrive at a host that has noted it.
+    /// Discards messages in transit over the loss to a host that has noticed it.
     fn lose_late(&self, frame: &mut Frame, host: u32) {
         let Some(rift) = &self.rift else { return };
         let unreached = self.lose_messages(frame, |(from, to)| to == host && self.is_cut(from, to));
@@ -89,8 +90,8 @@ impl System<'_> {
         }
     }
 
-    /// The actions of a host's node when it notes the loss: first the stops on this host, then the reports to its
-    /// supervisors.
+    /// Returns the actions of a host's node when it notices the loss: first the stops on this host, then the reports
+    /// to its supervisors.
     pub(in crate::system) fn note(&self, frame: &mut Frame, host: u32) -> VecDeque<Blow> {
         let Some(rift) = &self.rift else { return VecDeque::new() };
         self.lose_late(frame, host);
@@ -131,11 +132,11 @@ impl System<'_> {
         blows
     }
 
-    /// The supervisors of a host give up the members beyond the loss.
+    /// Makes the supervisors of a host give up the members beyond the loss.
     fn give_up(&self, frame: &mut Frame, host: u32, blows: &mut VecDeque<Blow>) {
         let Some(rift) = &self.rift else { return };
         for unit in (0..rift.units.len()).filter(|unit| rift.units[*unit] == host) {
-            // An activity hears of the loss before its members fail by it.
+            // An activity learns of the loss before its members fail because of it.
             blows.extend(self.beyond(host).map(|lost| Blow::News(unit, lost)));
             let group = self.model.parts[self.units[unit].part].group;
             let severed: Vec<u32> = frame.states[unit]
@@ -155,7 +156,7 @@ impl System<'_> {
         }
     }
 
-    /// Whether something on a host continues without the home.
+    /// Returns whether something on a host continues without the home host.
     fn goes_on(&self, frame: &Frame, host: u32) -> bool {
         let Some(rift) = &self.rift else { return false };
         let keeps = |unit: usize, member: u32| {
@@ -171,7 +172,7 @@ impl System<'_> {
         })
     }
 
-    /// Whether a program stops by its own rules when its node notes the loss.
+    /// Returns whether a program stops by its own rules when its node notices the loss.
     fn stops(&self, frame: &Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         let Some(rift) = &self.rift else { return false };
@@ -188,7 +189,7 @@ impl System<'_> {
         }
     }
 
-    /// Whether a unit, or one around it on the same host, is supervised from beyond the loss.
+    /// Returns whether a unit, or a unit around it on the same host, has its supervisor beyond the loss.
     fn is_below_cut(&self, unit: usize, host: u32) -> bool {
         let Some(rift) = &self.rift else { return false };
         let mut around = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.unit));
@@ -200,7 +201,7 @@ impl System<'_> {
         around.is_some_and(|(MemberRef { unit: around, .. }, rift)| self.is_cut(rift.units[around], rift.units[unit]))
     }
 
-    /// Whether something that a member needs may still be used on a lost host.
+    /// Returns whether a lost host may still use a resource that a member needs.
     fn is_fenced(&self, frame: &Frame, MemberRef { unit, member }: MemberRef) -> bool {
         let Some(rift) = &self.rift else { return false };
         let group = self.model.parts[self.units[unit].part].group;
@@ -213,7 +214,7 @@ impl System<'_> {
         })
     }
 
-    /// Whether a lost host may still do something for a member.
+    /// Returns whether a lost host may still act for a member.
     fn is_loose(&self, frame: &Frame, seat: MemberRef) -> bool {
         let MemberRef { unit, member } = seat;
         self.flags(frame, seat) & FENCED != 0

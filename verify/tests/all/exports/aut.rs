@@ -1,11 +1,11 @@
-//! A reader of the Aldebaran format (`.aut`) that knows no spec: it returns the number of states, and whether one of
-//! them is a dead end.
+//! A reader of the Aldebaran format (`.aut`) that knows nothing about specs. It returns the number of states, and
+//! whether one of them is a dead end.
 
-/// A transition: from which state, by which event, to which state.
+/// A transition: the first state, the event, and the next state.
 type Transition = (usize, String, usize);
 
-/// Checks that an export has `states` states, and a dead end if `has_dead_end`: a state that does not end although
-/// nothing fails and no stop is requested.
+/// Checks that an export has `states` states, and that it has a dead end exactly if `has_dead_end`. A dead end is a
+/// state that does not end although nothing fails and no stop is requested.
 pub(crate) fn check(text: &str, states: usize, has_dead_end: bool) -> Result<(), String> {
     let (count, all) = read(text)?;
     if count != states {
@@ -33,7 +33,8 @@ fn read(text: &str) -> Result<(usize, Vec<Transition>), String> {
     Ok((states.parse().map_err(|why| format!("the number of states: {why}"))?, all))
 }
 
-/// Returns from which states one without transitions can be reached, if nothing fails and no stop is asked for.
+/// Returns for each state whether a state without transitions can be reached from it, if nothing fails and no stop is
+/// requested.
 fn can_end(states: usize, all: &[Transition]) -> Vec<bool> {
     let mut ends = vec![true; states];
     all.iter().for_each(|(from, ..)| ends[*from] = false);

@@ -1,4 +1,4 @@
-//! Reads the part of JANI that is written.
+//! Reads the part of JANI that the exporter writes.
 
 use super::machine::{Change, Expr, Machine, Variable};
 use serde_json::Value;

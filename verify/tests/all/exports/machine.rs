@@ -1,4 +1,4 @@
-//! An exported model as it was read, and its state space by the semantics of its language.
+//! An exported model as a reader has read it, and its state space by the semantics of its language.
 
 use std::collections::{BTreeMap, BTreeSet};
 use verify::Transitions;
@@ -18,13 +18,13 @@ pub(crate) enum Expr {
 pub(crate) struct Variable {
     pub(crate) name: String,
     pub(crate) first: i64,
-    /// The greatest number, where the language has one.
+    /// The greatest number, if the language has one.
     pub(crate) most: Option<i64>,
 }
 
 #[derive(Debug)]
 pub(crate) struct Change {
-    /// Nothing if it is silent.
+    /// Nothing if the change is silent.
     pub(crate) word: Option<String>,
     pub(crate) guard: Expr,
     pub(crate) sets: Vec<(usize, Expr)>,
@@ -64,7 +64,7 @@ impl Expr {
         }
     }
 
-    /// The number that a variable must have for this to hold, if it is tested.
+    /// Returns the number that a variable must have for this expression to hold, if the expression tests it.
     fn asks(&self, variable: usize) -> Option<i64> {
         match self {
             Self::Of("&&", of) => of.iter().find_map(|part| part.asks(variable)),
@@ -78,7 +78,7 @@ impl Expr {
 }
 
 impl Machine {
-    /// Sorts the changes, so that few are asked in a state.
+    /// Sorts the changes, so that few are considered in each state.
     pub(crate) fn new(variables: Vec<Variable>, changes: Vec<Change>) -> Self {
         let todo = variables.iter().position(|variable| variable.name == "todo").expect("there is a `todo`");
         let mut by_todo: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
@@ -110,7 +110,7 @@ impl Machine {
         Ok(next)
     }
 
-    /// Follows the silent changes to a state in which there is none; there must be one way only.
+    /// Follows the silent changes to a state that has none. There must be only one way to it.
     fn settled(&self, mut state: State) -> Result<State, String> {
         for _ in 0..CHAIN_MAX {
             let possible = self.possible(&state);
@@ -130,9 +130,9 @@ impl Machine {
         told.map(|(variable, value)| format!("{} {value}", variable.name)).collect::<Vec<_>>().join(", ")
     }
 
-    /// Walks through both, state by state. Both are deterministic but for inert silent changes, so branching
-    /// bisimilarity holds if the same words are possible in all reached pairs of states, and no silent chain is
-    /// endless. Returns how many pairs there were.
+    /// Walks through both models, state by state. Both are deterministic except for inert silent changes. So they are
+    /// branching bisimilar if the same words are possible in all reached pairs of states, and no chain of silent
+    /// changes is endless. Returns the number of pairs.
     pub(crate) fn compare(&self, all: &Transitions, named: impl Fn(&str) -> String) -> Result<usize, String> {
         let mut edges: BTreeMap<u32, BTreeMap<String, u32>> = BTreeMap::new();
         for (from, word, to) in &all.all {

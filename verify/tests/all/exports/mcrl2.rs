@@ -1,8 +1,8 @@
-//! Reads the part of mCRL2 that is written: one linear process over whole numbers.
+//! Reads the part of mCRL2 that the exporter writes: one linear process over whole numbers.
 
 use super::machine::{Change, Expr, Machine, Variable};
 
-/// The model, and for each word its action.
+/// Returns the model, and for each word its action.
 pub(crate) fn read(text: &str) -> (Machine, Vec<(String, String)>) {
     let comments = text.lines().filter_map(|line| line.strip_prefix("% ")).skip(1);
     let pair = |line: &str| line.split_once(": ").map(|(action, word)| (word.to_owned(), action.to_owned()));

@@ -1,4 +1,4 @@
-//! Specs to export: random ones, and those of this repository.
+//! Specs to export: random specs, and those of this repository.
 
 use super::random::{Dice, Taste, group};
 use super::text::text;
@@ -8,7 +8,7 @@ use language::{Options, Source, compile_with_sites};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A random spec; every other one has a group in it, half of these on another host.
+/// Returns a random spec. Every other spec has a group in it, and half of these groups are on another host.
 pub(crate) fn random(seed: u64) -> String {
     let mut dice = Dice::new(seed);
     let (outer, _) = text(&group(&mut dice, Taste::Text), "");
@@ -26,14 +26,14 @@ pub(crate) fn random(seed: u64) -> String {
     }
     let instance = format!("m{slot} instof M{slot}(c1);");
     let outer = outer.replace(&module(slot), "").replace(&instance, &format!("m{slot} instof Inner();"));
-    // Every fourth one is on two hosts.
+    // Every fourth spec has two hosts.
     if seed % 4 == 1 {
         inner = inner.replace("host{c1}", "host{c2}").replace("(c1)", "(c2)");
     }
     format!("{inner}\n{outer}")
 }
 
-/// The specs of the corpus and of the repository, each with its name.
+/// Returns the specs of the corpus and of the repository, each with its name.
 pub(crate) fn files() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let folders = ["verify/tests/corpus/good", "verify/tests/corpus/bad", "specs"].map(|folder| root.join(folder));
@@ -49,7 +49,7 @@ fn catches(expression: &Expression) -> bool {
     matches!(expression, Expression::Catch { .. }) || expression.operands().into_iter().any(catches)
 }
 
-/// The plan of a text, unless the check refuses it.
+/// Returns the plan of a text, unless the check refuses it.
 pub(crate) fn planned(name: &str, text: &str) -> Option<(Plan, Sites)> {
     let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("../language/tests/graph/door_opening.interface");
     let library = Source::new("library", fs::read_to_string(library).expect("the interface can be read"));

@@ -1,5 +1,5 @@
-//! Nested groups: the answers of `verify`, which explores groups and pieces separately, compared with the whole as one
-//! system.
+//! Nested groups. `verify` explores groups and pieces separately. This test compares its answers with the whole spec as
+//! one system.
 
 use super::random::{Dice, Taste, of_size};
 use super::text::written;
@@ -15,12 +15,12 @@ use verify::{Alone, Always, Detail, Limits, Report, Transitions, Verdict, flat, 
 pub(crate) enum Compared {
     /// The number of sentences that hold, and of those that do not.
     Same(usize, usize),
-    /// The spec was refused by the check, or has too many states.
+    /// The check refused the spec, or the spec has too many states.
     LeftOut,
     Differs(String),
 }
 
-/// Groups with more configurations than this are divided into pieces; the last is the default.
+/// Groups with more configurations than this are divided into pieces. The last number is the default.
 const WHOLE: [u64; 3] = [1, 12, 20_000];
 const LIMITS: Limits<'static> = Limits { states: 60_000, memory: 128 << 20, threads: &Alone, goes_on: &Always };
 
@@ -81,11 +81,11 @@ pub(crate) fn compare(seed: u64) -> Compared {
             }
         };
         same("a program is never started", programs.iter().any(|program| !whole.is_ever_there(program)), "E0812");
-        // A group that nothing starts can still be such that no stop of it would end.
+        // Even in a group that nothing starts, a stop may never end.
         if flat.stop_hangs || !has(&report, "E0812") {
             same("a stop has no end", flat.stop_hangs, "E0813");
         }
-        // A group that waits for such a stop is not reported.
+        // A group that waits for such a stop gets no report of its own.
         if !is_service && !has(&report, "E0813") {
             same("it gets stuck", flat.gets_stuck, "E0811");
         }
@@ -109,13 +109,13 @@ fn has(report: &Report, code: &str) -> bool {
 // ---- the spec ----
 
 struct Made {
-    /// With `VERIFY` where the sentences come.
+    /// The text, with `VERIFY` in the place of the sentences.
     text: String,
-    /// The names of the programs that an expression uses, as a sentence writes them.
+    /// The names of the programs that an expression uses, as in a sentence.
     programs: Vec<String>,
 }
 
-/// A `main` of which some members are groups; some of their members are groups as well.
+/// Makes a `main` of which some members are groups. Some of their members are groups as well.
 fn spec(dice: &mut Dice) -> Made {
     let mut made = Made { text: String::new(), programs: Vec::new() };
     let size = 2 + dice.below(4);
@@ -125,8 +125,8 @@ fn spec(dice: &mut Dice) -> Made {
     made
 }
 
-/// The body of a process of about this size, with this many levels of groups below; the processes it needs come before
-/// it.
+/// Returns the body of a process of about this size, with this many levels of groups below it. The text gets the
+/// processes that the body needs before it.
 fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, path): (&str, &str)) -> String {
     let (group, expression, matched) = with_programs(dice, size, !path.is_empty());
     let mut instances = String::new();
@@ -157,8 +157,8 @@ fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, 
     )
 }
 
-/// A group that runs a program, so that its start can be seen. Returns its text, and the members whose outcomes matter.
-/// An inner group takes some time: a closed group counts as one that takes any time.
+/// Makes a group that runs a program, so that its start is visible. Returns the group, its text, and the members whose
+/// outcomes matter. An inner group takes some time, since a closed group counts as one that takes any time.
 fn with_programs(dice: &mut Dice, size: u32, is_inside: bool) -> (Group, String, Vec<u32>) {
     loop {
         let group = of_size(dice, Taste::Text, size);
@@ -192,8 +192,8 @@ fn sentences(dice: &mut Dice, programs: &[String]) -> Vec<Sentence> {
 
 // ---- the whole ----
 
-/// All that a spec can do, and which programs are there in each state: those of which an end is possible, since any may
-/// fail.
+/// All behaviour of a spec, and for each state the programs that are there. A program is there if an end of it is
+/// possible, since any program may fail.
 struct Whole<'t> {
     from: Vec<Vec<(&'t str, usize)>>,
     there: Vec<BTreeSet<&'t str>>,
@@ -242,14 +242,15 @@ impl<'t> Whole<'t> {
         }
     }
 
-    /// Whether a transition starts a program: it runs afterwards and did not before, or has ended in the same
-    /// transition.
+    /// Returns whether a transition starts a program: the program runs after the transition. It did not run before, or
+    /// it has ended in the same transition.
     fn starts(&self, program: &str, (from, word, to): (usize, &str, usize)) -> bool {
         let ends = || ["done", "aborted", "stopped"].iter().any(|kind| is_word(word, kind, program));
         self.there[to].contains(program) && (!self.there[from].contains(program) || ends())
     }
 
-    /// Whether some way reaches a point where `next` returns `None`; `next` returns the memory for the next step.
+    /// Returns whether `next` returns `None` somewhere along some way. Otherwise `next` returns the memory for the next
+    /// step.
     fn walks(&self, next: impl Fn(bool, (usize, &str, usize)) -> Option<bool>) -> bool {
         let mut seen = vec![[false; 2]; self.from.len()];
         let mut open = vec![(0, false)];
@@ -268,7 +269,7 @@ impl<'t> Whole<'t> {
     }
 }
 
-/// The path in an export of a program that a sentence names.
+/// Returns the path that a program of a sentence has in an export.
 fn path(name: &str) -> String {
     name.replace('.', "/")
 }

@@ -1,7 +1,7 @@
-//! Brute force, compared with `holds ltl`: the same verdicts on random small specs with random formulas.
+//! Compares brute force with `holds ltl`: both give the same verdicts on random small specs with random formulas.
 //!
-//! The reference searches all truth values that the temporal parts of a formula could have at each position, beside its
-//! own states. It shares nothing with the verifier, which builds an automaton step by step.
+//! At each position, the reference searches all truth values that the temporal parts of a formula could have, beside
+//! its own states. It shares nothing with the verifier, which builds an automaton step by step.
 
 use super::explore::{Edge, Graph, Move, Seen, Tags, explore};
 use super::random::{Dice, TAGS, Taste, group};
@@ -14,16 +14,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use verify::{Alone, Always, Limits, Verdict};
 
-/// Specs with more transitions are left out.
+/// The test leaves out specs with more transitions.
 const EDGES_MAX: usize = 250;
-/// The most temporal operators of a formula.
+/// The largest number of temporal operators in a formula.
 const TEMPORAL_MAX: usize = 4;
 
 /// The result for a seed.
 pub(crate) enum Compared {
-    /// Both agree: whether it holds.
+    /// Both agree whether the formula holds.
     Same(bool),
-    /// The spec was refused by the check, or has too many states for brute force.
+    /// The check refused the spec, or the spec has too many states for brute force.
     LeftOut,
     Differs(String),
 }
@@ -37,7 +37,7 @@ enum Ltl {
     Or(Box<Self>, Box<Self>),
     Implies(Box<Self>, Box<Self>),
     Same(Box<Self>, Box<Self>),
-    /// An operator, its number in the formula, and its operands; `G` and `F` have the second alone.
+    /// An operator, its number in the formula, and its operands. `G` and `F` have only the second operand.
     Temporal(char, usize, Box<Self>, Box<Self>),
 }
 
@@ -163,7 +163,7 @@ impl Ltl {
         }
     }
 
-    /// Whether it promises something, where it has to hold (`true`) or to fail (`false`).
+    /// Returns whether the formula promises something, if it has to hold (`true`) or to fail (`false`).
     fn promises(&self, to_hold: bool) -> bool {
         match self {
             Self::True | Self::Atom(_) => false,
@@ -197,14 +197,14 @@ fn holds(formula: &Ltl, temporal: usize, graphs: (&Graph, &Graph)) -> bool {
     !Tableau::new(formula, temporal, graph).has_fair_run()
 }
 
-/// A position: after the transition of this number from a state, or at a state where nothing has just happened.
+/// A position: after the transition with this number from a state, or at a state where nothing has just happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Place {
     After(usize, usize),
     Idle(usize),
 }
 
-/// A position with the truth of each temporal part, as bits.
+/// A position with the truth values of the temporal parts, as bits.
 type Node = (Place, u32);
 
 struct Tableau<'t> {
@@ -277,7 +277,7 @@ impl<'t> Tableau<'t> {
         }
     }
 
-    /// Whether the truth of the temporal parts at two positions, one after the other, can be so.
+    /// Returns whether the temporal parts can have these truth values at two positions, one after the other.
     fn follows(&self, node: Node, next: Node) -> bool {
         self.temporals.iter().all(|temporal| {
             let Ltl::Temporal(operator, number, p, q) = temporal else { return true };
@@ -293,7 +293,7 @@ impl<'t> Tableau<'t> {
         })
     }
 
-    /// Whether a promise is kept at a position, or a failure shows.
+    /// Returns whether a position keeps a promise, or shows a failure.
     fn is_kept(&self, temporal: &Ltl, node: Node) -> bool {
         let Ltl::Temporal(operator, number, p, q) = temporal else { return true };
         let (is_true, p, q) = (node.1 >> number & 1 == 1, self.value(p, node), self.value(q, node));
@@ -342,7 +342,7 @@ impl<'t> Tableau<'t> {
         false
     }
 
-    /// Whether everything that has to happen at a place does in a part.
+    /// Returns whether a part contains everything that has to happen at a place.
     fn is_fair(&self, place: Place, part: &BTreeSet<Node>) -> bool {
         let state = self.look(place).2;
         let natural = self.graph.edges[state].iter().enumerate().filter(|(_, edge)| edge.is_natural());
@@ -350,7 +350,7 @@ impl<'t> Tableau<'t> {
     }
 }
 
-/// The nodes among `among` that one step or more can reach.
+/// Returns the nodes among `among` that can be reached in one step or more.
 fn reach(edges: &BTreeMap<Node, Vec<Node>>, among: &BTreeSet<Node>, from: Node) -> BTreeSet<Node> {
     let (mut reached, mut open) = (BTreeSet::new(), vec![from]);
     while let Some(node) = open.pop() {

@@ -1,4 +1,4 @@
-//! Brute force, compared with `verify`: the same verdicts on random small specs of groups on two hosts.
+//! Compares brute force with `verify`: both give the same verdicts on random small specs of groups on two hosts.
 
 use super::against_loss::{loss_difference, never_after_loss};
 use super::explore::explore as explore_group;
@@ -21,9 +21,9 @@ use verify::{Alone, Always, Finding, Limits, Story, Verdict};
 /// The result for a seed.
 #[derive(Debug)]
 pub(crate) enum Compared {
-    /// The number of sentences that hold, and of those that do not, as both agree.
+    /// The number of sentences that hold, and of those that do not. Both agree about them.
     Same(usize, usize),
-    /// The spec was refused by the check, or has too many states for brute force, or has one group alone.
+    /// The check refused the spec, or the spec has too many states for brute force, or it has only one group.
     LeftOut,
     Differs(String),
 }
@@ -45,11 +45,11 @@ enum Form {
     AfterEndEventually,
     Eventually,
     EventuallyDone,
-    /// Formulas that mean the same as `never a with b`, `a only after b.started` and `after a.done: never b`.
+    /// Formulas with the same meaning as `never a with b`, `a only after b.started` and `after a.done: never b`.
     NeverAsFormula,
     OnlyAfterAsFormula,
     AfterAsFormula,
-    /// Of the second member, once `c2` is lost.
+    /// About the second member, once `c2` is lost.
     LossNever,
 }
 
@@ -73,7 +73,7 @@ const FORMS: [Form; 18] = [
     Form::AfterAsFormula,
     Form::LossNever,
 ];
-/// So many pairs of members are asked about.
+/// The number of pairs of members with a question.
 const PAIRS: usize = 3;
 
 pub(crate) fn compare(seed: u64) -> Compared {
@@ -106,7 +106,8 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let Some((graph, seats)) = explore(&plan, &tags, Links::InOrder).zip(made.seats_in(&plan)) else {
         return Compared::LeftOut;
     };
-    // The verifier does not follow every message, so some that it follows may overtake each other for it.
+    // The verifier does not follow every message. So for the verifier, some messages that it follows may overtake each
+    // other.
     let loose = OnceCell::new();
     let loose = || loose.get_or_init(|| explore(&plan, &tags, Links::EachMember)).as_ref();
     let limits = Limits { states: 200_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
@@ -125,7 +126,8 @@ pub(crate) fn compare(seed: u64) -> Compared {
         match (holds, finding.verdict) {
             (true, Verdict::Proved) => hold += 1,
             (false, Verdict::Fails) => fail += 1,
-            // The verifier also opens a group that may hang, and counts the messages in transit to and from it.
+            // The verifier also opens a group that may hang, and counts the messages in transit to the group and from
+            // it.
             (true, Verdict::Fails) if !self::holds((&plan, Around::All), asked, &graph) => fail += 1,
             (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds((&plan, Around::Them), asked, graph)) => {
                 fail += 1;
@@ -143,10 +145,10 @@ pub(crate) fn compare(seed: u64) -> Compared {
     }
 }
 
-/// The difference in a finding that no sentence asks for: whether a group may reach a state where it never ends, in any
-/// surroundings.
+/// Returns the difference in a finding that belongs to no sentence: whether a group may reach a state where it never
+/// ends, in any surroundings.
 fn hang_difference((plan, sites): (&Plan, &Sites), graph: &Graph, limits: &Limits<'_>) -> Option<String> {
-    // The node that promises to end is a whole group in this case.
+    // In this case, the node that promises to end is a whole group.
     if plan.groups.iter().any(|group| expression(group).is_service) {
         return None;
     }
@@ -171,8 +173,8 @@ fn hang_difference((plan, sites): (&Plan, &Sites), graph: &Graph, limits: &Limit
     })
 }
 
-/// Whether a group behaves as the verifier assumes of a closed group: it takes some time, stops nothing at once, and
-/// may fail.
+/// Returns whether a group behaves as the verifier assumes of a closed group: it takes some time, stops nothing at
+/// once, and may fail.
 fn is_box(group: &Group) -> bool {
     let group = Rc::new(group.clone());
     let mut first = Reference::new(&group);
@@ -184,12 +186,12 @@ fn is_box(group: &Group) -> bool {
         && alone.is_some_and(|graph| graph.seen.iter().any(|seen| matches!(seen.ended, Some(Outcome::Aborted(_)))))
 }
 
-/// Random groups: `main`, and those that are members of it.
+/// Random groups: `main`, and the groups that are members of it.
 struct Made {
     groups: Vec<Group>,
-    /// For each group, its member in `main`.
+    /// For each group, its own seat as a member of `main`.
     around: Vec<Seat>,
-    /// The host of each group, and for each the hosts of its members.
+    /// For each group, its host and the hosts of its members.
     hosts: Vec<(u32, Vec<u32>)>,
     matched: Vec<Vec<u32>>,
 }
@@ -227,12 +229,12 @@ impl Made {
         groups.flat_map(|(group, source)| (0_u32..).zip(&source.members).map(move |(slot, _)| (group, slot))).collect()
     }
 
-    /// Whether anything is on `c2`.
+    /// Returns whether a group or a member is on `c2`.
     fn is_on_two_hosts(&self) -> bool {
         self.hosts.iter().any(|(own, others)| *own == 1 || others.contains(&1))
     }
 
-    /// The name of a member in a sentence about `main`.
+    /// Returns the name of a member in a sentence about `main`.
     fn name(&self, (group, slot): Seat) -> String {
         match group {
             0 => format!("m{slot}"),
@@ -306,7 +308,7 @@ impl Made {
         (text, tags)
     }
 
-    /// The seats of a plan that these are.
+    /// Returns a function that finds the seats of these members in a plan.
     fn seats_in<'m>(&'m self, plan: &'m Plan) -> Option<impl Fn(Seat) -> Seat + 'm> {
         let number = |group: u32| {
             let path = if group == 0 { "main".to_owned() } else { format!("main/m{}", self.around[group as usize].1) };
@@ -328,8 +330,7 @@ impl Made {
     }
 }
 
-/// Of which groups it counts that something is under way or being stopped: those around the two that a sentence names,
-/// or all.
+/// The groups in which orders under way and stops count: those around the two members of a sentence, or all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Around {
     Them,
@@ -339,7 +340,7 @@ enum Around {
 fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), graph: &Graph) -> bool {
     let state =
         |breaks: &dyn Fn(&Seen) -> bool| !graph.objects(|_, _, seen| if breaks(seen) { Err(()) } else { Ok(false) });
-    // Whether nothing forbidden happens before, or from, the first time that something else does.
+    // Returns whether no forbidden event happens before the first occurrence of another event, or none from it on.
     let order = |first: (Seat, &[Kind]), forbidden: Seat, is_before: bool| {
         !graph.objects(|mut was, happened, _| {
             for (seat, kind) in happened {
@@ -395,15 +396,16 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
     }
 }
 
-/// The ends that something may have.
+/// The ways in which a member may end.
 const ENDS: &[Kind] = &[Kind::Done, Kind::Failed, Kind::Stopped];
 
 fn happens(happened: &[(Seat, Kind)], (seat, kinds): (Seat, &[Kind])) -> bool {
     happened.iter().any(|(other, kind)| *other == seat && kinds.contains(kind))
 }
 
-/// Whether after an event, once all stops in the groups are answered, a member does not run; and they are at some time.
-/// An order to start it was given before, and that a group with one of the two in it has ended is known.
+/// Returns whether a member does not run after an event, once all stops in the groups are answered, and whether they
+/// are answered at some time. An order to start the member was given before. The supervisors know of the end of each
+/// group that contains one of the two.
 fn stopped((plan, groups): (&Plan, Around), event: (Seat, &[Kind]), who: Seat, graph: &Graph) -> bool {
     let is_quiet = |seen: &Seen| {
         let holds = |seat: &Seat, other: Seat| {

@@ -1,12 +1,12 @@
-//! Brute force, compared with the answers of `verify` about the loss of a host.
+//! Compares brute force with the answers of `verify` about the loss of a host.
 
 use super::graph::{Kind, Seat};
 use super::hosts::{Fate, Loss, Tags, explore_loss};
 use language::plan::{MemberKind, Plan};
 use verify::{Finding, Story, Verdict};
 
-/// Whether something may start once `c2` has died or is cut off. Failures after `c2` has only lost its programs are not
-/// compared.
+/// Compares whether a member may start once `c2` has died or is cut off. The test does not compare failures after `c2`
+/// has lost only its programs.
 pub(crate) fn never_after_loss((plan, tags): (&Plan, &Tags), who: Seat, finding: &Finding) -> Option<String> {
     let host = (0_u32..).zip(&plan.hosts).find(|(_, name)| *name == "c2").map(|(host, _)| host)?;
     if has_using(plan) {
@@ -31,8 +31,8 @@ fn has_using(plan: &Plan) -> bool {
     plan.groups.iter().any(|group| format!("{:?}", group.expression).contains("Using"))
 }
 
-/// The assumption below a proof that two never run at the same time: whether they may once a host has died or is cut
-/// off. Specs that take resources with `using` are not compared, since those resources stay taken.
+/// Compares the assumption below a proof that two members never run at the same time: whether they may once a host has
+/// died or is cut off. The test leaves out specs that take resources with `using`, since those resources stay taken.
 pub(crate) fn loss_difference((plan, tags): (&Plan, &Tags), (a, b): (Seat, Seat), finding: &Finding) -> Option<String> {
     let is_group =
         |(group, slot): Seat| matches!(plan.groups[group as usize].members[slot as usize].kind, MemberKind::Group(_));

@@ -1,4 +1,5 @@
-//! The reference, compared with `step`: the same commands and outcomes along the same random words of events.
+//! Compares the reference with `step`: both give the same commands and outcomes along the same random words of
+//! events.
 
 use super::random::{Dice, TAGS, Taste, group};
 use super::rules::{Event, Order, Reference};
@@ -9,10 +10,10 @@ use language::plan::Group;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// The longest word of events of one group.
+/// The length of the longest word of events of one group.
 const EVENTS: u32 = 24;
 
-/// Both, and the numbers of activations that `step` has to give.
+/// The reference and `step`, and the numbers of activations that `step` has to give.
 struct Pair {
     program: Program,
     state: State,
@@ -22,7 +23,7 @@ struct Pair {
     word: Vec<String>,
 }
 
-/// Runs one random group on one random word; returns their difference.
+/// Runs one random group on one random word, and returns the difference between both.
 pub(crate) fn compare(seed: u64) -> Result<(), String> {
     let mut dice = Dice::new(seed);
     let source = Rc::new(group(&mut dice, Taste::Anything));
@@ -87,7 +88,7 @@ impl Pair {
         self.both(told, ended)
     }
 
-    /// Something that can happen now; rarely something that cannot.
+    /// Returns an event that is possible now, and rarely one that is not.
     fn event(&self, dice: &mut Dice, source: &Group) -> Option<Event> {
         let members = u32::try_from(source.members.len()).expect("few members");
         let mut all = Vec::new();
@@ -131,7 +132,7 @@ impl Pair {
         Ok(())
     }
 
-    /// Whether a command is the reference's order, with the next number.
+    /// Returns whether a command is the order of the reference, with the next number.
     fn is_order(&mut self, order: &Order, command: &Command) -> bool {
         match (order, command) {
             (Order::Connect(ours), Command::Connect { set }) => ours == set,

@@ -1,4 +1,4 @@
-//! Random runs with a clock, compared with `finishes within` and `stops within`: no run takes longer than the proved
+//! Compares random runs with a clock with `finishes within` and `stops within`: no run takes longer than the proved
 //! time.
 
 use super::random::{Dice, Taste, group};
@@ -11,15 +11,15 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 use verify::{Alone, Always, Limits, Verdict};
 
-/// So many runs are made of each group.
+/// The number of runs of each group.
 const RUNS: u32 = 60;
-/// A run with more events is left out: nothing bounds it, as far as it shows.
+/// The test leaves out a run with more events, since nothing seems to bound it.
 const EVENTS_MAX: u32 = 60;
 
-/// How long programs take at most, and their stops, in milliseconds; by their slots.
+/// The longest times of programs and of their stops, in milliseconds, by their slots.
 struct Takes(Vec<(u64, u64)>);
 
-/// One run: the next events, and their times.
+/// One run: the next events, and when each of them happens.
 struct Run<'r> {
     dice: &'r mut Dice,
     takes: &'r Takes,
@@ -32,7 +32,7 @@ struct Run<'r> {
 }
 
 impl Run<'_> {
-    /// Returns how long it took, from its start, or from the stop that is requested after `stop_after` events.
+    /// Returns the time of the run from its start, or from the stop that is requested after `stop_after` events.
     fn takes(&mut self, stop_after: Option<u32>) -> Option<u64> {
         let mut ended = self.reference.begin(Value::EMPTY).is_some();
         let mut since = 0;
@@ -51,7 +51,7 @@ impl Run<'_> {
         None
     }
 
-    /// Lets the earliest due event happen. Returns whether everything has ended; none if nothing is due.
+    /// Lets the earliest due event happen. Returns whether everything has ended, or none if nothing is due.
     fn next(&mut self) -> Option<bool> {
         let program = self.programs.iter().map(|(slot, (at, _))| (*at, true, *slot));
         let timers = self.timers.iter().map(|(timer, at)| (*at, false, *timer));
@@ -94,7 +94,7 @@ impl Run<'_> {
         let fails = self.dice.one_in(if is_service { 2 } else { 4 });
         let event = match self.tags.get(&slot) {
             _ if fails => Event::Aborted(slot),
-            // It runs until it is stopped.
+            // A service runs until it is stopped.
             _ if is_service => return,
             None => Event::Done(slot, Vec::new()),
             Some(tags) => {
@@ -106,7 +106,7 @@ impl Run<'_> {
         self.programs.insert(slot, (self.now + time, event));
     }
 
-    /// A time up to the most, often that itself.
+    /// Returns a time up to `most`, and often `most` itself.
     fn sometime(&mut self, most: u64) -> u64 {
         match self.dice.below(3) {
             0 => u64::from(self.dice.below(u32::try_from(most / 500).expect("a short time") + 1)) * 500,
@@ -116,7 +116,7 @@ impl Run<'_> {
     }
 }
 
-/// Returns a proved sentence that does not hold, or the number of sentences that hold otherwise.
+/// Returns a proved sentence that does not hold. Otherwise, returns the number of sentences that hold.
 pub(crate) fn compare(seed: u64) -> Result<u32, String> {
     let mut dice = Dice::new(seed ^ 0x71E5);
     let made = group(&mut dice, Taste::Text);

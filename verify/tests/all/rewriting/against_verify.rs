@@ -1,4 +1,4 @@
-//! Brute force, compared with `verify`: the same verdicts on random small specs with random sentences.
+//! Compares brute force with `verify`: both give the same verdicts on random small specs with random sentences.
 
 use super::explore::{Graph, explore};
 use super::random::{Dice, Taste, group};
@@ -15,12 +15,12 @@ use verify::{Alone, Always, Detail, Ending, Limits, Report, Verdict};
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Compared {
     Same,
-    /// The spec was refused by the check, or has too many states for brute force.
+    /// The check refused the spec, or the spec has too many states for brute force.
     LeftOut,
     Differs(String),
 }
 
-/// A sentence about members, with the name of each.
+/// A sentence about members, each with its name.
 #[derive(Clone, Copy, Debug)]
 enum Sentence {
     NeverWith(u32, u32),
@@ -75,7 +75,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     }
 }
 
-/// The activity of every member and the ending of the whole, for each state, without duplicates.
+/// Returns for each state the activity of every member and the ending of the whole, without duplicates.
 fn situations(rough: &Graph, members: usize) -> BTreeSet<(Vec<Activity>, Ending)> {
     let mut situations = BTreeSet::from([(vec![Activity::Idle; members], Ending::Idle)]);
     for seen in rough.seen.iter().skip(1) {
@@ -94,7 +94,7 @@ fn situations(rough: &Graph, members: usize) -> BTreeSet<(Vec<Activity>, Ending)
     situations
 }
 
-/// The questions of the catalogue that one group alone answers.
+/// Asks the questions of the catalogue that one group alone answers.
 fn of_catalogue(plan: &Plan, rough: &Graph, report: &Report) -> Vec<String> {
     let has = |code: &str| {
         let diagnostics = report.findings.iter().filter_map(|found| found.diagnostic.as_ref());
@@ -120,7 +120,7 @@ fn of_catalogue(plan: &Plan, rough: &Graph, report: &Report) -> Vec<String> {
     differences
 }
 
-/// The members that an expression names.
+/// Collects the members that an expression names.
 fn named_in(expression: &Expression, named: &mut Vec<u32>) {
     if let Expression::Run { member, .. } = expression {
         named.push(*member);
@@ -154,7 +154,7 @@ fn holds(sentence: Sentence, rough: &Graph, calm: &Graph) -> bool {
                 _ => Err(()),
             }
         }),
-        // It can be done, and it can end from every reachable state.
+        // A run can be done, and an end is possible from every reachable state.
         Sentence::CanFinish => {
             let is_done = |outcome: &Option<Outcome>| matches!(outcome, Some(Outcome::Done(_)));
             calm.seen.iter().any(|seen| is_done(&seen.ended))

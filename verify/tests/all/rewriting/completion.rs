@@ -1,11 +1,11 @@
-//! The completion functions: what the outcome of an operand does to its operator, after a start and after an event
+//! The completion functions: the effect of an operand's outcome on its operator, after a start and after an event
 //! alike.
 
 use super::rules::{Event, Next, Order, Reference, is_for, note, tagged};
 use super::term::{CatchArms, Conf, Expr, Left, Outcome, Pool, Slots, Why};
 use std::rc::Rc;
 
-/// Which of `,` `&` and `any`.
+/// The operator: `,`, `&` or `any`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Join {
     All,
@@ -76,7 +76,7 @@ impl Reference {
         }
     }
 
-    /// REPEAT. Loops that take no time are not among the random expressions.
+    /// REPEAT. The random expressions contain no loops that take no time.
     pub(crate) fn round(&mut self, next: Next, until: &[String], of: &Rc<Expr>) -> Next {
         match next {
             Ok(conf) => Ok(Conf::Repeat(until.to_vec(), conf.into(), Rc::clone(of))),
@@ -136,13 +136,13 @@ impl Reference {
         }
     }
 
-    /// `DRAIN(outcome of one operand, stop of all that run)`
+    /// `DRAIN(outcome of one operand, stop of all operands that run)`
     fn drain_slots(&mut self, of: usize, slots: Slots) -> Next {
         let outcome = slots.slots[of].clone().expect_err("an operand that has ended");
         self.drain(outcome, running(slots))
     }
 
-    /// `DRAIN(o, stop of these)`
+    /// `DRAIN(o, stop of these configurations)`
     pub(crate) fn drain(&mut self, outcome: Outcome, others: Vec<Conf>) -> Next {
         let stopped = others.into_iter().map(|conf| self.stop(conf)).collect();
         drained(outcome, stopped)
@@ -201,8 +201,8 @@ impl Reference {
                 return Ok(Conf::Pool(pool.into()));
             }
             Err(Outcome::Aborted(why)) if pool.failed.is_none() => return self.pool_failed(pool, why),
-            // The rules leave this open: a Q without an order to stop may report an unconfirmed stop. No such end is
-            // lost.
+            // The rules leave this open: a Q may report an unconfirmed stop although it has no order to stop. Such an
+            // end is never lost.
             Err(outcome) if pool.failed.is_some() => take_over(&mut pool, outcome),
             Err(_) => {}
         }
@@ -215,7 +215,7 @@ impl Reference {
         }
     }
 
-    /// `P or Q aborted(r)`: P is stopped, and the running Qs come to their own end.
+    /// `P or Q aborted(r)`: P is stopped, and the running Qs continue until they end.
     fn pool_failed(&mut self, mut pool: Pool, why: Why) -> Next {
         pool.failed = Some(why);
         pool.owed = None;
@@ -228,7 +228,7 @@ impl Reference {
         pool_over(pool)
     }
 
-    /// `C --e--> R`: the event reaches its leaf, and outcomes climb from there.
+    /// `C --e--> R`: the event reaches its leaf. From there, the outcomes move up through the operators.
     pub(crate) fn react(&mut self, conf: Conf, event: &Event) -> Next {
         if !concerns(&conf, event) {
             return Ok(conf);
@@ -256,7 +256,7 @@ impl Reference {
         self.inside(conf, &mut |this, inner| this.react(inner, event), &|conf| concerns(conf, event))
     }
 
-    /// A waiting `using` gets its resources.
+    /// A waiting `using` receives its resources.
     pub(crate) fn grant(&mut self, conf: Conf, number: usize) -> Next {
         if !waits(&conf, number) {
             return Ok(conf);
@@ -268,7 +268,7 @@ impl Reference {
         self.inside(conf, &mut |this, inner| this.grant(inner, number), &|conf| waits(conf, number))
     }
 
-    /// The same for `#`: the outcome of one operand ends all others.
+    /// The same for `#`: the outcome of one operand ends all other operands.
     fn in_operands(
         &mut self,
         mut of: Vec<Conf>,
@@ -286,7 +286,8 @@ impl Reference {
         }
     }
 
-    /// `[e-ctx]`: applies `act` to the part for which `is_it` holds, then the rule of the operator around it.
+    /// `[e-ctx]`: applies `act` to the part for which `is_it` holds. Then it applies the rule of the surrounding
+    /// operator.
     fn inside(
         &mut self,
         conf: Conf,
@@ -400,7 +401,7 @@ impl Reference {
     }
 }
 
-/// Whether an event is for a leaf or timer of this.
+/// Returns whether an event is for a leaf or timer of a configuration.
 fn concerns(conf: &Conf, event: &Event) -> bool {
     conf.any(&|part| match (part, event) {
         (Conf::Active(own, _) | Conf::Stopping(own, _), Event::Done(member, _)) => own == member,
@@ -421,7 +422,7 @@ fn running(slots: Slots) -> Vec<Conf> {
     slots.slots.into_iter().filter_map(Result::ok).collect()
 }
 
-/// The values of these operands, in the order of the text.
+/// Returns the values of these operands, in the order of the text.
 fn values(slots: &Slots, of: &[usize]) -> Left {
     let mut of = of.to_vec();
     of.sort_unstable();
@@ -432,7 +433,7 @@ fn values(slots: &Slots, of: &[usize]) -> Left {
     Left::tuple(&left.collect::<Vec<_>>())
 }
 
-/// DRAIN: the first unconfirmed stop becomes the outcome, and nothing else does.
+/// DRAIN: the first unconfirmed stop becomes the outcome, and no other end does.
 pub(crate) fn drained(mut outcome: Outcome, parts: Vec<Next>) -> Next {
     let mut left = Vec::new();
     for part in parts {
@@ -445,7 +446,7 @@ pub(crate) fn drained(mut outcome: Outcome, parts: Vec<Next>) -> Next {
     if left.is_empty() { Err(outcome) } else { Ok(Conf::Drain(outcome, left)) }
 }
 
-/// `shieldK(C) --e--> o` gives killed, unless a stop in it was not confirmed.
+/// `shieldK(C) --e--> o` results in killed, unless a stop in it was not confirmed.
 pub(crate) fn held_up(timer: Option<u32>, next: Next) -> Next {
     match next {
         Ok(conf) => Ok(Conf::ShieldK(timer, conf.into())),
@@ -454,7 +455,7 @@ pub(crate) fn held_up(timer: Option<u32>, next: Next) -> Next {
     }
 }
 
-/// FIN, second part: the outcome of P, or that of Q if P was done and Q aborted; no unconfirmed stop is lost.
+/// FIN, second part: the outcome of P, or that of Q if P was done and Q aborted. No unconfirmed stop is lost.
 pub(crate) fn fin2(of_p: Outcome, of_q: Outcome) -> Outcome {
     match (&of_p, &of_q) {
         (Outcome::Done(_), Outcome::Aborted(_)) => of_q,

@@ -1,4 +1,5 @@
-//! Everything that can happen to a small group, by brute force over the reference: every order of events, no reduction.
+//! Explores all possible behaviour of a small group, by brute force over the reference: every order of events, without
+//! any reduction.
 
 use super::rules::{Event, Order, Reference};
 use super::term::{Conf, Outcome};
@@ -8,23 +9,23 @@ use language::plan::Group;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-/// Larger graphs are left out.
+/// The test leaves out larger graphs.
 const STATES_MAX: usize = 4_000;
 
 /// The events between two states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Move {
     Start,
-    /// The whole is asked to stop.
+    /// A request to stop the whole.
     Stop,
     Leaf(Event),
 }
 
-/// A transition: the event, the members it started, in this order, and the target.
+/// A transition: the event, the members that it started in order, and the target.
 #[derive(Clone, Debug)]
 pub(crate) struct Edge {
     pub(crate) what: Move,
-    /// Whether the member that the event is of was being stopped.
+    /// Whether the event's member was being stopped.
     pub(crate) was_stopping: bool,
     pub(crate) starts: Vec<u32>,
     pub(crate) target: usize,
@@ -36,23 +37,23 @@ pub(crate) struct Seen {
     /// The members that are active and not being stopped.
     pub(crate) active: Vec<u32>,
     pub(crate) stopping: Vec<u32>,
-    /// The whole has been asked to stop and has not ended.
+    /// Whether the whole has been asked to stop and has not ended.
     pub(crate) is_stopping: bool,
     pub(crate) ended: Option<Outcome>,
 }
 
-/// All states, the first being that before the start.
+/// All states. The first one is the state before the start.
 #[derive(Debug, Default)]
 pub(crate) struct Graph {
     pub(crate) seen: Vec<Seen>,
     pub(crate) edges: Vec<Vec<Edge>>,
 }
 
-/// The tags of the normal ends of each module, from the spec.
+/// The tags for the normal ends of each module, from the spec.
 pub(crate) type Tags = BTreeMap<u32, Vec<String>>;
 
-/// Explores a group while any member may fail and the whole may be stopped at any time, or while neither happens.
-/// Nothing if there are too many states.
+/// Explores a group. Either any member may fail and the whole may be stopped at any time, or neither happens. Returns
+/// nothing if there are too many states.
 pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, is_rough: bool) -> Option<Graph> {
     let first = Reference::new(group);
     let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()] };
@@ -124,7 +125,7 @@ fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), st
     all
 }
 
-/// Adds the timers that run.
+/// Adds the running timers.
 pub(crate) fn armed(conf: &Conf, timers: &mut Vec<u32>) {
     if let Conf::Timer(timer) | Conf::ShieldK(Some(timer), _) = conf {
         timers.push(*timer);
@@ -161,19 +162,19 @@ fn is_of_stopping(seen: &Seen, event: &Event) -> bool {
 }
 
 impl Edge {
-    /// Whether it takes neither a failure nor a stop of the whole.
+    /// Returns whether the move needs neither a failure nor a stop of the whole.
     pub(crate) fn is_natural(&self) -> bool {
         !matches!(self.what, Move::Stop | Move::Leaf(Event::Aborted(_) | Event::Failed(..)))
     }
 
-    /// Whether a member is done by it.
+    /// Returns whether the move makes a member done.
     pub(crate) fn is_done(&self, member: u32) -> bool {
         !self.was_stopping && matches!(&self.what, Move::Leaf(Event::Done(of, _)) if *of == member)
     }
 }
 
 impl Graph {
-    /// The states from which one of these can be reached by natural moves.
+    /// Returns the states from which a goal can be reached by natural moves.
     pub(crate) fn can_reach(&self, is_goal: impl Fn(&Seen) -> bool) -> Vec<bool> {
         let mut can: Vec<bool> = self.seen.iter().map(is_goal).collect();
         loop {
@@ -189,7 +190,7 @@ impl Graph {
         }
     }
 
-    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
+    /// Returns whether a watcher objects to a transition. The watcher keeps a small number along each way.
     pub(crate) fn objects(&self, watch: impl Fn(u8, &Edge, &Seen) -> Result<u8, ()>) -> bool {
         let mut known = std::collections::BTreeSet::from([(0, 0)]);
         let mut open = vec![(0, 0)];

@@ -1,11 +1,11 @@
-//! The brute-force graph of several hosts: states, events between them, and properties of all ways through them.
+//! The brute-force graph of several hosts: states, the events between them, and properties of all ways through them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A member: its group and slot.
+/// A member, as its group and slot.
 pub(crate) type Seat = (u32, u32);
 
-/// The events of a member that can be observed.
+/// The observable events of a member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Started,
@@ -17,16 +17,16 @@ pub(crate) enum Kind {
 /// The observable part of a state.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
-    /// The programs that are active for their supervisors, also while they stop, and the groups that run.
+    /// The programs that are active for their supervisors, even while they stop, and the groups that run.
     pub(crate) active: BTreeSet<Seat>,
-    /// The running members that are not being stopped, neither directly nor with a group around them.
+    /// The running members that are not being stopped, neither alone nor together with a group around them.
     pub(crate) running: BTreeSet<Seat>,
-    /// The members to which an order to start is under way.
+    /// The members to which an order to start is in transit.
     pub(crate) starting: BTreeSet<Seat>,
-    /// The groups that have ended, and the supervisor around them does not know. Of a program it counts what its
-    /// supervisor knows.
+    /// The groups that have ended without the knowledge of the supervisor around them. For a program, only the
+    /// knowledge of its supervisor counts.
     pub(crate) unheard: BTreeSet<Seat>,
-    /// The groups in which something is being stopped, or a `shield` or a `finally` holds a stop up.
+    /// The groups in which something is being stopped, or a `shield` or a `finally` delays a stop.
     pub(crate) stopping: BTreeSet<u32>,
     /// Whether a host has been lost.
     pub(crate) is_lost: bool,
@@ -38,21 +38,21 @@ pub(crate) struct Edge {
     /// The events, in order.
     pub(crate) happened: Vec<(Seat, Kind)>,
     pub(crate) target: usize,
-    /// Whether it happens without a failure and without a request to stop.
+    /// Whether the transition needs neither a failure nor a request to stop.
     pub(crate) is_natural: bool,
 }
 
-/// All states, with the events from each to another.
+/// All states, with the events from each state to another.
 #[derive(Debug, Default)]
 pub(crate) struct Graph {
     pub(crate) seen: Vec<Seen>,
     pub(crate) edges: Vec<Vec<Edge>>,
-    /// Whether the whole has ended there.
+    /// For each state, whether the whole has ended there.
     pub(crate) ended: Vec<bool>,
 }
 
 impl Graph {
-    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
+    /// Returns whether a watcher objects to a transition. The watcher keeps a small number along each way.
     pub(crate) fn objects(&self, watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> Result<bool, ()>) -> bool {
         let mut known = BTreeSet::from([(0, false)]);
         let mut open = vec![(0, false)];
@@ -67,7 +67,7 @@ impl Graph {
         false
     }
 
-    /// Whether it can end from every state, without a failure and without a request to stop.
+    /// Returns whether the whole can end from every state, without a failure and without a request to stop.
     pub(crate) fn always_ends(&self) -> bool {
         let mut back = vec![Vec::new(); self.seen.len()];
         for (state, edges) in self.edges.iter().enumerate() {
@@ -81,8 +81,8 @@ impl Graph {
         known.len() == self.seen.len()
     }
 
-    /// Whether the obligation that a watcher notes can always be met, without a failure and without a request to stop.
-    /// A calm watcher looks only at runs without failures and stops.
+    /// Returns whether the obligation that a watcher notes can always be met, without a failure and without a request
+    /// to stop. A calm watcher considers only runs without failures and stops.
     pub(crate) fn pays(
         &self,
         is_calm: bool,

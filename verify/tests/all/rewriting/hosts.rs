@@ -1,10 +1,10 @@
-//! Groups on several hosts, by brute force: a supervisor for each group, the programs, and a queue for each pair of
-//! hosts.
+//! Groups on several hosts, by brute force: each group has a supervisor, and each pair of hosts has a queue. The
+//! programs run on the hosts.
 //!
-//! Every message of a supervisor to another host goes through the queue to that host, and the message at the front may
-//! arrive at any time: orders to start, orders to stop, and reports of an end, of groups and of programs alike. On one
-//! host messages arrive at once, except an order to stop a group, which may take time. The verifier shares none of
-//! this: it keeps no queues, and leaves out differences that no sentence can observe.
+//! Every message of a supervisor to another host goes through the queue to that host. The message at the front may
+//! arrive at any time. The messages are orders to start, orders to stop, and reports of an end, of groups and of
+//! programs alike. On one host, messages arrive at once, except that an order to stop a group may take time. The
+//! verifier shares none of this: it keeps no queues, and it leaves out differences that no sentence can observe.
 
 #[path = "loss.rs"]
 mod loss;
@@ -21,10 +21,10 @@ use std::rc::Rc;
 
 pub(crate) use loss::{Fate, Loss};
 
-/// Larger graphs are left out.
+/// The test leaves out larger graphs.
 const STATES_MAX: usize = 1_500;
 
-/// The tags of the normal ends of each module, from the spec.
+/// The tags for the normal ends of each module, from the spec.
 pub(crate) type Tags = BTreeMap<Seat, Vec<String>>;
 
 /// How something ends.
@@ -49,26 +49,26 @@ enum Work {
     Happen(u32, Event),
 }
 
-/// The events that may happen next.
+/// The possible next events.
 enum Move {
     Start,
     Stop,
     /// A program ends on its host.
     Ends(Seat, End),
     Elapsed(u32, u32),
-    /// The order to stop a group arrives on its own host.
+    /// The order to stop a group arrives on the group's own host.
     Reached(u32),
     /// The message at the front of the queue from one host to another arrives.
     Arrives(Way),
-    /// The host that may be lost is.
+    /// The host that may be lost becomes lost.
     Lost,
     /// The node of a host notes the loss.
     Noted(u32),
-    /// A supervisor hears from its own node that a member is out of reach.
+    /// The own node of a supervisor reports that a member is out of reach.
     Refused(Seat),
 }
 
-/// The messages that may overtake others on the way from one host to another.
+/// Which messages may overtake others on the way from one host to another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Links {
     /// Nothing.
@@ -77,35 +77,35 @@ pub(crate) enum Links {
     EachMember,
 }
 
-/// The hosts that a queue leads from and to, and the member, if each has its own.
+/// The first and the last host of a queue, and the member if each member has its own queue.
 type Way = (u32, u32, Option<Seat>);
 
-/// Everything that is, at one moment.
+/// The whole state of all hosts at one moment.
 #[derive(Clone)]
 struct World<'p> {
     plan: &'p Plan,
     supervisors: Vec<Reference>,
-    /// The running programs, and whether each has an order to stop.
+    /// The running programs. For each, whether it has an order to stop.
     programs: BTreeMap<Seat, bool>,
     queues: BTreeMap<Way, VecDeque<Message>>,
     links: Links,
-    /// The groups on the hosts of their supervisors to which an order to stop is under way.
+    /// The groups to which an order to stop is in transit, on the hosts of their supervisors.
     orders: BTreeSet<u32>,
     is_stopping: bool,
     has_ended: bool,
     happened: Vec<(Seat, Kind)>,
-    /// The loss that may happen, if any, and its state.
+    /// The loss that may happen, if any, and the state of the lost host.
     loss: Option<Loss>,
     rift: loss::Rift,
 }
 
-/// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many
-/// states.
+/// Explores a plan. Any program may fail and the whole may be stopped at any time. Returns nothing if there are too
+/// many states.
 pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
     explore_from(World::new(plan, links), tags)
 }
 
-/// Explores a plan in which a host may be lost, no program fails, and no stop is requested. The graph shows the
+/// Explores a plan in which a host may be lost, while no program fails and no stop is requested. The graph shows the
 /// processes that really run.
 pub(crate) fn explore_loss(plan: &Plan, tags: &Tags, loss: Loss) -> Option<Graph> {
     explore_from(World { loss: Some(loss), ..World::new(plan, Links::InOrder) }, tags)
@@ -170,7 +170,7 @@ impl<'p> World<'p> {
         self.plan.groups[group as usize].members[slot as usize].kind
     }
 
-    /// From the host of a supervisor to that of its member; nothing if they are one.
+    /// Returns the hosts of a supervisor and of its member, or nothing if both are on the same host.
     fn link(&self, seat: Seat) -> Option<(u32, u32)> {
         let own = self.plan.groups[seat.0 as usize].host;
         let other = match self.kind(seat) {
@@ -187,7 +187,8 @@ impl<'p> World<'p> {
         })
     }
 
-    /// The state of a member as its supervisor sees it: none if it is not active, else whether it is being stopped.
+    /// Returns the state of a member from the view of its supervisor. It is none if the member is not active.
+    /// Otherwise, it is whether the member is being stopped.
     fn is_being_stopped(&self, (group, slot): Seat) -> Option<bool> {
         let conf = self.supervisors[group as usize].conf.as_ref()?;
         let is = |wanted: bool| {
@@ -314,7 +315,7 @@ impl<'p> World<'p> {
         self.follow(work);
     }
 
-    /// Lets everything happen that follows at once.
+    /// Carries out all immediate consequences.
     fn follow(&mut self, work: Option<Work>) {
         let mut open: VecDeque<Work> = work.into_iter().collect();
         while let Some(work) = open.pop_front() {
@@ -351,7 +352,7 @@ impl<'p> World<'p> {
         }
     }
 
-    /// A member has ended where it runs.
+    /// A member has ended on its own host.
     fn ends(&mut self, seat: Seat, end: End) -> Option<Work> {
         let Some((own, other)) = self.link(seat) else { return Some(self.is_heard(seat, end)) };
         if matches!(self.kind(seat), MemberKind::Group(_)) {
@@ -361,7 +362,7 @@ impl<'p> World<'p> {
         None
     }
 
-    /// A supervisor hears of an end: a member that it has asked to stop has stopped.
+    /// A supervisor receives the report of an end. A member that it has asked to stop counts as stopped.
     fn is_heard(&mut self, seat: Seat, end: End) -> Work {
         let is_asked = kind(&end) == Kind::Done && self.is_being_stopped(seat) == Some(true);
         self.happened.push((seat, if is_asked { Kind::Stopped } else { kind(&end) }));
@@ -427,7 +428,7 @@ fn kind(end: &End) -> Kind {
     }
 }
 
-/// The reason that a group hands on.
+/// Returns the reason that a group hands on.
 fn reason(why: &Why) -> Failure {
     match why {
         Why::Reported(..) | Why::Left(_) => Failure::Reported,

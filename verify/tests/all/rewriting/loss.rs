@@ -1,8 +1,8 @@
-//! The loss of a host in the world of several hosts: what its death or a cut does, by the manual's page "When hosts
-//! cannot be reached", for programs without an `on_link_loss`.
+//! The loss of a host in the world of several hosts: the consequences of its death or of a cut. They follow the
+//! manual's page "When hosts cannot be reached", for programs without an `on_link_loss`.
 //!
-//! A message in transit arrives until the node at its end has noted the loss; a message sent afterwards never does. A
-//! node that has lost the home leaves. The remaining supervisors hear that members beyond the loss have failed, or that
+//! A message in transit arrives until the node at its end has noted the loss. A later message never arrives. A node
+//! that has lost the home leaves. The remaining supervisors hear that members beyond the loss have failed, or that
 //! their stop is not confirmed.
 
 use super::{Event, Move, Seat, Work, World};
@@ -10,7 +10,7 @@ use language::automaton::Failure;
 use language::plan::MemberKind;
 use std::collections::BTreeSet;
 
-/// Which host may be lost, and how.
+/// The host that may be lost, and the kind of the loss.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Loss {
     pub(crate) host: u32,
@@ -22,7 +22,7 @@ pub(crate) struct Loss {
 pub(crate) enum Fate {
     /// Its node has died.
     Dead,
-    /// It continues, and no message passes between it and the others.
+    /// The host continues, but no message passes between it and the others.
     Cut,
 }
 
@@ -30,9 +30,9 @@ pub(crate) enum Fate {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rift {
     pub(super) is_lost: bool,
-    /// The hosts whose nodes have noted it.
+    /// The hosts whose nodes have noted the loss.
     noted: BTreeSet<u32>,
-    /// The hosts where nothing runs any more.
+    /// The hosts on which nothing runs any more.
     left: BTreeSet<u32>,
 }
 
@@ -42,7 +42,7 @@ impl World<'_> {
         self.loss.is_some_and(|loss| self.rift.is_lost && (one == loss.host) != (other == loss.host))
     }
 
-    /// Whether the supervisor of a group does nothing any more.
+    /// Returns whether the supervisor of a group has stopped its work.
     pub(super) fn is_silent(&self, group: u32) -> bool {
         self.rift.left.contains(&self.plan.groups[group as usize].host)
     }
@@ -60,7 +60,7 @@ impl World<'_> {
         all.extend(self.out_of_reach(|host| self.rift.noted.contains(&host)).into_iter().map(Move::Refused));
     }
 
-    /// The members beyond the loss that are active for a supervisor on such a host.
+    /// Returns the members beyond the loss that are active for a supervisor on such a host.
     fn out_of_reach(&self, is_on: impl Fn(u32) -> bool) -> Vec<Seat> {
         let mut seats = Vec::new();
         for (group, source) in (0_u32..).zip(&self.plan.groups).filter(|(group, _)| !self.is_silent(*group)) {
@@ -79,7 +79,7 @@ impl World<'_> {
         }
     }
 
-    /// Nothing runs on a host any more, and no message reaches it.
+    /// A host leaves: nothing runs on it any more, and no message reaches it.
     fn leaves(&mut self, host: u32) {
         self.rift.left.insert(host);
         self.queues.retain(|(_, to, _), _| *to != host);
@@ -103,7 +103,7 @@ impl World<'_> {
             return self.leaves(host);
         }
         self.rift.noted.insert(host);
-        // Programs here whose supervisors are beyond the loss stop by their own rules.
+        // A program on this host stops by its own rules if its supervisor is beyond the loss.
         let own = |seat: &Seat| self.plan.groups[seat.0 as usize].host;
         let here = self.programs.keys().copied().filter(|seat| self.host_of(*seat) == host);
         let gone: Vec<Seat> = here.filter(|seat| self.is_cut(own(seat), host)).collect();
@@ -114,7 +114,7 @@ impl World<'_> {
         }
     }
 
-    /// The event that a supervisor hears for a member beyond the loss.
+    /// Returns the event that a supervisor receives for a member beyond the loss.
     pub(super) fn gives_up(&self, (group, slot): Seat) -> Option<Work> {
         let event = match self.is_being_stopped((group, slot))? {
             true => Event::Unconfirmed(slot),

@@ -4,13 +4,13 @@ use language::automaton::Failure;
 use language::plan::{Arm, CatchArm, Expression, Given, Group, Member, MemberKind, Supervision, text_value};
 use std::time::Duration;
 
-/// The tags that modules of random groups end with.
+/// The tags at the ends of modules in random groups.
 pub(crate) const TAGS: [&str; 2] = ["found", "missing"];
 const RESOURCES: [&str; 2] = ["arm", "gripper"];
 /// The most members of a group.
 pub(crate) const MEMBERS: u32 = 5;
 
-/// A sequence of numbers that a seed determines (xorshift64*).
+/// A sequence of numbers from a seed (xorshift64*).
 #[derive(Clone, Debug)]
 pub(crate) struct Dice(u64);
 
@@ -38,12 +38,13 @@ impl Dice {
     }
 }
 
-/// The operators that a random group may contain.
+/// Which operators a random group may contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Taste {
-    /// Everything that a plan can hold, even if `dca check` refuses it: a member twice at once, unreachable arms.
+    /// Everything that a plan can hold, even if `dca check` refuses it. For example, a member runs twice at once, or
+    /// an arm is unreachable.
     Anything,
-    /// Mostly, expressions that a text can have and `dca check` accepts.
+    /// Mostly expressions that a text can contain and that `dca check` accepts.
     Text,
 }
 
@@ -51,18 +52,18 @@ struct Maker<'d> {
     dice: &'d mut Dice,
     taste: Taste,
     used: u32,
-    /// The members that may be named again: those outside of loops.
+    /// The members that may occur again: those outside of loops.
     again: Vec<u32>,
     is_in_loop: bool,
 }
 
-/// A group of up to five members, its expression with every operator.
+/// Makes a group of up to five members. Its expression may contain every operator.
 pub(crate) fn group(dice: &mut Dice, taste: Taste) -> Group {
     let size = 2 + dice.below(4);
     of_size(dice, taste, size)
 }
 
-/// A group whose expression has about `size` operands.
+/// Makes a group whose expression has about `size` operands.
 pub(crate) fn of_size(dice: &mut Dice, taste: Taste, size: u32) -> Group {
     let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false };
     let expression = maker.expression(size);
@@ -211,7 +212,7 @@ impl Maker<'_> {
         Expression::Using { resources, of: Box::new(self.expression(size - 1)) }
     }
 
-    /// A process, or a race of two, with a `match` behind it.
+    /// Returns a process, or a race of two processes, followed by a `match`.
     fn matching(&mut self, size: u32) -> Expression {
         let before = if self.dice.one_in(2) { self.run() } else { self.race(1) };
         let arms = vec![
@@ -221,7 +222,7 @@ impl Maker<'_> {
         Expression::Conditional(Box::new(before), Box::new(Expression::Match(arms)))
     }
 
-    /// An operand with one to three arms for its failures, perhaps with `else`.
+    /// Returns an operand with one to three arms for its failures, and perhaps an `else`.
     fn catch(&mut self, size: u32) -> Expression {
         let of = Box::new(self.expression(size - 1));
         let mut failures = vec![
@@ -244,7 +245,7 @@ impl Maker<'_> {
         Expression::Catch { of, arms }
     }
 
-    /// A process, or a race, until it ends with one tag, or with one of two.
+    /// Returns a process, or a race, that repeats until it ends with one tag, or with one of two.
     fn repeat(&mut self, size: u32) -> Expression {
         let was = std::mem::replace(&mut self.is_in_loop, true);
         let mut of = if self.dice.one_in(2) { self.run() } else { self.race(size - 1) };
@@ -256,14 +257,14 @@ impl Maker<'_> {
         Expression::Repeat { until: TAGS[..count].iter().map(|&tag| tag.to_owned()).collect(), of: Box::new(of) }
     }
 
-    /// Two operands, each with a tag of its own.
+    /// Returns two operands, each with a tag of its own.
     fn race(&mut self, size: u32) -> Expression {
         let tagged = |tag: &str, of| Expression::Tagged { tag: tag.to_owned(), of: Box::new(of) };
         Expression::Disable(vec![tagged(TAGS[0], self.expression(size)), tagged(TAGS[1], self.leaf())])
     }
 }
 
-/// Whether it may be done at the instant at which it starts; rather yes than no.
+/// Returns whether an expression may be done as soon as it starts. In doubt, it returns yes.
 fn may_be_instant(expression: &Expression) -> bool {
     *expression == Expression::Skip || expression.operands().into_iter().any(may_be_instant)
 }

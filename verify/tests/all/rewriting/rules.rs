@@ -1,8 +1,8 @@
-//! The written rules: the effect of a start, of an outcome on the surrounding operators, and of a stop. Whole
-//! terms are rewritten; nothing is shared with `language::algebra::step`.
+//! The written rules: the effects of a start, of a stop, and of an outcome on the surrounding operators. They rewrite
+//! whole terms, and share nothing with `language::algebra::step`.
 //!
-//! Written from the study of the language, §2.4 with §2.5 and §2.11, and for `finally`, `as`, `::` and `using` from the
-//! manual's page on operators.
+//! They follow the study of the language, §2.4 with §2.5 and §2.11. For `finally`, `as`, `::` and `using`, they follow
+//! the manual's page about operators.
 
 use super::completion::Join;
 use super::term::{Conf, Expr, Kind, Left, Outcome, Pool, Slots, Why, expression, is_endless};
@@ -13,10 +13,10 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// The configuration that runs next, or the outcome.
+/// The next configuration, or the outcome.
 pub(crate) type Next = Result<Conf, Outcome>;
 
-/// The orders of the reference, in sequence.
+/// The orders of the reference, as a sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Order {
     Connect(u32),
@@ -32,25 +32,25 @@ pub(crate) enum Order {
 pub(crate) enum Event {
     Done(u32, Vec<u8>),
     Aborted(u32),
-    /// For a reason other than its own report.
+    /// The member failed for another reason than its own report.
     Failed(u32, Failure),
     Stopped(u32),
     Unconfirmed(u32),
     Elapsed(u32),
 }
 
-/// A group that is carried out.
+/// A group in execution.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     group: Rc<Group>,
     root: Rc<Expr>,
-    /// The running configuration; none before the start and after the end.
+    /// The running configuration. None before the start and after the end.
     pub(crate) conf: Option<Conf>,
     /// The members that are active or stopping.
     pub(crate) busy: BTreeSet<u32>,
-    /// The taken resources, each with the `using` that holds it.
+    /// The occupied resources, each with the `using` that occupies it.
     held: Vec<(usize, String)>,
-    /// The waiting `using`s with the resources they want, the earliest first.
+    /// The waiting `using`s with the resources that they need, the earliest first.
     pub(crate) queue: Vec<(usize, Vec<String>)>,
     pub(crate) orders: Vec<Order>,
 }
@@ -68,7 +68,7 @@ impl Reference {
         }
     }
 
-    /// The group is activated.
+    /// Starts the group.
     pub(crate) fn begin(&mut self, value: Value) -> Option<Outcome> {
         let sets = self.group.sets_always.clone();
         self.orders.extend(sets.into_iter().map(Order::Connect));
@@ -77,21 +77,21 @@ impl Reference {
         self.settle(next)
     }
 
-    /// The group is asked to stop.
+    /// Asks the group to stop.
     pub(crate) fn halt(&mut self) -> Option<Outcome> {
         let Some(conf) = self.conf.take() else { return Some(Outcome::Killed) };
         let next = self.stop(conf);
         self.settle(next)
     }
 
-    /// Something happens to a leaf or a timer of it.
+    /// Handles an event of one of its leaves or timers.
     pub(crate) fn happen(&mut self, event: &Event) -> Option<Outcome> {
         let conf = self.conf.take()?;
         let next = self.react(conf, event);
         self.settle(next)
     }
 
-    /// The outcome of the whole, once all free resources have been given to waiting `using`s.
+    /// Gives all free resources to waiting `using`s, and then returns the outcome of the whole.
     fn settle(&mut self, mut next: Next) -> Option<Outcome> {
         loop {
             match next {
@@ -111,7 +111,7 @@ impl Reference {
         }
     }
 
-    /// Whether all wanted resources are free and no earlier `using` waits for one of them.
+    /// Returns whether all requested resources are free and no earlier `using` waits for one of them.
     fn can_have(&self, wants: &[String], before: &[(usize, Vec<String>)]) -> bool {
         let is_free = |want: &String| self.held.iter().all(|(_, held)| held != want);
         let is_first = |want: &String| before.iter().all(|(_, wanted)| !wanted.contains(want));
@@ -169,7 +169,7 @@ impl Reference {
             Kind::Shield(bound, of) => self.start(of, value).map(|c| Conf::Shield(*bound, c.into())),
             Kind::Using(number, wants, of) => self.start_using((*number, wants), of, value),
             Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
-            // The outcome is that of P, so nothing of `with` is left once P runs.
+            // The outcome is that of P, so `with` is no longer needed once P runs.
             Kind::With(value, of) => self.start(of, Left::Value(value.clone())),
             Kind::Catch(of, arms) => {
                 let next = self.start(of, value);
@@ -186,7 +186,7 @@ impl Reference {
         }
     }
 
-    /// `[s-par]`: all of them start, left to right, and only then their outcomes count.
+    /// `[s-par]`: all operands start, left to right. Only then do their outcomes count.
     fn start_all(&mut self, of: &[Rc<Expr>], value: &Left, join: Join) -> Next {
         let started: Vec<Next> = of.iter().map(|operand| self.start(operand, value.clone())).collect();
         let mut slots = Slots {
@@ -201,7 +201,7 @@ impl Reference {
         self.join(join, slots)
     }
 
-    /// `[s-dis]`: left to right; the first that is an outcome at once ends it.
+    /// `[s-dis]`: the operands start from left to right. The first immediate outcome ends the operator.
     fn start_dis(&mut self, of: &[Rc<Expr>], value: &Left) -> Next {
         let mut running = Vec::new();
         for operand in of {
@@ -253,7 +253,7 @@ impl Reference {
         self.source_went(pool, next)
     }
 
-    /// The part of a leaf: the reaction to its event.
+    /// The rule of a leaf: its reaction to its event.
     pub(crate) fn leaf(&mut self, is_stopping: bool, (member, sets): (u32, Vec<u32>), event: &Event) -> Next {
         let outcome = match event {
             Event::Unconfirmed(_) => Outcome::Aborted(Why::Unconfirmed(member)),
@@ -277,7 +277,7 @@ impl Reference {
     }
 }
 
-/// Whether an arm of `else match` takes a failure.
+/// Returns whether an arm of `else match` takes a failure.
 pub(crate) fn is_for(failure: &Failure, why: &Why) -> bool {
     match (failure, why) {
         (Failure::Reported, Why::Reported(_, _) | Why::Left(_))
@@ -292,7 +292,7 @@ pub(crate) fn is_for(failure: &Failure, why: &Why) -> bool {
     }
 }
 
-/// TAG: `done(v) -> done(t:v)`, any other outcome unchanged.
+/// TAG: `done(v) -> done(t:v)`. Any other outcome stays unchanged.
 pub(crate) fn tagged(tag: &str, outcome: Outcome) -> Outcome {
     match outcome {
         Outcome::Done(Left::Value(value)) => {
@@ -303,7 +303,7 @@ pub(crate) fn tagged(tag: &str, outcome: Outcome) -> Outcome {
     }
 }
 
-/// Remembers how an operand has ended, if it has.
+/// Notes the outcome of an operand, if it has ended.
 pub(crate) fn note(slots: &mut Slots, at: usize) {
     match &slots.slots[at] {
         Err(Outcome::Done(_)) => slots.dones.push(at),

@@ -1,4 +1,4 @@
-//! `stop(C)`, and how a configuration is looked through.
+//! `stop(C)`, and the search through a configuration.
 
 use super::completion::drained;
 use super::rules::{Next, Order, Reference};
@@ -79,12 +79,12 @@ impl Reference {
 }
 
 impl Conf {
-    /// Whether something holds of this or of a part of it.
+    /// Returns whether a condition holds of this configuration or of a part of it.
     pub(crate) fn any(&self, is_it: &dyn Fn(&Self) -> bool) -> bool {
         is_it(self) || self.parts().into_iter().any(|part| part.any(is_it))
     }
 
-    /// The direct parts that run.
+    /// Returns the direct running parts.
     pub(crate) fn parts(&self) -> Vec<&Self> {
         match self {
             Self::Active(..) | Self::Stopping(..) | Self::Never | Self::Timer(_) | Self::Waiting(..) => Vec::new(),

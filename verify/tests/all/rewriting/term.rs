@@ -1,4 +1,4 @@
-//! The terms of the reference: static expressions, configurations, outcomes. See `rules` for their meaning.
+//! The terms of the reference: static expressions, configurations, outcomes. `rules` explains their meaning.
 
 use language::algebra::Value;
 use language::automaton::Failure;
@@ -6,7 +6,8 @@ use language::plan::{Expression, Group, MemberKind};
 use std::rc::Rc;
 use std::time::Duration;
 
-/// The value of a process, or the reason that an `else` hands on as text. The content of a reason is unknown here.
+/// The value of a process, or the reason that an `else` hands on as text. The reference does not know the content of a
+/// reason.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Left {
     Value(Value),
@@ -16,7 +17,7 @@ pub(crate) enum Left {
 impl Left {
     pub(crate) const NOTHING: Self = Self::Value(Value::EMPTY);
 
-    /// The joint value of several processes; a reason among them makes it unknown.
+    /// Joins the values of several processes. The result is unknown if one of them is a reason.
     pub(crate) fn tuple(all: &[Self]) -> Self {
         let mut values = Vec::new();
         for left in all {
@@ -29,7 +30,7 @@ impl Left {
     }
 }
 
-/// The reason of an abort, as far as the rules define it.
+/// The reason for an abort, as far as the rules define it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Why {
     Reported(Option<u32>, Value),
@@ -37,13 +38,14 @@ pub(crate) enum Why {
     Busy(u32),
     Unconfirmed(u32),
     ServiceEnded(u32),
-    /// An active member reported that it had stopped: it has failed, for a reason that the rules leave open.
+    /// An active member reported that it had stopped. So it has failed, for a reason that the rules leave open.
     Left(u32),
     Failed(String),
     NoMatch,
 }
 
-/// How something ended: `killed` is only ever consumed by a drain, or is the end of a group that was asked to stop.
+/// The way in which a term ended. Only a drain ever consumes `killed`. Otherwise, it is the end of a group that was
+/// asked to stop.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Outcome {
     Done(Left),
@@ -57,11 +59,11 @@ impl Outcome {
     }
 }
 
-/// A static expression. Nodes that keep something between events have a number.
+/// A static expression. A node with a state between events has a number.
 #[derive(Debug)]
 pub(crate) struct Expr {
     pub(crate) kind: Kind,
-    /// No run of it without a fault ends (§2.5).
+    /// Whether no run of the expression ends without a fault (§2.5).
     pub(crate) is_service: bool,
 }
 
@@ -71,7 +73,7 @@ pub(crate) enum Kind {
     Skip,
     Never,
     Fail(String),
-    /// The number of the timer, and its time.
+    /// The number of the timer, and its duration.
     Wait(u32, Duration),
     Par(Vec<Rc<Expr>>),
     And(Vec<Rc<Expr>>),
@@ -113,7 +115,7 @@ pub(crate) enum Conf {
     Dis(Vec<Self>),
     Drain(Outcome, Vec<Self>),
     Shield(Option<(u32, Duration)>, Box<Self>),
-    /// A stop was asked for and is held up, as long as the timer of this number runs if there is one.
+    /// A requested stop waits here. If there is a timer, the stop waits only while the timer with this number runs.
     ShieldK(Option<u32>, Box<Self>),
     Waiting(usize, Rc<Expr>, Left),
     Using(usize, Box<Self>),
@@ -125,7 +127,7 @@ pub(crate) enum Conf {
     Catch(Box<Self>, CatchArms),
 }
 
-/// The arms of an `else match`; `else` has no failure.
+/// The arms of an `else match`. The arm `else` has no failure.
 pub(crate) type CatchArms = Vec<(Option<Failure>, Rc<Expr>)>;
 
 /// The operands of `,` `&` and `any`.
@@ -133,9 +135,9 @@ pub(crate) type CatchArms = Vec<(Option<Failure>, Rc<Expr>)>;
 pub(crate) struct Slots {
     pub(crate) slots: Vec<Result<Conf, Outcome>>,
     pub(crate) services: Vec<bool>,
-    /// The operands that have aborted, the first first.
+    /// The aborted operands, in the order of their ends.
     pub(crate) aborts: Vec<usize>,
-    /// The operands that are done, the first first.
+    /// The operands that are done, in the order of their ends.
     pub(crate) dones: Vec<usize>,
 }
 
@@ -144,16 +146,16 @@ pub(crate) struct Slots {
 pub(crate) struct Pool {
     pub(crate) source: Rc<Expr>,
     pub(crate) bodies: Vec<Rc<Expr>>,
-    /// The running configuration of P; none while it waits for a free place, or once something has failed.
+    /// The running configuration of P. None while P waits for a free place, or after a failure.
     pub(crate) running: Option<Conf>,
     pub(crate) places: Vec<Option<Conf>>,
-    /// The value of P that arrived while no place was free.
+    /// The value of P that arrived while all places were taken.
     pub(crate) owed: Option<Left>,
-    /// The first failure: no new Q starts any more.
+    /// The first failure. After it, no new Q starts.
     pub(crate) failed: Option<Why>,
 }
 
-/// Numbers the parts of an expression, from 0 in the order of the text.
+/// Numbers the parts of an expression, starting with 0, in the order of the text.
 #[derive(Default)]
 struct Numbers {
     timers: u32,
@@ -230,8 +232,9 @@ fn two(
     kind(p, build(q, group, numbers))
 }
 
-/// §2.5, and for the operators that it omits, the manual: `,` and `#` if all are, `;` `:` `&` if one is, `;;` and `::`
-/// always, `else` and `finally` as P, `any k of` if fewer than k are tasks.
+/// The rule of §2.5, and that of the manual for the operators that §2.5 omits. `,` and `#` are services if all
+/// operands are, `;` `:` `&` if one is, `;;` and `::` always, `else` and `finally` if P is, `any k of` if fewer than k
+/// operands are tasks.
 fn is_service(kind: &Kind, group: &Group) -> bool {
     let tasks = |of: &[Rc<Expr>]| of.iter().filter(|operand| !operand.is_service).count();
     match kind {
@@ -252,7 +255,7 @@ fn is_service(kind: &Kind, group: &Group) -> bool {
     }
 }
 
-/// Whether the normal end of a member breaks its contract (L7): a module with `service`.
+/// Returns whether the normal end of a member breaks its contract (L7): its module has `service`.
 pub(crate) fn is_endless(group: &Group, member: u32) -> bool {
     let member = &group.members[member as usize];
     member.service && matches!(member.kind, MemberKind::Leaf(_))

@@ -5,7 +5,7 @@ use language::plan::{Expression, Group, MemberKind};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// The spec as a text, and the tags of its modules.
+/// Returns the spec as a text, and the tags of its modules.
 pub(crate) fn text(group: &Group, sentences: &str) -> (String, BTreeMap<u32, Vec<String>>) {
     let mut matched = Vec::new();
     let expression = written(&group.expression, &mut matched);
@@ -30,7 +30,7 @@ pub(crate) fn text(group: &Group, sentences: &str) -> (String, BTreeMap<u32, Vec
     (text, tags)
 }
 
-/// An expression, with parentheses around each operand; adds the members whose outcomes a `match` looks at.
+/// Returns an expression with parentheses around each operand. Adds the members with outcomes for a `match`.
 pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String {
     let mut join = |of: &[Expression], sign: &str| {
         let operands: Vec<String> = of.iter().map(|operand| format!("({})", written(operand, matched))).collect();
@@ -71,12 +71,12 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
             format!("shield({} s) ({})", after.as_secs(), written(of, matched))
         }
         Expression::Using { resources, of } => format!("using({}) ({})", resources.join(", "), written(of, matched)),
-        // The pool of a text is of one place: more would need arrays.
+        // The pool of a text has one place, since more places would need arrays.
         Expression::Asynchronous { source, pool } => {
             format!("({}) ::[1] ({})", written(source, matched), written(&pool[0], matched))
         }
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
-        // The value decides no event, and the modules of a text take none.
+        // The value has no effect on the events, and the modules of a text take no value.
         Expression::With { of, .. } => written(of, matched),
         Expression::Catch { of, arms } => {
             let of = written(of, matched);

@@ -13,7 +13,7 @@ pub enum CallError {
         /// The host and the verb.
         key: String,
     },
-    /// No answer in time. The request may have been carried out.
+    /// No answer came in time. The request may have been carried out.
     #[error("no answer from `{key}` within {}", span(*.within))]
     Timeout {
         /// The host and the verb.
@@ -21,7 +21,7 @@ pub enum CallError {
         /// The time given.
         within: Duration,
     },
-    /// The server of a stream has not said for so long that it is still there.
+    /// For this long, the server of a stream has not sent that it is still there.
     #[error("`{key}` has said nothing for {}", span(*.silent))]
     Silent {
         /// The host and the verb.
@@ -29,7 +29,7 @@ pub enum CallError {
         /// How long.
         silent: Duration,
     },
-    /// The stream has ended without its mark, or its answers are not those that the mark counts.
+    /// The stream has ended without its mark, or its answers do not match the mark.
     #[error("the answers from `{key}` broke off after {count}: {why}")]
     Broken {
         /// The host and the verb.

@@ -1,8 +1,8 @@
-//! The messages by which nodes find each other: `Scout` and `Hello` of Zenoh, so that any program of Zenoh that scouts on the group of
-//! nodes lists them.
+//! The messages by which nodes find each other: zenoh's `Scout` and `Hello`. So any zenoh program that scouts on the group of nodes
+//! lists them.
 //!
-//! The locators of a `Hello` have the name of the node as metadata: `tcp/10.0.0.2:7447?dca=c2`. A node in a team leaves the name empty.
-//! Programs of others have no such metadata, and are not dialled.
+//! The metadata of each locator in a `Hello` contains the name of the node: `tcp/10.0.0.2:7447?dca=c2`. A node in a team leaves the
+//! name empty. Other zenoh programs have no such metadata, and are not dialled.
 
 use super::Announced;
 use std::net::{IpAddr, SocketAddr};
@@ -12,7 +12,7 @@ use zenoh_codec::{RCodec, WCodec, Zenoh080};
 use zenoh_protocol::core::Locator;
 use zenoh_protocol::scouting::{HelloProto, Scout, ScoutingBody, ScoutingMessage};
 
-/// The metadata of a locator at which a node of DCA listens: its name.
+/// The metadata key that marks a locator of a DCA node; its value is the node's name.
 const NAME: &str = "dca";
 /// How many locators a `Hello` has at most, so that it fits into a datagram.
 const LOCATORS_MAX: usize = 8;
@@ -20,9 +20,9 @@ const LOCATORS_MAX: usize = 8;
 /// One message.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Message {
-    /// The sender looks for nodes: each answers with a `Hello`.
+    /// The sender looks for nodes. Each node answers with a `Hello`.
     Scout,
-    /// A node can be dialled at the address that this came from.
+    /// A node can be dialled at the address that this datagram came from.
     Hello(Announced),
 }
 
@@ -32,7 +32,7 @@ pub(super) fn scout() -> Option<Vec<u8>> {
     encoded(&Scout { version: zenoh_protocol::VERSION, what, zid: None }.into())
 }
 
-/// Returns the datagram with which a node says that it listens at these addresses.
+/// Returns the datagram in which a node announces that it listens at these addresses.
 pub(super) fn hello(own: &Announced, addresses: impl Iterator<Item = IpAddr>) -> Option<Vec<u8>> {
     let locator = |ip| Locator::new("tcp", SocketAddr::new(ip, own.port).to_string(), format!("{NAME}={}", own.name));
     let locators = addresses.take(LOCATORS_MAX).filter_map(|ip| locator(ip).ok()).collect();
@@ -40,7 +40,7 @@ pub(super) fn hello(own: &Announced, addresses: impl Iterator<Item = IpAddr>) ->
     encoded(&HelloProto { version, whatami, zid: own.session.parse().ok()?, locators }.into())
 }
 
-/// Returns the message in a datagram, if it concerns a node.
+/// Returns the message in a datagram; none if it does not concern a node.
 pub(super) fn read(datagram: &[u8]) -> Option<Message> {
     let message: ScoutingMessage = Zenoh080::new().read(&mut datagram.reader()).ok()?;
     match message.body {
@@ -84,7 +84,7 @@ mod tests {
         assert!(longest.len() < super::super::SIZE_MAX, "{}", longest.len());
     }
 
-    /// Bytes that programs of Zenoh say and hear. Source: zenoh-protocol 1.10.2, `scouting`.
+    /// The bytes that zenoh programs send and accept. Source: zenoh-protocol 1.10.2, `scouting`.
     #[test]
     fn the_bytes_are_those_of_zenoh() {
         assert_eq!(scout().unwrap(), [0x01, 0x09, 0x03]);

@@ -20,19 +20,19 @@ use zenoh::internal::runtime::{Runtime, ZRuntime};
 const RETRY_MIN: Duration = Duration::from_millis(100);
 /// The longest wait between two attempts to dial; each wait is 1.5 times the previous one.
 const RETRY_MAX: Duration = Duration::from_millis(500);
-/// How much earlier a known place is asked than a place that was only announced on the network.
+/// How much earlier known places are asked than places that were only announced on the network.
 const HEAD_START: Duration = Duration::from_millis(300);
-/// How long a place that was only announced on the network has to show whose it is; a round trip may take 3 s.
+/// How long a place that was only announced on the network has to prove whose it is; a round trip may take 3 s.
 const SHOWN_WITHIN: Duration = Duration::from_secs(8);
-/// The same if many places were announced: then most of them are false.
+/// The same if many places were announced, since most of them are then false.
 const SHOWN_WITHIN_OF_MANY: Duration = Duration::from_secs(1);
-/// Up to so many places are not many: they are the addresses of one machine.
+/// Up to this number, places count as few: they may be the addresses of one machine.
 const FEW: usize = 4;
 /// How many places are asked in one attempt.
 const ASKED_MAX: usize = 64;
-/// How often the keeper looks for a link that is being made, to set its limit.
+/// How often the keeper looks for a link that is being made, to set its time limit.
 const LIMIT_EVERY: Duration = Duration::from_millis(100);
-/// How often the keeper looks at a place that zenoh dials by itself.
+/// How often the keeper checks a place that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
 /// The parts needed for dialling.
@@ -40,7 +40,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 pub(super) struct Dialler {
     pub(super) runtime: Runtime,
     pub(super) links: Arc<Mutex<Links>>,
-    /// Other hosts are dialled through these, if there are any.
+    /// The tunnels through which other hosts are dialled, in a team.
     pub(super) tunnels: Option<Arc<Tunnels>>,
 }
 
@@ -62,17 +62,18 @@ impl Dialler {
 
 /// An event that the keeper acts on.
 pub(super) enum Change {
-    /// A TCP link was made, to a session that may be dialled there again.
+    /// A TCP link was made to a session, which may be dialled again there.
     Made { session: String, from: SocketAddr, to: Locator },
-    /// A TCP link was made, whose round trip is not known yet.
+    /// A TCP link was made. Its round trip is not known yet.
     New(patience::Ends),
-    /// A link was lost, or is to be made.
+    /// A link was lost, or has to be made.
     Wanted(String),
-    /// A session has lost one of its links, and still has others.
+    /// A session has lost one of its links, but still has others.
     Halved(String),
 }
 
-/// Dials kept peers again as their links are lost, until the session closes. `port` is where it listens itself.
+/// Dials the kept peers again when their links are lost, until the session closes. `port` is the port on which the session
+/// itself listens.
 pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Receiver<Change>) {
     let links = Arc::clone(&dialler.links);
     let mut dialling = JoinSet::new();
@@ -84,7 +85,8 @@ pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Recei
         let session = match change {
             None => return,
             Some(Change::Made { session, from, to }) => {
-                // The other side of a link that we accepted listens elsewhere, and dials us.
+                // A link that we accepted came from another port than the one on which the other side listens. The other side
+                // dials us.
                 if port != Some(from.port()) {
                     let (mut links, found) = (lock(&links), || Place::told(Vec::new(), Some(FOUND_AGAIN_WITHIN)));
                     links.kept.entry(session.clone()).or_insert_with(found);
@@ -132,8 +134,8 @@ pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Recei
     }
 }
 
-/// Dials until the link stands, or is not to be kept any more. Two at a time for one peer do no harm: zenoh lets one
-/// through.
+/// Dials until the link exists, or is not wanted any more. Two simultaneous calls for one peer do no harm: zenoh lets one of
+/// them through.
 pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     let (links, session, mut wait) = (&*dialler.links, id.to_string(), RETRY_MIN);
     loop {
@@ -141,7 +143,7 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
             let mut links = lock(links);
             let place = links.kept.get(&session).cloned().filter(|_| !links.standing.contains(&session));
             if place.is_none() {
-                // Under the same lock: if a link is lost from here on, the keeper is told, and must not find a dial in
+                // Under the same lock: if the link is lost from here on, the keeper is told, and must not find a dial in
                 // progress.
                 links.dialling.remove(&session);
             }
@@ -149,7 +151,7 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
         };
         let Some(place) = place.filter(|_| !dialler.runtime.is_closed()) else { return };
         attempt(dialler, id, &place).await;
-        // The event that a link stands may be a moment late.
+        // The event that reports the link may come a moment later.
         if lock(links).standing.contains(&session) {
             continue;
         }
@@ -158,9 +160,9 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     }
 }
 
-/// Tries to make a link: at the known addresses, and a moment later at the announced ones. During that time the known
-/// addresses are tried again, since a node may refuse until it has noticed a cut. If there is no link, the reason is
-/// kept.
+/// Tries to make a link: at the known places, and a moment later also at the announced ones. In that time the known places
+/// are retried, since a node may refuse until it has noticed that the old link is cut. If no link is made, the reason is
+/// stored.
 async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     let session = id.to_string();
     let stands = || lock(&dialler.links).standing.contains(&session);
@@ -196,7 +198,7 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
         made
     };
     tokio::pin!(known, proposed);
-    // The first attempt that makes a link ends the other attempt. If both fail, the wait ends as well.
+    // The first attempt that makes a link ends the other one. If both fail, the wait ends as well.
     tokio::select! {
         Ok(()) = &mut known => {}
         Ok(()) = &mut proposed => {}
@@ -204,8 +206,8 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     }
 }
 
-/// Asks all places at once that were announced on the network, and also those announced in the meantime. The first place that
-/// shows the right key gets the link.
+/// Asks all places that were announced on the network at once, including those that are announced in the meantime. The first
+/// place that proves the right key gets the link.
 async fn propose(dialler: &Dialler, id: ZenohId) -> Result<(), String> {
     let (session, mut asking, mut why) = (id.to_string(), JoinSet::new(), String::new());
     let mut asked = Vec::new();
@@ -230,7 +232,7 @@ async fn propose(dialler: &Dialler, id: ZenohId) -> Result<(), String> {
         };
         match answer {
             Ok((_, Ok(shown))) => {
-                // Each of the others may be one more address of the same node.
+                // Each of the other places may be a further address of the same node.
                 asking.abort_all();
                 return enter(dialler, id, shown).await;
             }
@@ -247,10 +249,10 @@ async fn make(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<()
     enter(dialler, id, shown(dialler, id, locators).await?).await
 }
 
-/// A place that answers, and in a team has proved whose it is.
+/// A place that answers. In a team it has also proved whose it is.
 struct Shown {
     locator: Locator,
-    /// The way of the link: a tunnel, in a team.
+    /// The locator of the link; in a team, the locator of a tunnel.
     way: Locator,
     took: Duration,
 }
@@ -266,7 +268,7 @@ async fn shown(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<S
                 dialled.map_err(|why| format!("{place} answers after {} ms: {why}", took.as_millis()))?;
             let mut links = lock(&dialler.links);
             links.names.insert(id.to_string(), name);
-            // The place has shown the key of that session. The link may be lost again before zenoh returns.
+            // The place has proved the key of that session. The link may be lost again before zenoh returns.
             links.prove(&id.to_string(), &locator);
             drop(links);
             through(&path)?
@@ -291,18 +293,18 @@ fn through(path: &Path) -> Result<Locator, String> {
     locator.parse().map_err(|_no_locator| format!("`{locator}` is not a locator"))
 }
 
-/// Lets zenoh make a link to a place that took `answered` to answer.
+/// Makes zenoh connect to a place that took `answered` to answer.
 async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) -> bool {
     let place: Option<SocketAddr> = way.address().as_str().parse().ok().filter(|_| way.protocol().as_str() == "tcp");
-    // The dial runs to its end, even without a waiting caller: zenoh treats a cancelled dial as still in progress for
-    // ever, and dials the session no more.
+    // The dial continues to its end, even without a waiting caller. Zenoh would treat a cancelled dial as still in progress,
+    // and would never dial the session again.
     let runtime = dialler.runtime.clone();
     let mut making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[way]).await });
     loop {
         tokio::select! {
             made = &mut making => return made.unwrap_or(false),
-            // Zenoh reports a link when it is up. If a packet is lost before, the link waits for the system to repeat
-            // it, later and later, and no other dial may begin in that time.
+            // Zenoh reports a link only when it is ready. If a packet is lost before that, the system repeats it at growing
+            // intervals, and no other dial may begin in that time.
             () = tokio::time::sleep(LIMIT_EVERY) => {
                 place.iter().for_each(|place| patience::set_towards(*place, patience::of_new(answered)));
             }
@@ -310,7 +312,7 @@ async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) 
     }
 }
 
-/// Keeps a tunnel to an address, with any session there.
+/// Keeps a tunnel to an address, whichever session is there.
 pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tunnels>) {
     let (name, mut there) = (place.to_string(), None::<String>);
     loop {
@@ -341,7 +343,7 @@ pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tu
     }
 }
 
-/// Notes why a place that zenoh dials by itself is not linked.
+/// Notes why zenoh has no link to a place that it dials by itself.
 pub(super) async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
     let name = place.to_string();
     loop {
@@ -367,7 +369,8 @@ pub(super) async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
     }
 }
 
-/// Returns a factor from 0.75 to 1.25, so that programs that lost their links together do not dial together.
+/// Returns a random factor from 0.75 to 1.25, so that programs that lost their links at the same time dial at different
+/// times.
 fn jitter() -> f64 {
     let millionth = now().nanos() % 1_000_000;
     0.75 + f64::from(u32::try_from(millionth).unwrap_or(0)) / 2e6

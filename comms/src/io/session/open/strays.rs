@@ -1,8 +1,8 @@
-//! Finds links on which zenoh's table and zenoh's events disagree, and makes them agree.
+//! Finds links on which zenoh's table and zenoh's events disagree, and corrects them.
 //!
-//! Zenoh keeps its sessions in a table by peer, and deletes an entry by the peer alone. If a session is deleted twice, for example
-//! because two of its links end at once, the second deletion removes the entry of the next session. That session still receives,
-//! but can never send. The event of a loss may also come after the event of the next session. Seen with zenoh 1.10.2;
+//! Zenoh keeps its sessions in a table by peer, and deletes an entry by the peer alone. A session may be deleted twice, for example
+//! because two of its links end at once. The second deletion then removes the entry of the next session, which still receives but
+//! can never send. The event of a loss may also come after the event of the next session. Seen with zenoh 1.10.2;
 //! eclipse-zenoh/zenoh#1886 and #2806 are of the same kind.
 
 use super::super::links::lock;
@@ -14,19 +14,20 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The time between two looks. Events and table may differ for a moment; only a difference that two looks in a row find is acted on.
+/// The time between two comparisons. Events and table may differ for a moment; so a difference counts only if two comparisons in a
+/// row find it.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// The age from which a tunnel has to carry a session: three round trips of 3 s.
+/// A tunnel of this age has to carry a session: three round trips of 3 s have passed.
 const TUNNEL_MIN: Duration = Duration::from_secs(10);
 
-/// Takes the differences of a look, by session; returns those that the previous look also had.
+/// Takes the differences of this comparison, by session; returns those that the previous comparison also found.
 fn twice(before: &mut BTreeSet<String>, now: BTreeSet<String>) -> Vec<String> {
     let both = now.intersection(before).cloned().collect();
     *before = now;
     both
 }
 
-/// Ends links that belong to no session, and takes note of sessions that were not heard of, until the session closes.
+/// Ends links that belong to no session, and notes sessions that no event has reported, until the session closes.
 pub(super) async fn end_strays(session: zenoh::Session, dialler: Dialler, to_keeper: Arc<Sender<Change>>) {
     let (mut strays_before, mut unheard_before) = (BTreeSet::new(), BTreeSet::new());
     loop {

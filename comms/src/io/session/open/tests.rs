@@ -3,14 +3,14 @@ use super::*;
 use crate::io::clock::now;
 use std::sync::mpsc::sync_channel;
 
-/// A link may be up as soon as a session begins to listen and to dial; its loss is still heard.
+/// A link may exist as soon as a session begins to listen and to dial. Its loss is still noticed.
 #[test]
 fn the_loss_of_the_very_first_link_is_heard() {
     let path = std::env::temp_dir().join(format!("dca-open-{}.sock", std::process::id()));
     let locator = unix_locator(&path).unwrap();
     let listening = Settings::node().listen(std::slice::from_ref(&locator));
     let node = Opened::open(listening, Redial::Found, Search::Off, None).unwrap();
-    // A client is linked before it is open.
+    // The open of a client returns only after it is linked.
     let client = Opened::open(Settings::client(&locator), Redial::Listed, Search::Off, None).unwrap();
     let (events_tx, events) = sync_channel(4);
     let on_event = move |event: TransportEvent| {
@@ -32,7 +32,7 @@ fn on_tcp() -> Opened {
     Opened::open(Settings::data().listen(&locators), Redial::Listed, Search::Off, None).unwrap()
 }
 
-/// A node that is dialled from anywhere also names the socket on its own machine, which other machines do not have.
+/// A node's locators also contain the socket on its own machine, which does not exist on other machines.
 #[test]
 fn a_socket_that_is_not_there_hides_no_other_place() {
     let (a, b) = (on_tcp(), on_tcp());
@@ -42,8 +42,8 @@ fn a_socket_that_is_not_there_hides_no_other_place() {
     b.close();
 }
 
-/// Carries what comes to the returned place on to another one, and back. At a word the far end of each connection is closed, and
-/// the near one left open.
+/// Relays between the returned place and another one. A message to the returned sender closes the far end of each connection,
+/// and leaves the near end open.
 fn relay(to: String) -> (String, std::sync::mpsc::SyncSender<()>) {
     use std::net::{Shutdown, TcpListener, TcpStream};
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -73,7 +73,7 @@ fn relay(to: String) -> (String, std::sync::mpsc::SyncSender<()>) {
     (place, half_tx)
 }
 
-/// One side loses the session and starts again while the other still believes in the old one, which it dialled itself.
+/// One side loses the session and starts again, while the other side still uses the old session, which it has dialled itself.
 #[test]
 fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     let (a, b) = (on_tcp(), on_tcp());
@@ -97,7 +97,7 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
         false
     };
     assert!(hears());
-    // Of each side what becomes of its session with the other.
+    // The events that each side observes of its session with the other side.
     let [(_of_a, at_a), (_of_b, at_b)] = [&a, &b].map(|side| {
         let (events_tx, events) = sync_channel(16);
         let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
@@ -115,7 +115,7 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     b.close();
 }
 
-/// A link that is given up ends at both sides, whichever side has dialled it, and is made again.
+/// A link that is given up ends at both sides, whichever side has dialled, and is then made again.
 #[test]
 fn a_link_that_is_given_up_is_made_anew() {
     let (a, b, within) = (on_tcp(), on_tcp(), Duration::from_secs(20));
@@ -141,7 +141,7 @@ fn a_link_that_is_given_up_is_made_anew() {
     b.close();
 }
 
-/// An address that accepts a connection and sends nothing delays a dial; the peer is still dialled elsewhere.
+/// An address that accepts a connection and sends nothing delays dialling. The peer is still dialled at another address.
 #[test]
 fn who_was_dialled_in_vain_is_dialled_again() {
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -159,10 +159,10 @@ fn who_was_dialled_in_vain_is_dialled_again() {
     node.close();
 }
 
-/// A node that is busy with a long answer is silent otherwise, and its link stays.
+/// A node that is busy with a long answer sends nothing else. Its link is not cut.
 #[test]
 fn a_link_over_which_something_comes_is_not_cut() {
-    // Nodes say a word each 7.5 s, so that nothing else comes in the meantime.
+    // Nodes send a keep-alive each 7.5 s, so nothing else arrives in the meantime.
     let open = || {
         let settings = Settings::node().listen(&["tcp/127.0.0.1:0".to_owned()]);
         Opened::open(settings, Redial::Listed, Search::Off, None).unwrap()

@@ -1,4 +1,4 @@
-//! One call at its server: what was asked, by whom, and the answers to it.
+//! One call at its server: the request, its author, and the answers to it.
 
 use super::super::proof::{self, Author};
 use super::super::stream::End;
@@ -12,7 +12,7 @@ impl Request {
         Self { key: key::without_session(query.key_expr().as_str()).to_owned(), payload, asked, caller }
     }
 
-    /// Returns the author. A command line has none: its requests are signed by a user, if required.
+    /// Returns the author. A command line is not an author: a user signs its requests, if required.
     pub fn author(&self) -> Author {
         let Asked { authenticator, question, proof } = &self.asked;
         let Some(authenticator) = authenticator else { return Author::Anybody };
@@ -32,8 +32,8 @@ impl Request {
         &self.payload
     }
 
-    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns
-    /// whether there is still a reader.
+    /// Sends an answer, one of possibly many. Waits for a caller that takes answers more slowly than they come.
+    /// Returns whether there is still a reader.
     ///
     /// # Cancellation
     /// The answer is lost.
@@ -56,7 +56,7 @@ impl Request {
         }
     }
 
-    /// Waits until the answers have no reader any more: the caller has cancelled, or has not asked for ten minutes.
+    /// Waits until the answers have lost their reader: the caller has cancelled, or has not asked for ten minutes.
     ///
     /// # Cancellation
     /// Safe.
@@ -81,7 +81,7 @@ impl Request {
         }
     }
 
-    /// Marks the answers as incomplete, with the reason for a person.
+    /// Marks the stream as incomplete and ends it, with the reason for people.
     pub fn break_off(self, why: &str) {
         match &self.caller {
             Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),
@@ -89,7 +89,7 @@ impl Request {
         }
     }
 
-    /// Answers with a reason for a person, and ends.
+    /// Refuses the request, with a reason for people.
     pub fn refuse(self, reason: &str) {
         match &self.caller {
             Caller::One(query) => query.iter().for_each(|query| refuse(query, reason)),

@@ -1,7 +1,7 @@
-//! The first messages between the ends of a tunnel: their identities, and then the revocations they know.
+//! The first messages between the ends of a tunnel: their identities, then the revocations that they know.
 //!
-//! The dialling side identifies itself first. The listening side shows nothing before it trusts the dialling
-//! side: a stranger learns a key, and no name.
+//! The dialling side identifies itself first. The listening side shows its credential only after it trusts the dialling side. So an
+//! untrusted host learns a key, but no name.
 
 use super::{HUNG_UP, Identity, PublicKey};
 use crate::io::stream::{self, StreamError};
@@ -11,10 +11,10 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Notify;
 
-/// How long a peer that may soon be let in has to wait at most.
+/// How long at most a peer waits that may be trusted soon.
 const LET_IN_WITHIN: Duration = Duration::from_secs(2);
 
-/// This end of a connection, and the key of the other one.
+/// This end of a connection, and the key of the other end.
 #[derive(Clone, Copy)]
 pub(super) struct Side<'a> {
     pub(super) session: &'a str,
@@ -40,13 +40,13 @@ pub(super) async fn introduce(
 ) -> Result<Peer, String> {
     send(stream, &side.introduction()).await?;
     let checked = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?);
-    // A refused peer gets the sets as well: a peer with revoked keys learns of that here, since no other node speaks to it. The sets
-    // are signed, and contain no secret.
+    // A refused peer gets the revocations as well. A peer with revoked keys can learn of that only here, since no node accepts it.
+    // The sets are signed, and contain no secret.
     let sent = send(stream, &Revocations { sets: side.identity.revocations() }).await;
     let peer = match checked {
         Ok(peer) => peer,
         Err(why) => {
-            // The peer's own sets are received and ignored: closing earlier would discard the bytes that were just sent.
+            // The peer's own sets are received and ignored. Closing earlier would discard the bytes that were just sent.
             drop(receive::<Revocations>(stream).await);
             return Err(why);
         }
@@ -78,8 +78,8 @@ impl Side<'_> {
         Introduction { session: self.session.to_owned(), credential: self.identity.credential() }
     }
 
-    /// Waits for a while until a peer may be let in. Both ends of a wire are told of each other at the same time, and
-    /// one may dial before the other has heard.
+    /// Waits for a while until a peer may be trusted. Both ends of a wire get each other's keys at the same time, and one end may
+    /// dial before the other has received them.
     async fn wait_for(&self, introduction: &Introduction) {
         let let_in = async {
             while let Some(mut news) = self.identity.awaits(&self.key, &introduction.credential)
@@ -98,7 +98,7 @@ impl Side<'_> {
         Ok(Peer { session, name, key: self.key, credential })
     }
 
-    /// Takes the revocations of the peer, by which the peer itself may be revoked.
+    /// Takes the revocations of the peer. They may revoke the peer itself.
     fn hear(&self, revocations: Revocations, peer: &Peer) -> Result<(), String> {
         if self.identity.hear(&revocations.sets) {
             self.changed.notify_one();

@@ -1,4 +1,4 @@
-//! Which tunnels stand, one for each session.
+//! The present tunnels, at most one for each session.
 
 use super::super::patience::Ends;
 use super::PublicKey;
@@ -8,12 +8,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// Within this time, each of two ends may dial the other without having heard of the other's tunnel.
+/// Within this time, two ends may dial each other because neither has learned of the other's tunnel.
 const AT_ONCE: Duration = Duration::from_secs(5);
-/// The most tunnels of one session.
+/// The most tunnels.
 const TUNNELS_MAX: usize = 256;
 
-/// A tunnel that stands.
+/// A tunnel that exists.
 #[derive(Clone, Debug)]
 pub(super) struct Standing {
     /// The session that has dialled.
@@ -34,9 +34,9 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Adds a tunnel, and ends the tunnel that it replaces. Returns the number of the new tunnel, or why it is not wanted. Two ends
-    /// that dial each other at once keep the tunnel of the smaller session. Otherwise the newer tunnel is right: an end that dials
-    /// has no other tunnel.
+    /// Adds a tunnel, and ends the tunnel that it replaces. Returns the number of the new tunnel, or why it is refused. If two ends
+    /// dial each other at once, both keep the tunnel whose dialling session has the smaller id. Otherwise the newer tunnel replaces
+    /// the older one: an end that dials has no other tunnel.
     pub(super) fn enter(&mut self, session: &str, new: Standing) -> Result<u64, &'static str> {
         if let Some((_, old)) = self.tunnels.get(session) {
             if old.key != new.key {
@@ -55,7 +55,7 @@ impl Table {
         Ok(self.made)
     }
 
-    /// Forgets a tunnel that has ended.
+    /// Removes a tunnel that has ended.
     pub(super) fn leave(&mut self, session: &str, number: u64) {
         if self.tunnels.get(session).is_some_and(|(standing, _)| *standing == number) {
             self.tunnels.remove(session);
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn both_ends_keep_the_same_one_of_two() {
-        // `a` and `b` dial each other; the tunnels come to the two ends in any order.
+        // `a` and `b` dial each other. The two tunnels reach the two ends in any order.
         let both = |first: &str, second: &str, at: &str| {
             let mut table = Table::default();
             table.enter(at, standing(first, 10, 1)).unwrap();

@@ -37,7 +37,7 @@ struct TrustsSome {
     own: usize,
     trusted: Mutex<BTreeSet<PublicKey>>,
     refused: SyncSender<String>,
-    /// The revocations that peers have passed on.
+    /// The revocations that were received from peers.
     heard: Mutex<Vec<Vec<u8>>>,
 }
 
@@ -69,7 +69,7 @@ impl Identity for TrustsSome {
     }
 }
 
-/// A session with key `own`, which trusts some keys; returns it with whom it refuses.
+/// A session with key `own`, which trusts some keys. Also returns the reasons of its refusals.
 fn session(own: usize, trusted: &[usize]) -> (Opened, Arc<TrustsSome>, Receiver<String>) {
     let folder = std::env::temp_dir().join(format!("dca-tunnel-{}-{own}-{}", std::process::id(), now().nanos()));
     std::fs::create_dir(&folder).unwrap();
@@ -83,7 +83,7 @@ fn session(own: usize, trusted: &[usize]) -> (Opened, Arc<TrustsSome>, Receiver<
     (Opened::open(settings, Redial::Listed, Search::Off, Some(options)).unwrap(), identity, hears)
 }
 
-/// Waits until a peer is refused for that reason.
+/// Waits until a peer is refused for this reason.
 fn expect(refused: &Receiver<String>, why: &str) {
     while refused.recv_timeout(WITHIN).expect("somebody is refused") != why {}
 }
@@ -92,7 +92,7 @@ fn tcp(opened: &Opened) -> String {
     opened.locators().into_iter().find(|locator| locator.starts_with("tcp/")).unwrap()
 }
 
-/// Returns whether what `from` puts comes to `to` before too long.
+/// Returns whether a message of `from` reaches `to` in time.
 fn reaches(from: &Opened, to: &Opened) -> bool {
     let (heard_tx, heard) = sync_channel(1000);
     let on_sample = move |_: zenoh::sample::Sample| heard_tx.try_send(()).unwrap_or_default();
@@ -110,13 +110,13 @@ fn reaches(from: &Opened, to: &Opened) -> bool {
 #[test]
 fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     let ((a, of_a, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
-    // Both dial at once, and again and again.
+    // Both sides dial at once, and repeatedly.
     a.keep(&b.id(), &[tcp(&b)]).unwrap();
     b.keep(&a.id(), &[tcp(&a)]).unwrap();
     assert!(reaches(&a, &b) && reaches(&b, &a));
     of_a.trusted.lock().unwrap().clear();
     a.judge_again();
-    // Both ends: the other one hears of it a moment later, and has no peer to dial before.
+    // Checks both ends: the other end learns of the link a moment later, and has nothing to dial before.
     let began = now();
     while (a.is_linked() || b.is_linked()) && now() - began < WITHIN {
         std::thread::yield_now();
@@ -138,7 +138,8 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     b.close();
 }
 
-/// A node whose keys were revoked while it was away is refused by all others, and learns why from the one that dials it.
+/// A node whose keys were revoked while it was away is refused by all others. It learns why from the first node that
+/// dials it.
 #[test]
 fn who_is_refused_hears_of_its_revocation() {
     let ((a, _, _), (b, of_b, _)) = (session(0, &[]), session(1, &[0]));
@@ -153,7 +154,7 @@ fn who_is_refused_hears_of_its_revocation() {
     b.close();
 }
 
-/// Places that take a connection and say nothing are said on the network for a session, again and again.
+/// False places are repeatedly announced for a session. They accept a connection and send nothing.
 #[test]
 fn silent_places_keep_no_node_from_its_link() {
     let ((a, _, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
@@ -170,18 +171,18 @@ fn silent_places_keep_no_node_from_its_link() {
     let (events_tx, events) = sync_channel(16);
     let says_false = say_false.clone();
     let on_event = move |event: TransportEvent| {
-        // While the link is still being made here, its place is not forgotten either.
+        // While this end is still making the link, its place must not be forgotten either.
         says_false();
         says_false();
         events_tx.try_send(event.kind()).unwrap_or_default();
     };
     let info = a.session.info();
     let _listener = info.transport_events_listener().history(false).callback(on_event).wait().unwrap();
-    // Before any link the true place is one of many.
+    // Before there is a link, the true place is one of many.
     say_false();
     say(tcp(&b).trim_start_matches("tcp/").parse().unwrap());
     assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
-    // After a cut it is the first one, whatever is said meanwhile.
+    // After a cut the true place is dialled first, whatever is announced in the meantime.
     let began = now();
     a.cut(&b.id());
     say_false();
@@ -198,7 +199,7 @@ fn a_stranger_comes_to_nothing() {
     assert!(stranger.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     expect(&refused, "nobody knows it");
     assert!(!a.is_linked() && !stranger.is_linked());
-    // Refused as well: a peer that speaks zenoh without TLS, or sends nonsense.
+    // Also refused: a peer that uses zenoh without TLS, or sends nonsense.
     let plain = Opened::open(Settings::data(), Redial::Listed, Search::Off, None).unwrap();
     assert!(plain.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     expect(&refused, "it speaks no TLS with a key of its own");
@@ -212,7 +213,7 @@ fn a_stranger_comes_to_nothing() {
     }
 }
 
-/// A peer that waits for a suspended process gives up. If a member has been at its address before, that is not
+/// A peer stops waiting for a suspended process. If a member has connected from its address before, that is not
 /// recorded.
 #[test]
 fn a_member_that_gives_up_waiting_is_no_stranger() {

@@ -1,5 +1,5 @@
-//! TLS 1.3 with raw Ed25519 keys (RFC 7250) at both ends. The handshake proves that the other end has a key; whether that key is
-//! trusted is shown afterwards, by its credential. No certificate is parsed, and no authority of the web counts.
+//! TLS 1.3 with raw Ed25519 keys (RFC 7250) at both ends. The handshake proves that the other end has a key. Its credential
+//! shows afterwards whether that key is trusted. No certificate is parsed, and no certificate authority is trusted.
 
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use rustls::client::{AlwaysResolvesClientRawPublicKeys, Resumption};
@@ -18,7 +18,7 @@ use std::sync::Arc;
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 use zeroize::Zeroizing;
 
-/// The protocol inside, so that no other use of the same keys fits.
+/// The name of the protocol inside, so that no other use of the same keys fits.
 const PROTOCOL: &[u8] = b"dca-tunnel-1";
 /// The bytes before a public key in its `SubjectPublicKeyInfo`. Source: RFC 8410, section 10.1.
 const PUBLIC_PREFIX: [u8; 12] = [0x30, 0x2a, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x03, 0x21, 0x00];
@@ -62,12 +62,12 @@ impl Tls {
     }
 }
 
-/// Returns the name that a client of TLS has to give; it is ignored.
+/// Returns the server name that TLS requires from a client; the server ignores it.
 pub(super) fn server_name() -> ServerName<'static> {
     ServerName::try_from("dca.invalid").expect("it is a name")
 }
 
-/// Returns the key that the other end has proven to have.
+/// Returns the key that the other end has proved to have.
 pub(super) fn peer_key(connection: &CommonState) -> Result<PublicKey, String> {
     let info = connection.peer_certificates().and_then(<[_]>::first).ok_or("it has shown no key")?;
     if connection.alpn_protocol() != Some(PROTOCOL) {
@@ -80,7 +80,7 @@ fn key(info: &CertificateDer<'_>) -> Option<PublicKey> {
     info.as_ref().strip_prefix(&PUBLIC_PREFIX)?.try_into().ok()
 }
 
-/// Takes any Ed25519 key, and checks that the other end has it.
+/// Accepts any Ed25519 key, and checks that the other end has its secret key.
 #[derive(Debug)]
 struct AnyKey(Arc<CryptoProvider>);
 

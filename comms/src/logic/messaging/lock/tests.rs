@@ -14,7 +14,7 @@ fn acquire(client: u64, request: u64, priority: u8) -> LockInput {
     LockInput::Request(LockRequest::Acquire { client, name: client.to_string(), request, priority })
 }
 
-/// Handles an input as a server with a fast disk does; returns the answers.
+/// Handles an input like a server with a fast disk; returns the answers.
 fn handle(lock: &mut ResourceLock, now: Time, input: LockInput) -> Vec<(u64, LockAnswer)> {
     let (mut effects, mut answers) = (Vec::new(), Vec::new());
     lock.handle(now, input, &mut effects);
@@ -38,7 +38,7 @@ fn the_next_one_gets_it_when_the_lease_is_over() {
     assert!(handle(&mut lock, at(0), acquire(7, 1, 0)).contains(&(7, granted(1, 1, 100, false))));
     assert!(matches!(handle(&mut lock, at(10), acquire(8, 1, 0))[..], [(8, LockAnswer::Waiting { ahead: 0, .. })]));
     assert_eq!((lock.admit(at(20), Some(1)), lock.deadline()), (Ok(()), Some(at(100))));
-    // A waiter that does not ask again within a lease is forgotten; this one does.
+    // A waiting client that does not ask again within a lease is removed. Client 8 asks again.
     handle(&mut lock, at(60), acquire(8, 1, 0));
     assert_eq!(handle(&mut lock, at(99), LockInput::Tick), []);
     assert_eq!(handle(&mut lock, at(100), LockInput::Tick), [(8, granted(1, 2, 100, false))]);
@@ -47,7 +47,7 @@ fn the_next_one_gets_it_when_the_lease_is_over() {
     let renew = LockInput::Request(LockRequest::Renew { client: 7, request: 1 });
     let expired = LockAnswer::Denied { request: 1, why: Denied::Expired };
     assert_eq!(handle(&mut lock, at(101), renew), [(7, expired.clone())]);
-    // The same for its request, when that comes a second time.
+    // The answer is the same if this request comes a second time.
     assert_eq!(handle(&mut lock, at(102), acquire(7, 1, 9)), [(7, expired)]);
     let status = lock.status(at(150));
     assert_eq!((status.holder.as_deref(), status.fence, status.expired), (Some("8"), Some(2), 1));
@@ -62,7 +62,7 @@ fn it_is_given_by_priority_and_taken_away_where_that_is_declared() {
     assert!(matches!(handle(&mut lock, at(2), acquire(3, 1, 6))[..], [(3, LockAnswer::Waiting { ahead: 0, .. })]));
     let too_many = LockAnswer::Denied { request: 1, why: Denied::TooManyWait };
     assert_eq!(handle(&mut lock, at(2), acquire(4, 1, 9)), [(4, too_many)]);
-    // The holder is informed, and has 20 ms.
+    // The holder is told that it is preempted, and has 20 ms.
     let renew = |request| LockInput::Request(LockRequest::Renew { client: 1, request });
     assert_eq!(handle(&mut lock, at(12), renew(1)), [(1, granted(1, 1, 10, true))]);
     assert_eq!((lock.admit(at(21), Some(1)), lock.deadline()), (Ok(()), Some(at(22))));

@@ -39,7 +39,7 @@ fn a_receipt_says_what_the_node_has_said() {
     assert_eq!(inbox.fate(NOW, handed.number, MessageFate::Taken), Some(accepted(11)));
     assert_eq!(inbox.offer(NOW, message(1, 0, 12)), [accepted(12)], "it was taken before");
     assert_eq!(inbox.fate(NOW, handed.number, MessageFate::Taken), None);
-    // A message that was turned away may come again.
+    // A rejected message may be sent again.
     for (way, fate, why) in
         [(20, MessageFate::Full, Rejected::Full { capacity: 1 }), (21, MessageFate::Idle, Rejected::Idle)]
     {
@@ -51,7 +51,8 @@ fn a_receipt_says_what_the_node_has_said() {
 }
 
 proptest! {
-    /// Against a list of all messages: each is taken once, or its sender is told no, or it was a value and is counted.
+    /// Compared with a list of all messages: each is taken once, or refused to its sender, or it is a lost value and
+    /// is counted.
     #[test]
     fn no_message_is_taken_twice_or_vanishes(
         steps in prop::collection::vec((0_u8..4, 1_u64..30, 0_u8..3), 1..200)

@@ -109,7 +109,7 @@ fn who_is_gone_is_dropped_from_the_register_and_counted() {
         let dropped = RouterEffect::Dropped { queue: name.into(), why, lost };
         assert_eq!(handle(&mut router, at(1), ended), [dropped]);
     }
-    // This subscriber is not heard of any more, and nothing is sent to it either.
+    // Subscriber `c` sends nothing any more, and no message is sent to it either.
     handle(&mut router, at(0), subscribe("c", vec![]));
     handle(&mut router, at(3000), subscribe("c", vec![]));
     assert_eq!(router.deadline(), Some(at(8000)));
@@ -123,16 +123,16 @@ fn wrong_type() -> Receipt {
     Receipt::Rejected(Rejected::WrongType { expected: "A".into(), found: "B".into() })
 }
 
-/// A network in which deliveries, and receipts, are lost, late and doubled; real queues at the other end, of which some
-/// are slow.
+/// A network in which deliveries and receipts are lost, late and duplicated. The queues at the other end are real; some
+/// of them are slow.
 struct Net {
     random: Random,
     router: Router,
     queues: Vec<(MessageQueue, Vec<u64>)>,
-    /// The messages in transit: to a queue, or a receipt.
+    /// The messages in transit: deliveries to a queue, and receipts.
     flying: Vec<(Time, RouterEffect)>,
     receipts: Vec<(Time, RouterInput)>,
-    /// The numbers that each subscriber's filter took.
+    /// The numbers that each subscriber's filter accepted.
     expected: Vec<Vec<u64>>,
     cut: Option<usize>,
     is_calm: bool,
@@ -165,7 +165,7 @@ impl Net {
         now + Duration::from_millis(self.random.below(longest))
     }
 
-    /// Returns true once in `of` times, and never once all is well.
+    /// Returns true once in `of` calls on average, and never in the calm period at the end.
     fn chance(&mut self, of: u64) -> bool {
         !self.is_calm && self.random.below(of) == 0
     }
@@ -219,7 +219,7 @@ impl Net {
         }
     }
 
-    /// Runs for some seconds in which messages are published, then until everything has settled.
+    /// Publishes messages for some seconds, then runs until everything has settled.
     fn run(mut self) -> Result<(), TestCaseError> {
         for reader in 0..READERS {
             self.input(Time::ZERO, subscribe(&reader.to_string(), filter_of(reader)));
@@ -260,15 +260,15 @@ impl Net {
             let (one, expected) = (&status.subscribers[reader], &self.expected[reader]);
             prop_assert_eq!(one.matched, expected.len() as u64);
             prop_assert_eq!((one.waiting, queue.counters().depth, one.refused), (0, 0, 0));
-            // Each at most once, none outside the filter, and missing ones are counted.
+            // Each message was read at most once, and none outside the filter. Missing messages are counted.
             let mut sorted = read.clone();
             sorted.sort_unstable();
             sorted.dedup();
             prop_assert_eq!(sorted.len(), read.len());
             prop_assert!(read.iter().all(|number| expected.contains(number)));
             let missing = expected.len() as u64 - read.len() as u64;
-            // A message whose receipt was lost may have been taken by the queue and given up by the router, never the
-            // reverse.
+            // If the receipt of a message is lost, the queue may have taken the message while the router counts it as
+            // lost. The reverse never happens.
             prop_assert!(missing <= one.lost, "{} missing, {} counted", missing, one.lost);
             prop_assert_eq!(one.delivered + one.lost, one.matched);
         }

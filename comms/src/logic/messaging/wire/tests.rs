@@ -1,4 +1,4 @@
-//! Bytes that other versions rely on: if one of these tests fails, the version of its message has to go up.
+//! The exact bytes of each message. If one of these tests fails, the version of the messages has to be increased.
 
 use super::super::fencing::Refusal;
 use super::super::header::{Malformed, sample};

@@ -1,4 +1,4 @@
-//! The rules one by one, and then producers, a consumer and a supervisor on lines that are slow in different ways.
+//! Tests of single rules, and then of producers, a consumer and a supervisor over lines of different delay.
 
 use super::*;
 use crate::logic::control::Shape;
@@ -56,7 +56,7 @@ fn what_comes_over_a_new_wire_waits_for_the_end_of_the_old_one() {
     let word = Taken { generation: 7, lost: 0, late: 0, missing: vec![] };
     let order = [10, 11].map(Passed::Value).into_iter().chain([Passed::Taken(word)]).chain([20, 21].map(Passed::Value));
     assert_eq!(passed, order.collect::<Vec<_>>());
-    // The boundaries alone keep the order, without a message of the node.
+    // The boundaries alone keep the order, without a message from the node.
     assert_eq!(values(&check(None, &all, 6)), [10, 11, 20, 21]);
     // A value that the line has lost is counted.
     let lossy: Vec<_> = all.iter().filter(|(.., arrival)| *arrival != value(11)).cloned().collect();
@@ -82,7 +82,7 @@ fn a_producer_that_does_not_say_that_it_has_ended_is_given_up() {
     intake.arrive(at(1003), 1, 3, value(11), &mut out);
     assert_eq!(values(&out), [21, 22, 23], "it is late");
     intake.arrive(at(1004), 1, 3, closed(7, 1), &mut out);
-    // Opened once more, it is a wire as any other.
+    // Opened again, the wire works like any other.
     intake.arrive(at(1005), 1, 3, opened(8, &[]), &mut out);
     intake.arrive(at(1006), 1, 3, value(12), &mut out);
     assert_eq!(values(&out), [21, 22, 23, 12]);
@@ -91,7 +91,8 @@ fn a_producer_that_does_not_say_that_it_has_ended_is_given_up() {
     assert_eq!(intake.deadline(), None);
 }
 
-/// A change of a deployment takes wires away that the switch before it closes, maybe before their last word has come.
+/// A change of a deployment removes wires that the previous switch closes, possibly before their boundary has
+/// arrived.
 #[test]
 fn nobody_waits_for_a_wire_that_is_linked_no_more() {
     let value = Arrival::Value;
@@ -111,11 +112,11 @@ fn nobody_waits_for_a_wire_that_is_linked_no_more() {
             intake.forget(1, &mut out);
         }
         assert_eq!((values(&out), taken(&out)), (vec![20], vec![word.clone()]));
-        // Values in transit are late.
+        // Values that are still in transit are late.
         intake.arrive(at(3), 1, 3, value(10), &mut out);
         intake.arrive(at(3), 1, 3, closed(7, 1), &mut out);
         assert_eq!((values(&out), intake.deadline()), (vec![20], None));
-        // Linked once more, it is a wire as any other.
+        // Linked again, the wire works like any other.
         intake.link(1);
         intake.arrive(at(4), 1, 3, opened(0, &[]), &mut out);
         intake.arrive(at(4), 1, 3, value(11), &mut out);
@@ -126,7 +127,7 @@ fn nobody_waits_for_a_wire_that_is_linked_no_more() {
     }
 }
 
-/// Of several inputs that are cut at one time none goes ahead of the others.
+/// If several inputs are switched at the same time, none of them passes new values before the others.
 #[test]
 fn inputs_that_are_opened_together_wait_for_each_other() {
     let value = Arrival::Value;
@@ -152,13 +153,13 @@ enum Word {
     Expect(Expect),
 }
 
-/// Two producers, each with two wires to one consumer; their counts go on through all switches. Each line keeps its
-/// order and has its own delay; orders of the supervisor have another one. Losses of a line are counted, and nothing
-/// else is lost.
+/// Two producers, each with two wires to one consumer; their numbers continue through all switches. Each line keeps
+/// its order and has its own delay; orders of the supervisor have another delay. Values that a line loses are
+/// counted, and nothing else is lost.
 struct Lines {
     random: Random,
     loses: bool,
-    /// The messages in transit: their time and line, and their content.
+    /// The messages in transit, by time and number: their line and content.
     data: BTreeMap<(u64, u64), (u32, Arrival<u32>)>,
     orders: BTreeMap<(u64, u64), (usize, Word)>,
     clear_at: BTreeMap<u32, u64>,
@@ -185,7 +186,7 @@ impl Lines {
     }
 }
 
-/// The wires of a set: one of each producer. The consumer is number 2.
+/// The wires of a set, one of each producer. The consumer is number 2.
 fn switch(lines: &mut Lines, now: u64, generation: u64, from: [u32; 2], to: [u32; 2]) {
     for producer in 0..2_u32 {
         let mine = |wire: &u32| wire % 2 == producer;
@@ -214,7 +215,7 @@ fn flip_all(lines: &mut Lines, flows: &mut BTreeMap<u32, Flow>, now: u64, to: us
     }
 }
 
-/// Returns the number of lost values, and the consumer's count.
+/// Returns the number of lost values, and the number that the consumer has counted.
 fn run(seed: u64, loses: bool) -> (u64, u64) {
     let random = Random::new(seed);
     let (data, orders, clear_at) = Default::default();
@@ -266,7 +267,7 @@ fn run(seed: u64, loses: bool) -> (u64, u64) {
                 }
             }
         }
-        // The next switch, once this one is confirmed: to other wires of both, or of one.
+        // The next switch follows once this one is confirmed. It changes the wires of both producers, or of one.
         if taken_at.is_some_and(|at| now > at + 5) && now < 2_800 {
             let next = [[2, 3], [0, 3], [2, 1], [0, 1]].into_iter().filter(|next| *next != set).collect::<Vec<_>>();
             let next = next[usize::try_from(lines.random.below(next.len() as u64)).unwrap()];

@@ -1,16 +1,16 @@
-//! Numbers that were used twice: a disk was set back, and its robot went on writing.
+//! Numbers that were used twice: a disk was set back, and its robot continued to write.
 
 use super::*;
 
 impl Team {
-    /// Sets the disk of a robot back to an earlier state, exactly, and starts it.
+    /// Sets the disk of a robot back to an earlier state, exactly, and starts the robot.
     fn set_back(&mut self, node: usize, disk: Records) {
         self.disks[node] = disk;
         self.replicas[node] = Replica::open(self.config(node), &self.disks[node]).unwrap();
     }
 
     fn values(&self, node: usize, name: &str) -> Vec<u8> {
-        // Copies of one write have one timestamp, and count as one.
+        // Copies of one write have the same timestamp, and count as one.
         let value = |version: &Version| Some((version.stamp, version.value.as_ref()?.bytes[0]));
         let values: BTreeMap<Timestamp, u8> = self.versions(node, name).iter().filter_map(value).collect();
         let mut values: Vec<u8> = values.into_values().collect();
@@ -19,7 +19,8 @@ impl Team {
     }
 }
 
-/// Robot 1 has written, robot 2 has seen that and writes on it; then robot 1 is set back to before, and writes three times.
+/// Robot 1 has written; robot 2 has seen that, and has written as well. Then robot 1 is set back to its earlier state, and
+/// writes three times.
 fn used_twice(count: usize, away: &[usize]) -> Team {
     let mut team = Team::of(count);
     team.away = away.iter().copied().collect();
@@ -56,7 +57,7 @@ fn what_was_written_under_numbers_used_before_is_not_overwritten_by_who_never_sa
 
 #[test]
 fn two_branches_that_have_spread_are_brought_together_although_who_wrote_both_is_gone() {
-    // Robots 0 and 3 hear of the second branch alone, then its writer is gone for good.
+    // Robots 0 and 3 receive only the second branch. Then its writer is lost for good.
     let mut team = used_twice(5, &[0, 3]);
     let others = |team: &mut Team, away: &[usize]| team.away = away.iter().copied().collect();
     others(&mut team, &[2, 4]);

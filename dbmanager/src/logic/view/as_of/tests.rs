@@ -24,7 +24,7 @@ proptest! {
             prop_assert_eq!(&shown, &moment.state);
             prop_assert_eq!(shown.digest(), moment.state.digest());
         }
-        // From a base on, the same: what it had is all that is missing in the log.
+        // The same from a base on: it has all transactions that are missing in the log.
         team[0].forget(keep);
         let low = team[0].log.low();
         let base = from.get(&moments);
@@ -118,7 +118,7 @@ fn who_has_joined_can_look_back_to_that() {
     let oldest = moments[0].vector();
     assert_eq!(look(&team[0], &checkpoints, &before), Err(AsOfError::Compacted { oldest }));
     assert!((2..=CHECKPOINTS_MAX).contains(&checkpoints.0.len()));
-    // The oldest moment goes with the dropped transactions; the next one is as good.
+    // With the dropped transactions, the oldest moment is lost. The next one can still be shown.
     let half = team[0].log.size() / 2;
     team[0].forget(half);
     checkpoints.note(&team[0].past());
@@ -156,7 +156,7 @@ fn one_clock_in_2099_does_not_end_dates() {
     team[1].wall.millis = 4_070_908_800_000;
     team[1].put("a clock in 2099", "team/b", "1");
     heal(&mut team);
-    // The log is rewritten after it; nothing was written since.
+    // The log is rewritten afterwards; nothing was written since.
     team[0].wall = right;
     team[0].forget(0);
     checkpoints.note(&team[0].past());
@@ -201,7 +201,7 @@ fn a_date_is_a_cut() {
 fn a_clock_that_nobody_keeps_tells_dates_all_the_same() {
     let mut team = Robot::team(2);
     for (robot, quality) in team.iter_mut().zip([Quality::Battery, Quality::Unset]) {
-        // So did robots whose system clock was right, but not kept by systemd.
+        // So did robots whose system clock was right, but not synchronised by systemd.
         (robot.log, robot.state, robot.wall.quality) = Default::default();
         robot.wall.quality = quality;
     }
@@ -240,7 +240,7 @@ fn without_any_date_no_question_by_date_is_answered() {
     for date in [5000, 6000, MORNING] {
         assert!(matches!(past.vector_at(date, "", None), Err(AsOfError::Undated { count: 1, .. })), "{date}");
     }
-    // Its remaining part, once the log is cut, does not show more.
+    // Once the log is cut, its remaining part does not show more.
     let base = Base { heads: robot.log.heads().clone(), state: robot.state.clone() };
     robot.forget(0);
     let vector = robot.past().vector_at(MORNING, "", Some(&base));

@@ -1,8 +1,8 @@
-//! The number of keys with races, for callers that ask again and again.
+//! The number of keys with races, for callers that ask repeatedly.
 //!
 //! Finding races means reading the whole log, which may have a million transactions. Only a transaction with conditions or grants
-//! can be in a race. So the number is kept as long as the log is unchanged. While the log has no such transaction, only the new
-//! transactions are read.
+//! can be part of a race. So the number is kept as long as the log is unchanged. While the log has no such transaction, only the
+//! new transactions are read.
 
 use super::{Race, granted};
 use crate::logic::key::Key;
@@ -44,7 +44,7 @@ impl RaceCount {
         self.0.insert(counted).count
     }
 
-    /// Returns the race at a key, if there is one.
+    /// Returns the race at a key; none if the key has no race.
     pub fn race_at(&mut self, past: &Past<'_>, key: &Key) -> Option<Race> {
         if self.of(past) == 0 {
             return None;
@@ -68,7 +68,7 @@ mod tests {
     use crate::logic::txn::{Condition, Draft};
     use crate::logic::view::tests::{Robot, heal, key};
 
-    /// The count equals the length of the list, also after other counts.
+    /// The count equals the length of the list, also after earlier counts.
     #[test]
     fn the_number_is_that_of_the_list() {
         let mut team = Robot::team(2);
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(counts[0].of(&team[0].past()), 0);
     }
 
-    /// Without conditions a count reads what is new, and nothing else: it costs the same however long the log is.
+    /// Without conditions a count reads only new transactions, so the length of the log does not affect its cost.
     #[test]
     fn a_long_log_without_conditions_is_read_once() {
         let mut team = Robot::team(1);

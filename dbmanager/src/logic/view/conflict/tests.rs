@@ -88,7 +88,8 @@ fn who_relied_on_what_stayed_so_raced_nobody() {
     assert_eq!(team[0].past().races(""), vec![]);
 }
 
-/// Two robots that are apart and count on one key: one line with the count, however many pairs there are, and one write settles all.
+/// Two robots that are cut off from each other rely on one key. The list has one line with the count, for any number of pairs, and
+/// one write resolves all of them.
 #[test]
 fn a_key_has_one_line_whatever_the_number_of_races() {
     let mut team = Robot::team(2);

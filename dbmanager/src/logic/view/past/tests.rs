@@ -63,7 +63,7 @@ proptest! {
         let mut team = Robot::team(3);
         play(&mut team, &steps, |_| ());
         heal(&mut team);
-        // The context of each, from a complete log.
+        // The context of each transaction, from a complete log.
         let mut contexts: BTreeMap<Dot, VersionVector> = BTreeMap::new();
         team[2].past().walk(&BTreeMap::new(), |txn, seen| {
             contexts.insert(txn.dot(), seen.clone());

@@ -1,4 +1,4 @@
-//! Checks values against a schema, and explains what does not fit to the writer.
+//! Checks values against a schema, and explains violations to the writer.
 
 use super::{ANY, SCHEMA, Schema, SchemaError, Schemas};
 use crate::logic::key::Key;
@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::fmt;
 
-/// A value that is not what it is meant to be: one sentence.
+/// A violation of a schema, as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Breach {
     /// The key.
     pub key: String,
-    /// The rule that it breaks.
+    /// The violated rule.
     pub(super) must_be: String,
     /// The value; nothing for a deletion.
     pub(super) found: Option<String>,
@@ -34,7 +34,7 @@ impl fmt::Display for Breach {
 }
 
 impl Schema {
-    /// Returns how a value differs from the schema.
+    /// Returns how a value violates the schema; none if it does not.
     pub fn breach(&self, datum: &Datum) -> Option<Breach> {
         let breach = |must_be: String, hint: &str| {
             let (found, hint) = (Some(datum.to_string()), hint.to_owned());
@@ -65,7 +65,7 @@ impl Schema {
             Datum::List(items) => (length(items.len()), " values"),
             Datum::Bool(_) | Datum::Table(_) | Datum::Sealed(_) | Datum::Opaque { .. } => return None,
         };
-        // A value that cannot be compared, such as NaN, is in no range.
+        // A value that cannot be compared, such as NaN, is outside every range.
         let within = |end: &Option<Datum>, wrong: Ordering| {
             end.as_ref().is_none_or(|end| compare(&size, end).is_some_and(|order| order != wrong))
         };
@@ -90,8 +90,8 @@ impl Schema {
 }
 
 impl Schemas {
-    /// Returns the differences between a transaction and the schemas, by key. This is reported before the commit; the
-    /// caller may still insist on it.
+    /// Returns the violations of a transaction, by key. They are reported before the commit; the caller may commit
+    /// anyway.
     pub fn check(&self, draft: &Draft) -> Vec<Breach> {
         let breach = |(key, value): (&Key, Option<&_>)| {
             let datum = value.map(Datum::of);
@@ -112,8 +112,8 @@ impl Schemas {
         draft.writes().filter_map(breach).collect()
     }
 
-    /// Returns the differences between a state and the schemas: values written before the schema, or by a caller who
-    /// insisted; and the required keys without `+` that have no value.
+    /// Returns the violations of a state. These are values that were written before the schema, or by a caller that
+    /// committed anyway, and required keys without `+` that have no value.
     pub fn audit(&self, state: &State) -> Vec<Breach> {
         let mut breaches: Vec<Breach> = Vec::new();
         for (key, versions) in state.scan("") {
@@ -136,12 +136,12 @@ impl Schemas {
     }
 }
 
-/// Returns what is wrong with a schema itself.
+/// Returns the violation for an invalid schema.
 fn own(key: &Key, error: SchemaError) -> Breach {
     Breach { key: key.to_string(), must_be: "hold a schema".to_owned(), found: None, hint: error.to_string() }
 }
 
-/// Returns the exact order of two numbers; none if one is not a number.
+/// Returns the exact order of two values that are numbers; none for other values.
 pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
     if let (Datum::Integer(left), Datum::Integer(right)) = (left, right) {
         Some(left.cmp(right))
@@ -156,8 +156,8 @@ pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
     }
 }
 
-/// Returns how an integer and a float are ordered: as floats first, since rounding keeps the order; if these are equal,
-/// the float is whole, and they are compared as integers.
+/// Returns the order of an integer and a float. They are first compared as floats, since rounding keeps the order. If
+/// these are equal, the float is whole, and both are compared as integers.
 fn mixed(integer: i64, float: f64) -> Option<Ordering> {
     #[expect(clippy::cast_precision_loss, reason = "rounding to the nearest keeps the order")]
     let rounded = integer as f64;
@@ -170,7 +170,7 @@ fn length(count: usize) -> Datum {
     Datum::Integer(i64::try_from(count).unwrap_or(i64::MAX))
 }
 
-/// Returns a number as a person writes it: `200`, not `200.0`.
+/// Returns a number in the form that people write: `200`, not `200.0`.
 fn number(datum: &Datum) -> String {
     if let Datum::Float(number) = datum
         && !number.get().is_nan()

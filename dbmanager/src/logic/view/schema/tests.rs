@@ -146,7 +146,7 @@ fn whole(float: f64) -> i128 {
 proptest! {
     #[test]
     fn integers_and_floats_are_ordered_exactly(integer: i64, near in -3_i64..4, float: f64) {
-        // The closest float is where rounding could be wrong.
+        // The closest float, where rounding could give a wrong result.
         let close = integer.saturating_add(near) as f64;
         let exact = i128::from(integer).cmp(&whole(close));
         prop_assert_eq!(check::compare(&Datum::Integer(integer), &Datum::float(close)), Some(exact));

@@ -7,7 +7,7 @@ use crate::logic::view::value;
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
 
-/// Commits what a file would change.
+/// Commits the changes of an import.
 fn carry_out(robot: &mut Robot, import: Import) {
     import.drafts.into_iter().for_each(|draft| {
         draft.check().unwrap();
@@ -107,7 +107,7 @@ fn a_dry_run_shows_what_would_change() {
     .assert_eq(&shown(Absent::Keep));
 }
 
-/// The file of an export that broke off: it must delete nothing.
+/// The file of an interrupted export: importing it must delete nothing.
 #[test]
 fn a_file_that_was_cut_off_deletes_nothing() {
     let mut team = Robot::team(1);
@@ -211,7 +211,7 @@ fn the_keys_of_one_robot_go_to_another() {
         &import(&file, &team[0].state, Absent::Delete, "").unwrap().differences,
         &Datum::to_toml,
     ));
-    // A file that was cut off stays one that deletes nothing.
+    // A file that was incomplete still deletes nothing.
     let cut = file.replace("# end\n", "");
     assert!(import(&moved(&cut, "robot/r4/").unwrap(), &team[0].state, Absent::Delete, "").is_err());
     for prefix in ["robot/r3", "sys/", ""] {

@@ -1,4 +1,5 @@
-//! Values as JSON, and in whatever else [`serde`] writes: for people the JSON form, for machines tag and bytes.
+//! Values as JSON, and in other [`serde`] formats: formats for people get the JSON form, formats for machines get tag
+//! and bytes.
 
 use super::text::{self, Fault, TextError};
 use super::{Datum, Value};
@@ -9,16 +10,16 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 impl Datum {
-    /// Returns it as JSON on one line.
+    /// Returns the value as JSON on one line.
     pub fn to_json(&self) -> String {
-        // Writing to memory fails only for names that are not text.
+        // Writing to memory fails only for names that are not text, and these are text.
         serde_json::to_string(self).unwrap_or_default()
     }
 
-    /// Reads JSON.
+    /// Reads a value from JSON.
     ///
     /// # Errors
-    /// If it is not JSON, or `null`, which is not a value.
+    /// If the text is not JSON, or is `null`, which is not a value.
     pub fn from_json(text: &str) -> Result<Self, TextError> {
         if let Some((byte, number)) = integers(text).find(|(_, number)| number.parse::<i64>().is_err()) {
             return Err(text::at(text, byte, text::too_large(number)));
@@ -32,7 +33,8 @@ impl Datum {
     }
 }
 
-/// Returns the numbers without point and exponent, and where they are: `serde_json` would turn the longest into floats.
+/// Returns the numbers without point and exponent, with their positions. `serde_json` would read the longest of them as
+/// floats.
 fn integers(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let (mut quoted, mut escaped) = (false, false);
     let outside = move |character: char| {
@@ -49,7 +51,7 @@ fn integers(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let words = text.split(outside).map(move |word| {
         let at = byte;
         byte += word.len();
-        // The text was split here by the one character behind the word.
+        // The text was split at one character behind the word; this skips it.
         byte += text.get(byte..).and_then(|rest| rest.chars().next()).map_or(0, char::len_utf8);
         (at, word)
     });

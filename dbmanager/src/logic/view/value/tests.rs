@@ -225,7 +225,7 @@ fn max_value_sizes() {
     assert_eq!(Datum::of(&stored).encode(), Ok(stored), "what somebody else could write is kept");
 }
 
-/// Bytes that other versions rely on.
+/// The exact bytes, on which other versions rely.
 #[test]
 fn golden_bytes() {
     let datum = Datum::from_toml("{a = [true, 1, 0.5], b = \"c\"}").unwrap();

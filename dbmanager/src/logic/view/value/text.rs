@@ -1,8 +1,8 @@
-//! Values as text: TOML and JSON, both ways, without loss.
+//! Values as TOML and JSON text, in both directions, without loss.
 //!
-//! A value that a form cannot express is a table with one name that begins with `$`: `{"$bytes" = "00ff"}`, likewise
-//! `$sealed`, `{"$opaque" = "9:00ff"}` with the tag before the bytes, and in JSON `{"$float": "inf"}`. A table that
-//! happens to look like that has one `$` more: `{"$$bytes" = …}`. Bytes are hexadecimal.
+//! A value that the form cannot express is a table with one name that begins with `$`. Examples are `{"$bytes" =
+//! "00ff"}`, likewise `$sealed`, `{"$opaque" = "9:00ff"}` with the tag before the bytes, and in JSON `{"$float":
+//! "inf"}`. A table that happens to look like this gets a further `$`: `{"$$bytes" = …}`. Bytes are hexadecimal.
 
 use super::{DEPTH_MAX, Datum, Float};
 use std::collections::BTreeMap;
@@ -11,12 +11,12 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
-/// The reason why a text is not a value, and the place.
+/// Why a text is not a value, with the position.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub struct TextError {
     /// The line, from 1.
     pub line: usize,
-    /// The character in it, from 1.
+    /// The column of the error, in characters from 1.
     pub column: usize,
     /// The mistake.
     pub what: String,
@@ -34,7 +34,7 @@ impl fmt::Display for TextError {
 /// A mistake in a part of a text.
 pub(in crate::logic::view) struct Fault {
     what: String,
-    /// Advice, if there is any.
+    /// Advice; empty if there is none.
     hint: String,
 }
 
@@ -43,7 +43,7 @@ impl Fault {
         Self { what: what.into(), hint: hint.into() }
     }
 
-    /// Returns mistake and advice in one text.
+    /// Returns error and advice in one text.
     pub(super) fn joined(self) -> String {
         let Self { what, hint } = self;
         if hint.is_empty() { what } else { format!("{what} ({hint})") }
@@ -51,17 +51,17 @@ impl Fault {
 }
 
 impl Datum {
-    /// Returns it as a TOML value on one line.
+    /// Returns the value in TOML on one line.
     pub fn to_toml(&self) -> String {
         let mut text = String::new();
         write(self, &mut text);
         text
     }
 
-    /// Reads a TOML value.
+    /// Reads a value from TOML.
     ///
     /// # Errors
-    /// If it is none.
+    /// If the text is not such a value.
     pub fn from_toml(text: &str) -> Result<Self, TextError> {
         let value = DeValue::parse(text).map_err(|error| {
             let word = text.trim();
@@ -77,14 +77,14 @@ impl Datum {
     }
 }
 
-/// Turns a part of a TOML document into a value; `text` is the document.
+/// Converts a part of a TOML document to a value; `text` is the document.
 pub(in crate::logic::view) fn of_toml(text: &str, value: &Spanned<DeValue<'_>>) -> Result<Datum, TextError> {
     nested(text, value, 0)
 }
 
 fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datum, TextError> {
     let refuse = |fault: Fault| at(text, value.span().start, fault);
-    // The table that names a kind of value is a level of the text, and none of the value.
+    // A table that only marks the kind of a value adds a level to the text, but not to the value.
     if depth > DEPTH_MAX + 1 {
         return Err(refuse(Fault::new("lists and tables lie too deep in each other", "")));
     }
@@ -119,7 +119,7 @@ pub(super) fn too_large(number: &str) -> Fault {
     Fault::new(format!("the integer {number} does not fit into 64 bits with a sign"), hint)
 }
 
-/// Returns what a table stands for.
+/// Returns the value of a table, which may only mark the kind of a value.
 pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault> {
     let Some(tag) = tag_of(&fields).map(str::to_owned) else { return Ok(Datum::Table(fields)) };
     let content = fields.remove(&tag);
@@ -143,16 +143,16 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
     datum.ok_or_else(|| Fault::new(format!("{} is not a `{tag}`", quote(&text)), hint))
 }
 
-/// The floats that JSON has no digits for.
+/// The floats that JSON numbers cannot express.
 const NAMED_FLOATS: [(&str, f64); 3] = [("inf", f64::INFINITY), ("-inf", f64::NEG_INFINITY), ("nan", f64::NAN)];
 
-/// Returns the only name of a table if it begins with `$`.
+/// Returns the name of a table with a single name that begins with `$`.
 pub(super) fn tag_of(fields: &BTreeMap<String, Datum>) -> Option<&str> {
     let (name, _) = fields.first_key_value()?;
     (fields.len() == 1 && name.starts_with('$')).then_some(name)
 }
 
-/// Returns the name and the content of the table that stands for a value without digits or words of its own.
+/// Returns the name and the content of the table for a value that has no form of its own.
 pub(super) fn tagged(datum: &Datum) -> Option<(&'static str, String)> {
     match datum {
         Datum::Bytes(bytes) => Some(("$bytes", hex(bytes))),
@@ -171,7 +171,7 @@ fn write(datum: &Datum, text: &mut String) {
         Datum::Bool(yes) => text.push_str(if *yes { "true" } else { "false" }),
         Datum::Integer(number) => text.push_str(&number.to_string()),
         Datum::Float(number) if number.get().is_nan() => text.push_str("nan"),
-        // The shortest digits that give the same number again, with a point or an exponent.
+        // The shortest digits that give the same number again, always with a point or an exponent.
         Datum::Float(number) => text.push_str(&format!("{number:?}")),
         Datum::Text(content) => text.push_str(&quote(content)),
         Datum::List(items) => {
@@ -207,7 +207,7 @@ fn name_in_table(name: &str) -> String {
     if !name.is_empty() && name.chars().all(plain) { name.to_owned() } else { quote(name) }
 }
 
-/// Returns a text in quotes, as both TOML and JSON read it.
+/// Returns a text in quotes, in the form that both TOML and JSON read.
 pub fn quote(text: &str) -> String {
     let mut quoted = String::with_capacity(text.len() + 2);
     quoted.push('"');
@@ -218,7 +218,7 @@ pub fn quote(text: &str) -> String {
             '\n' => quoted.push_str("\\n"),
             '\r' => quoted.push_str("\\r"),
             '\t' => quoted.push_str("\\t"),
-            // TOML wants these escaped; all of them are below U+10000.
+            // TOML requires these to be escaped; all of them are below U+10000.
             _ if character.is_control() => quoted.push_str(&format!("\\u{:04x}", u32::from(character))),
             _ => quoted.push(character),
         }
@@ -237,7 +237,7 @@ fn unhex(digits: &str) -> Option<Vec<u8>> {
     pairs.iter().map(|[high, low]| Some(digit(*high)? << 4 | digit(*low)?)).collect()
 }
 
-/// Returns the error at a byte of a text.
+/// Returns the error with its position in a text, given as a byte index.
 pub(in crate::logic::view) fn at(text: &str, byte: usize, fault: Fault) -> TextError {
     let before = text.get(..byte).unwrap_or(text);
     let line = before.matches('\n').count() + 1;

@@ -10,7 +10,7 @@ fn all() -> Keys {
     Keys::Below(String::new())
 }
 
-/// Returns everything there is at the moment.
+/// Returns all notifications that are available now.
 fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Notification> {
     let mut all = Vec::new();
     loop {
@@ -30,10 +30,10 @@ fn dots(notifications: &[Notification]) -> Vec<Dot> {
     notifications.iter().map(dot).collect()
 }
 
-/// Somebody who watches one robot, with little room, and checks what it is told.
+/// A watcher of one robot with little room, which checks its notifications.
 struct Watcher {
     watch: Watch,
-    /// The transactions that it was told of, or has read in the state.
+    /// The transactions that were reported to it, or that it has read in the state.
     has: VersionVector,
     lagged: usize,
 }
@@ -83,12 +83,12 @@ proptest! {
         let mut rooms = rooms.into_iter().cycle();
         for step in steps.chunks(1) {
             play(&mut team, step, |_| ());
-            // The context of each does not change; a complete log shows it.
+            // The context of each transaction does not change; a complete log shows it.
             let mut contexts = BTreeMap::new();
             team[0].past().walk(&BTreeMap::new(), |txn, seen| drop(contexts.insert(txn.dot(), seen.clone())));
             watcher.look(&team[0], rooms.next().unwrap(), &contexts)?;
             if let (Some(size), Step::Write(..)) = (forget, &step[0]) {
-                // Others must still be served: only what all of them have may go.
+                // Other robots must still be served: only transactions that all of them have may be dropped.
                 let mut common = team[0].vector();
                 team.iter().for_each(|robot| common.meet(robot.log.vector()));
                 team[0].forget_within(&common, size);
@@ -181,7 +181,7 @@ fn begins_anew_when_the_state_was_replaced() {
     let mut team = Robot::team(2);
     let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     team[0].put("", "team/a", "1");
-    // Its robot was retired while it was away, and begins under a new origin with the other's data.
+    // The robot was retired while it was away, and begins under a new origin with the other robot's data.
     let mut anew = team[1].clone();
     anew.origin = ReplicaId::new(9);
     watch.replaced();

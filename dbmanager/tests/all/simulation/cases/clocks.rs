@@ -1,4 +1,4 @@
-//! Clocks that are wrong: they may lose a race, and never a write.
+//! Wrong clocks: they may make a write lose against a concurrent one, but never lose a write.
 
 use super::team;
 use crate::simulation::world::EPOCH_MS;

@@ -1,4 +1,4 @@
-//! Disks that are lost, restored, copied or damaged: nothing that was acknowledged is lost, and no name is used twice.
+//! Disks that are lost, restored, copied or damaged: no acknowledged transaction is lost, and no name is used twice.
 
 use super::team;
 use crate::simulation::scenes;

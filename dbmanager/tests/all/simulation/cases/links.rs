@@ -1,4 +1,4 @@
-//! Links that are slow, one-way, lossy or come and go.
+//! Links that are slow, one-way, lossy or unstable.
 
 use super::team;
 use crate::simulation::world::{Faults, World};
@@ -7,7 +7,7 @@ use dbmanager::logic::replica::AckLevel;
 use dbmanager::logic::txn::{Draft, Encoding, Value};
 use std::time::Duration;
 
-/// Commits values of this many bytes, each in one transaction.
+/// Commits values of `size` bytes, each in one transaction.
 fn backlog(world: &mut World, node: usize, (count, size): (usize, usize)) {
     for number in 0..count {
         let value = Value { encoding: Encoding::BYTES, bytes: vec![7; size].into() };
@@ -18,7 +18,7 @@ fn backlog(world: &mut World, node: usize, (count, size): (usize, usize)) {
     }
 }
 
-/// Returns how many milliseconds it takes until two have the same.
+/// Returns how many milliseconds it takes until two robots have the same transactions.
 fn time_to_equal(world: &mut World, (a, b): (usize, usize)) -> u64 {
     for step in 0..4000 {
         if world.replica(a).log().vector() == world.replica(b).log().vector() {
@@ -97,15 +97,15 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
     let millis = time_to_equal(&mut world, (0, 1));
     let sent = world.network.sent - before;
     let limit = 1000 * 1000 * (100 + 32) / 6250;
-    // I13 and I14, in addition to the bytes of the values and 32 for each transaction. Measured: 2.2 in time, 1.4 in
-    // bytes.
+    // I13 and I14, in addition to the bytes of the values and 32 bytes for each transaction. Measured: 2.2 times the
+    // time, and 1.4 times the bytes.
     assert!(millis <= limit * 5 / 2, "{millis} ms for what takes {limit} ms at least; {sent} bytes");
     assert!(sent <= 1000 * (100 + 32) * 3 / 2, "{sent} bytes");
     world.settle().unwrap();
 }
 
 /// A satellite or a mobile network: the time for a backlog depends on its bytes, not on the latency. Measured at 100
-/// ms: 1.36 times the time of the bytes, 4.0 before.
+/// ms: 1.36 times the time of the bytes; an earlier version took 4.0 times.
 #[test]
 fn a_long_way_is_no_slow_one() {
     for (millis, rate) in [(100, 1_000_000), (500, 250_000), (1500, 50_000)] {
@@ -125,9 +125,9 @@ fn a_long_way_is_no_slow_one() {
     }
 }
 
-/// Nodes give each other up after 6 s of silence, and the answer on its way is lost with the link. So no answer may
-/// take that long, and the link must still be full. Measured at 500 ms: 1.2 of the bytes alone, and 1.5 s; before, 7.0
-/// s.
+/// A node counts as failed after 6 s of silence, and the answer in transit is then lost with the link. So no answer
+/// may take that long, but the link must still be full. Measured at 500 ms: 1.2 times the time of the bytes alone, and
+/// 1.5 s of silence; an earlier version had 7.0 s.
 #[test]
 fn a_backlog_over_50_kbit_per_s_and_a_long_way_keeps_nodes_apart_for_2_s_at_most() {
     for millis in [250, 500] {
@@ -229,12 +229,12 @@ fn a_backlog_that_two_offer_is_sent_once() {
     world.isolate(2);
     backlog(&mut world, 0, (1000, 100));
     world.run_for(20_000);
-    world.network.size_max = usize::MAX - 1; // From here on bytes are counted.
+    world.network.size_max = usize::MAX - 1; // From now on bytes are counted.
     world.join_network(2);
     let before = world.network.sent;
     time_to_equal(&mut world, (0, 2));
     let sent = world.network.sent - before;
-    // I14. Measured: 2.6; each transaction comes from both, since both are asked at a time.
+    // I14. Measured: 2.6. Each transaction comes from both robots, since both are asked at the same time.
     assert!(sent <= 1000 * (100 + 32) * 3, "{sent} bytes for {} that were missing", 1000 * (100 + 32));
     world.settle().unwrap();
 }

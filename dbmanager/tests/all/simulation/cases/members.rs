@@ -165,7 +165,7 @@ fn peer_with_lower_low_cut_needs_snapshot_both_ways() {
     world.put(2, "team/z", 9);
     world.put(0, "team/a", 1);
     world.run_for(20_000);
-    // A new member that got everything as a snapshot, and is the only one that the third can reach.
+    // A new member that got everything as a snapshot. The third robot can reach only this one.
     world.gather(4);
     world.run_for(20_000);
     world.heal(2, 3);

@@ -1,11 +1,11 @@
 //! Seeded schedules: clients, a server and two resources, with crashes, pauses, partitions, delays, losses and
 //! duplicates.
 //!
-//! One resource is in the server's program and asks its lock; the other is elsewhere and only compares numbers. The
-//! judge keeps the plainest record, a list of all grants and of all commands that came through, and looks for
-//! violations.
+//! One resource is in the server's program and asks its lock; the other resource is elsewhere and only compares
+//! numbers. The judge keeps the simplest record: a list of all grants, and of all commands that were let through. It
+//! looks for violations in this record.
 //!
-//! More of them: `DCA_SCHEDULES=100000 cargo test -p comms --lib lock::tests::schedules -- --nocapture`.
+//! To run more schedules: `DCA_SCHEDULES=100000 cargo test -p comms --lib lock::tests::schedules -- --nocapture`.
 
 use super::super::super::lock_client::{ClientEffect, ClientInput, LockClient};
 use super::super::*;
@@ -13,14 +13,14 @@ use crate::logic::random::Random;
 use std::collections::BTreeSet;
 
 const CLIENTS: usize = 4;
-/// How many milliseconds disturbances last, and in how many more everything must settle.
+/// How many milliseconds the disturbances last, and how long after them everything must settle.
 const STORMY: u64 = 1500;
 const CALM: u64 = 1500;
 
-/// A bug outside the machines, in how they are driven.
+/// A bug in how the state machines are driven, not in the machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Misuse {
-    /// A server that was started again begins with the first number that it ever had.
+    /// A restarted server begins again with its very first number.
     ForgetsNumbers,
     /// The resource lets everything through.
     OpenResource,
@@ -46,7 +46,7 @@ enum Parcel {
         call: u64,
         answer: LockAnswer,
     },
-    /// A command to the resource that is elsewhere.
+    /// A command to the resource in another program.
     Command {
         client: u64,
         fence: u64,
@@ -61,9 +61,9 @@ enum Parcel {
 struct Client {
     machine: LockClient,
     life: u64,
-    /// It does nothing before this time: it is suspended, or dead.
+    /// The client does nothing before this time: it is suspended, or dead.
     asleep: u64,
-    /// The number it looked up before it was suspended, and sends when it resumes.
+    /// The number that the client looked up before it was suspended, and sends when it resumes.
     in_hand: Option<u64>,
     wants: bool,
     got: u64,
@@ -90,7 +90,7 @@ struct World {
 struct Judge {
     /// The client of each number.
     owners: BTreeMap<u64, u64>,
-    /// The greatest number that came through, at each resource.
+    /// The greatest number that was let through, at each resource.
     through: [u64; 2],
     commands: u64,
     refused: u64,
@@ -207,7 +207,7 @@ impl World {
                     if let LockAnswer::Granted { fence, .. } = &answer {
                         self.judge.granted(client, *fence);
                     }
-                    // Only the answer to the present caller has a way; the others ask again.
+                    // Only the present caller can be answered; the others ask again.
                     let Some((to, life, call)) = asker.filter(|(_, life, _)| *life == client) else { continue };
                     self.send(ms, to, || Parcel::Answer { to, life, call, answer: answer.clone() });
                 }
@@ -222,7 +222,7 @@ impl World {
             }
             Parcel::Answer { to, life, call, answer } if ms >= self.cut[to] && self.clients[to].life == life => {
                 if self.clients[to].asleep > ms {
-                    // It waits in the socket.
+                    // The answer waits in the socket while the client sleeps.
                     let awake = self.clients[to].asleep;
                     self.flying.push((awake, Parcel::Answer { to, life, call, answer }));
                 } else {
@@ -276,7 +276,7 @@ impl World {
     fn act(&mut self, ms: u64, client: usize) {
         let one = &mut self.clients[client];
         let (life, choice) = (one.life, self.random.below(40));
-        // It was suspended after its look, and continues from there.
+        // The client was suspended after its look at `held`, and continues from there.
         if let Some(fence) = one.in_hand.take() {
             return self.order(ms, client, life, fence);
         }
@@ -376,7 +376,7 @@ fn no_two_clients_ever_share_a_resource() {
         }
     }
     println!("{} schedules: {commands} commands came through, {refused} were refused", schedules());
-    // A schedule in which nothing is refused would show nothing.
+    // A schedule in which nothing is refused would prove nothing.
     assert!(commands > 40 * schedules() && refused > 4 * schedules(), "{commands} {refused}");
 }
 
