@@ -1,9 +1,9 @@
 //! Hosts that do not answer, and deployments that have ended although some hosts have not confirmed the end.
 //!
 //! A lost host may still run its programs. So a deployment that is over at its home stays here as an *open end*. It
-//! stays open until every host has confirmed that nothing of the deployment is left there. When a
-//! host that has not confirmed returns, the home asks it, and asks again at intervals. The journal records the open
-//! ends, so a restarted home keeps asking.
+//! stays open until every host has confirmed that nothing of the deployment is left there. When a host that has not
+//! confirmed returns, the home asks it, and asks again at intervals. The journal records the open ends, so a restarted
+//! home keeps asking.
 //!
 //! While the home itself cannot be reached, each participant of a deployment keeps the end open instead. A participant
 //! closes it when the home returns, since the home then answers for the deployment. A host that could not end every
